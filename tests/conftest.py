@@ -1,0 +1,77 @@
+"""The environment of every test: ROS 2 shut in on this machine, no traffic beyond it.
+
+All of it is set when this file is imported, which is before rclpy or any message package is, and
+is inherited by the processes that tests start.
+"""
+
+import ipaddress
+import os
+import sys
+from collections.abc import Iterable
+from importlib.util import find_spec
+
+from hypothesis import HealthCheck, settings
+
+# What a shell may hold that changes how ROS 2 talks, or with whom.
+FOREIGN = (
+    "CYCLONEDDS_URI",
+    "FASTDDS_BUILTIN_TRANSPORTS",
+    "FASTDDS_DEFAULT_PROFILES_FILE",
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+    "RMW_FASTRTPS_USE_QOS_FROM_XML",
+    "RMW_IMPLEMENTATION",
+    "ROS_DISCOVERY_SERVER",
+    "ROS_LOCALHOST_ONLY",
+    "ROS_NAMESPACE",
+    "ROS_SECURITY_ENABLE",
+    "ROS_STATIC_PEERS",
+    "ROS_SUPER_CLIENT",
+)
+for name in FOREIGN:
+    os.environ.pop(name, None)
+
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+# Domains 1 to 101: their ports lie below those that Linux gives to outgoing connections.
+os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
+# Without it an int in a float64 field is published as another number.
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+
+settings.register_profile(
+    "dev", deadline=None, max_examples=100, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.register_profile("ci", settings.get_profile("dev"), derandomize=True, database=None)
+settings.load_profile("ci" if os.environ.get("CI") else "dev")
+
+
+def forbid_traffic_beyond_this_machine(event: str, args: tuple[object, ...]) -> None:
+    """Audit hook: let no Python socket of this process reach another machine."""
+    if event not in ("socket.connect", "socket.sendto"):
+        return
+    address = args[1]
+    if not isinstance(address, tuple) or not isinstance(address[0], str):
+        return  # a Unix or CAN socket, or one that is connected already
+    host = address[0]
+    if host in ("", "localhost"):
+        return
+    try:
+        allowed = ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        allowed = False
+    # No OSError: the code under test would handle it as an unreachable device.
+    if not allowed:
+        raise RuntimeError(f"a test tried to reach {host}; tests stay on the loopback addresses")
+
+
+sys.addaudithook(forbid_traffic_beyond_this_machine)
+
+
+HAVE_ROS = find_spec("rclpy") is not None
+if not HAVE_ROS:
+    collect_ignore_glob = ["ros/*", "*/test_message_hashes.py"]
+
+
+def pytest_report_header() -> Iterable[str]:
+    """Say which ROS domain the tests are in, or that there is no ROS."""
+    if HAVE_ROS:
+        return [f"ROS 2: domain {os.environ['ROS_DOMAIN_ID']}, this machine only"]
+    return ["ROS 2: rclpy not found, the tests that need it are left out"]

@@ -1,0 +1,53 @@
+"""What the distribution declares: entry points that load, types, extras that cover each other."""
+
+import importlib
+import pkgutil
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PACKAGES = ("crtk_drivers", "crtk_driver_ur", "crtk_sim_backends")
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "target"),
+    [
+        ("crtk_drivers.devices", "ur", "crtk_driver_ur:PLUGIN"),
+        ("crtk_drivers.sims", "ur", "crtk_sim_backends.ur:SIM"),
+    ],
+)
+def test_a_built_in_driver_is_an_entry_point_as_a_strangers_is(
+    group: str, name: str, target: str
+) -> None:
+    assert PROJECT["entry-points"][group][name] == target
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        *PROJECT["scripts"].values(),
+        *(target for group in PROJECT["entry-points"].values() for target in group.values()),
+    ],
+)
+def test_every_declared_entry_point_loads(target: str) -> None:
+    assert pkgutil.resolve_name(target) is not None
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_package_says_that_it_is_typed(package: str) -> None:
+    origin = importlib.import_module(package).__file__
+    assert origin is not None
+    assert Path(origin).with_name("py.typed").is_file()
+
+
+def test_every_driver_has_an_extra_and_all_covers_every_extra() -> None:
+    extras = PROJECT["optional-dependencies"]
+    assert extras["all"] == ["crtk-drivers[drivers,ros]"]
+    (drivers,) = extras["drivers"]
+    named = drivers.removeprefix("crtk-drivers[").removesuffix("]").split(",")
+    assert sorted([*named, "all", "drivers", "ros"]) == sorted(extras)
+    folders = {path.name.replace("_", "-") for path in (ROOT / "drivers").iterdir()}
+    assert folders <= set(named)
