@@ -1,0 +1,361 @@
+"""Syntax tree to Python source to byte code.
+
+A function that can block (it calls a blocking built-in, joins, or calls such a function) becomes
+a generator that yields once per control period; every other one stays a plain function. Variables
+become Python locals and closure cells. A table leads from lines of generated Python back to the
+script, so that errors carry the script's line and column.
+"""
+
+from __future__ import annotations
+
+import functools
+import keyword
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass
+from types import CodeType, TracebackType
+from typing import Any, Literal, NoReturn
+
+from crtk_sim_backends.ur.urscript import syntax, values
+from crtk_sim_backends.ur.urscript.errors import CompileError, Halt, ScriptRuntimeError
+from crtk_sim_backends.ur.urscript.lexer import source_line
+from crtk_sim_backends.ur.urscript.parser import parse
+from crtk_sim_backends.ur.urscript.scopes import Scope, analyse
+from crtk_sim_backends.ur.urscript.values import Builtin
+
+CACHED_PROGRAMS = 64
+DEPTH_LIMIT = 80
+"""How deep an expression may nest, a chain of operators included (Python's own limit is 200)."""
+
+_FILE = "<urscript>"
+_HELPERS: dict[str, object] = {
+    "add": values.add,
+    "modulo": values.modulo,
+    "multiply": values.multiply,
+    "index": values.index,
+    "copy": values.copy_value,
+    "List": values.List,
+    "Pose": values.Pose,
+    "Halt": Halt,
+}
+_PYTHON_WORDS = {"break": "break", "continue": "continue", "halt": "raise Halt"}
+_HELPER_OF_OPERATOR = {"+": "add", "%": "modulo", "*": "multiply"}
+
+
+def _fail(text: str) -> NoReturn:
+    raise ScriptRuntimeError(text)
+
+
+@dataclass(frozen=True)
+class Program:
+    """A compiled script, ready to be started any number of times.
+
+    ``name`` is that of its top-level function, or "" for loose statements.
+    """
+
+    name: str
+    kind: Literal["def", "sec", "statements"]
+    builtins: Mapping[str, Builtin]
+    code: CodeType
+    positions: Sequence[tuple[int, int]]
+
+    def start(
+        self,
+        run: Callable[[Generator[None]], int],
+        kill: Callable[[Any], None],
+        join: Callable[[Any], Generator[None]],
+        budget: list[int],
+    ) -> Generator[None]:
+        """Return the main thread of a new execution with variables of its own.
+
+        :param run: starts a thread and returns its handle.
+        :param kill: ends the thread with a handle.
+        :param join: waits for the end of the thread with a handle.
+        :param budget: its only item goes down by one for each call and each turn of a loop;
+            below zero the program fails as an infinite loop.
+        """
+
+        def overrun() -> NoReturn:
+            raise ScriptRuntimeError(INFINITE_LOOP)
+
+        namespace: dict[str, Any] = {
+            **_HELPERS,
+            **{f"b_{name}": builtin.call for name, builtin in self.builtins.items()},
+            "run": run,
+            "kill": kill,
+            "join": join,
+            "budget": budget,
+            "overrun": overrun,
+            "fail": _fail,
+        }
+        exec(self.code, namespace)
+        main: Generator[None] = namespace["f0"]()
+        return main
+
+    def position(self, traceback: TracebackType | None) -> tuple[int, int]:
+        """Return line and column of the innermost script statement of a traceback, else 0, 0."""
+        line = 0
+        while traceback:
+            if traceback.tb_frame.f_code.co_filename == _FILE:
+                line = traceback.tb_lineno
+            traceback = traceback.tb_next
+        return self.positions[line - 1] if line else (0, 0)
+
+
+INFINITE_LOOP = (
+    "Runtime too much behind: infinite loop detected, the program used too much time without "
+    "instructing the robot what to do (add sync() or sleep())"
+)
+
+
+def compile_program(text: str, builtins: Mapping[str, Builtin]) -> Program:
+    """Compile a script: one ``def`` or ``sec``, or loose statements.
+
+    The result is cached by text and by the names in ``builtins``.
+
+    :raises CompileError: with line, column and the controller's text.
+    """
+    signature = frozenset((name, builtin.blocking) for name, builtin in builtins.items())
+    name, kind, code, positions = _compile(text, signature)
+    return Program(name, kind, builtins, code, positions)
+
+
+_Compiled = tuple[str, Literal["def", "sec", "statements"], CodeType, Sequence[tuple[int, int]]]
+
+
+@functools.lru_cache(CACHED_PROGRAMS)
+def _compile(text: str, builtins: frozenset[tuple[str, bool]]) -> _Compiled:
+    main, kind = _main_function(parse(text))
+    blocking = frozenset(name for name, blocks in builtins if blocks)
+    emitter = _Emitter(text, frozenset(name for name, _ in builtins), blocking)
+    emitter.function(analyse(main, blocking), 0)
+    try:
+        code = compile("\n".join(emitter.lines), _FILE, "exec", dont_inherit=True)
+    except (SyntaxError, RecursionError, MemoryError) as error:
+        # The tree is well-formed, so only one of Python's limits (20 nested loops) is left.
+        raise CompileError.syntax(source_line(text, main.line), main.line, main.column) from error
+    return main.name, kind, code, emitter.positions
+
+
+def _main_function(
+    block: syntax.Block,
+) -> tuple[syntax.Function, Literal["def", "sec", "statements"]]:
+    """Return the function that is the program, wrapping loose statements into one."""
+    if len(block) == 1 and isinstance(block[0], syntax.Function) and block[0].kind != "thread":
+        return block[0], "sec" if block[0].kind == "sec" else "def"
+    return syntax.Function("def", "", (), block, 1, 1), "statements"
+
+
+class _Emitter:
+    """Writes Python source; ``positions[i]`` is the script position behind ``lines[i]``."""
+
+    def __init__(self, text: str, builtins: frozenset[str], blocking: frozenset[str]) -> None:
+        self.lines: list[str] = []
+        self.positions: list[tuple[int, int]] = []
+        self._text = text
+        self._builtins = builtins
+        self._blocking = blocking
+        self._scope: Scope
+        self._defined: set[Scope] = set()
+
+    def _write(self, indent: int, code: str, node: syntax.Statement | syntax.Expression) -> None:
+        self.lines.append(" " * indent + code)
+        self.positions.append((node.line, node.column))
+
+    # statements
+
+    def function(self, scope: Scope, indent: int) -> None:
+        """Write one function and everything inside it."""
+        function = scope.function
+        parameters = []
+        for parameter in function.parameters:
+            default = parameter.default
+            if default is None and scope.parent is None:
+                raise CompileError.syntax(
+                    source_line(self._text, function.line), function.line, function.column
+                )
+            name = _variable(scope.depth, parameter.name)
+            parameters.append(name if default is None else f"{name}={self._expression(default)}")
+        self._write(indent, f"def f{scope.number}({', '.join(parameters)}):", function)
+        outer = getattr(self, "_scope", None)
+        self._scope = scope
+        self._defined.add(scope)
+        indent += 1
+        if scope.bound:
+            names = (_variable(depth, name) for depth, name in sorted(scope.bound))
+            self._write(indent, f"nonlocal {', '.join(names)}", function)
+        if scope.parent is None and scope.variables:
+            # Names that only inner functions assign must exist here too, without a value.
+            names = (f"{_variable(0, name)} = " for name in sorted(scope.variables))
+            self._write(indent, f"if False: {''.join(names)}None", function)
+        if scope.blocking:
+            self._write(indent, "if False: yield", function)
+        self._spend(indent, function)
+        for parameter in function.parameters:
+            if parameter.default is not None and not isinstance(parameter.default, syntax.Number):
+                name = _variable(scope.depth, parameter.name)
+                self._write(indent, f"{name} = copy({name})", function)
+        self._block(function.body, indent)
+        if outer:
+            self._scope = outer
+
+    def _spend(self, indent: int, node: syntax.Statement) -> None:
+        self._write(indent, "budget[0] -= 1", node)
+        self._write(indent, "if budget[0] < 0: overrun()", node)
+
+    def _block(self, block: syntax.Block, indent: int) -> None:
+        for statement in block:
+            self._statement(statement, indent)
+
+    def _statement(self, node: syntax.Statement, indent: int) -> None:
+        match node:
+            case syntax.Assign():
+                self._assign(node, indent)
+            case syntax.Evaluate(value=value):
+                self._write(indent, self._expression(value), node)
+            case syntax.If():
+                self._if(node, indent)
+            case syntax.While(condition=condition, body=body):
+                self._write(indent, f"while {self._expression(condition)}:", node)
+                self._spend(indent + 1, node)
+                self._block(body, indent + 1)
+            case syntax.Return(value=value):
+                code = "return" if value is None else f"return {self._expression(value)}"
+                self._write(indent, code, node)
+            case syntax.ThreadControl(word=word, handle=handle):
+                wait = "yield from " if word == "join" else ""
+                self._write(indent, f"{wait}{word}({self._expression(handle)})", node)
+            case syntax.Word(word=word):
+                # Threads change only where one blocks, so a critical section needs nothing.
+                self._write(indent, _PYTHON_WORDS.get(word, "pass"), node)
+            case syntax.Function():
+                self.function(self._scope.children[id(node)], indent)
+
+    def _assign(self, node: syntax.Assign, indent: int) -> None:
+        if node.value is None:
+            return
+        value = self._copied(node.value)
+        if isinstance(node.target, syntax.Name):
+            name = node.target.name
+            owner = self._scope.program if node.scope == "global" else self._scope.owner(name)
+            if node.scope == "local" or owner is None:
+                owner = self._scope
+            target = _variable(owner.depth, name)
+        else:
+            target = self._expression(node.target)
+        self._write(indent, f"{target} = {value}", node)
+
+    def _if(self, node: syntax.If, indent: int) -> None:
+        word = "if"
+        for condition, body in node.arms:
+            self._write(indent, f"{word} {self._expression(condition)}:", condition)
+            self._write(indent + 1, "pass", node)
+            self._block(body, indent + 1)
+            word = "elif"
+        if node.otherwise:
+            self._write(indent, "else:", node)
+            self._block(node.otherwise, indent + 1)
+
+    # expressions
+
+    def _copied(self, node: syntax.Expression, depth: int = 0) -> str:
+        """Write an expression whose value nobody else holds."""
+        code = self._expression(node, depth)
+        shared = isinstance(node, syntax.Name | syntax.Index | syntax.Logical) or (
+            isinstance(node, syntax.Call) and self._scope.find_function(node.name) is not None
+        )
+        return f"copy({code})" if shared else code
+
+    def _expression(self, node: syntax.Expression, depth: int = 0) -> str:
+        depth += 1
+        if depth > DEPTH_LIMIT:
+            raise CompileError.syntax(source_line(self._text, node.line), node.line, node.column)
+        match node:
+            case (
+                syntax.Number(value=value) | syntax.Text(value=value) | syntax.Boolean(value=value)
+            ):
+                return repr(value)
+            case syntax.Name(name=name, line=line, column=column):
+                owner = self._scope.owner(name)
+                if owner is None:
+                    raise CompileError.name_not_found(name, line, column)
+                return _variable(owner.depth, name)
+            case syntax.Index(value=value, indices=indices):
+                return self._expression(value, depth) + "".join(
+                    f"[{self._index(item, depth)}]" for item in indices
+                )
+            case syntax.Call():
+                return self._call(node, depth)
+            case syntax.Binary(operator=operator, left=left, right=right):
+                return _binary(
+                    operator, self._expression(left, depth), self._expression(right, depth)
+                )
+            case syntax.Logical(operator=operator, operands=operands):
+                codes = [self._expression(operand, depth) for operand in operands]
+                return f"({f' {operator} '.join(codes)})"
+            case syntax.Unary(operator=operator, operand=operand):
+                return f"({operator} {self._expression(operand, depth)})"
+            case syntax.ListLiteral(items=items, pose=pose):
+                codes = [self._copied(item, depth) for item in items]
+                return f"{'Pose' if pose else 'List'}([{', '.join(codes)}])"
+            case syntax.Run(call=call):
+                return self._run(call, depth)
+
+    def _index(self, node: syntax.Expression, depth: int) -> str:
+        code = self._expression(node, depth)
+        return code if isinstance(node, syntax.Number) else f"index({code})"
+
+    def _call(self, node: syntax.Call, depth: int) -> str:
+        function = self._scope.find_function(node.name)
+        if function is None:
+            if node.name not in self._builtins:
+                raise CompileError.name_not_found(node.name, node.line, node.column)
+            codes = [self._expression(argument, depth) for argument in node.arguments]
+            codes += [
+                f"{name}_={code}" if keyword.iskeyword(name) else f"{name}={code}"
+                for name, code in (
+                    (name, self._expression(value, depth)) for name, value in node.keywords
+                )
+            ]
+            code = f"b_{node.name}({', '.join(codes)})"
+            return f"(yield from {code})" if node.name in self._blocking else code
+        here = self._scope.functions.get(node.name) is function
+        if function.function.kind == "thread" or (here and function not in self._defined):
+            raise CompileError.name_not_found(node.name, node.line, node.column)
+        code = self._script_call(node, function, depth)
+        return f"(yield from {code})" if function.blocking else code
+
+    def _run(self, call: syntax.Call, depth: int) -> str:
+        thread = self._scope.find_function(call.name)
+        if thread is None or thread.function.kind != "thread":
+            raise CompileError.name_not_found(call.name, call.line, call.column)
+        return f"run({self._script_call(call, thread, depth)})"
+
+    def _script_call(self, node: syntax.Call, function: Scope, depth: int) -> str:
+        parameters = function.function.parameters
+        given = [parameter.name for parameter in parameters[: len(node.arguments)]]
+        given += [name for name, _ in node.keywords]
+        required = {parameter.name for parameter in parameters if parameter.default is None}
+        known = {parameter.name for parameter in parameters}
+        fits = len(node.arguments) <= len(parameters) and len(given) == len(set(given))
+        if not (fits and required <= set(given) <= known):
+            signature = ", ".join(parameter.name for parameter in parameters)
+            return f"fail({f'Type error: {node.name} takes ({signature})'!r})"
+        codes = [self._copied(argument, depth) for argument in node.arguments]
+        codes += [
+            f"{_variable(function.depth, name)}={self._copied(value, depth)}"
+            for name, value in node.keywords
+        ]
+        return f"f{function.number}({', '.join(codes)})"
+
+
+def _variable(depth: int, name: str) -> str:
+    """Return the Python name of a variable of a function at ``depth``."""
+    return f"v{depth}_{name}"
+
+
+def _binary(operator: str, left: str, right: str) -> str:
+    if operator in _HELPER_OF_OPERATOR:
+        return f"{_HELPER_OF_OPERATOR[operator]}({left}, {right})"
+    if operator == "xor":
+        return f"((not {left}) != (not {right}))"
+    return f"({left} {operator} {right})"
