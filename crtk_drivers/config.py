@@ -1,0 +1,401 @@
+"""Configuration: typed, from defaults, a TOML or YAML file and the command line, later ones first.
+
+A device's configuration is a subclass of `DeviceConfig`. Its fields are at once the keys of the
+file, the options of ``crtk-driver <device>``, the JSON schema of ``crtk-driver schema <device>``
+and the tables of ``docs/configuration.md``. `load` merges the layers and puts all that is wrong in
+one `ConfigError`, with file, line, key, what was expected, and what was probably meant.
+"""
+
+from __future__ import annotations
+
+import difflib
+import types
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, is_dataclass
+from pathlib import Path
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    Self,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+from crtk_drivers.config_file import Key, Values, dotted, parse_value, read_file
+from crtk_drivers.errors import ConfigError
+
+Seconds = Annotated[float, Field(gt=0.0, le=300.0)]
+"""A duration in s, above zero and at most five minutes."""
+
+
+class Settings(BaseModel):
+    """Base of every table of a configuration: immutable, no unknown keys, no NaN, no infinity."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True
+    )
+
+
+class Interval(Settings):
+    """A range of values, in the unit of the key that holds it."""
+
+    lower: float = Field(description="Least value.")
+    upper: float = Field(description="Greatest value; above `lower`.")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not self.lower < self.upper:
+            raise ValueError(f"lower ({self.lower:g}) must be below upper ({self.upper:g})")
+        return self
+
+
+class LimitsConfig(Settings):
+    """How commands are limited before they reach the hardware (see `crtk_drivers.limits`)."""
+
+    clamp_servo: bool = Field(
+        default=True,
+        description="Clamp a servo position that is out of range, and warn; if false, refuse it.",
+    )
+    max_step: float = Field(
+        default=0.1,
+        gt=0.0,
+        le=1.0,
+        description="Largest step between two servo positions, as the time in s that the joint "
+        "would need for it at its velocity limit.",
+    )
+    max_linear_step: float = Field(
+        default=0.05,
+        gt=0.0,
+        le=1.0,
+        description="Largest step of the tool between two servo poses, in m.",
+    )
+    max_command_age: float | None = Field(
+        default=None,
+        gt=0.0,
+        le=60.0,
+        description="Refuse a command whose stamp is older than this, in s; not checked if null. "
+        "The clocks must be synchronised.",
+    )
+
+
+class DeviceConfig(Settings):
+    """The keys that every device has; a driver adds its own in a subclass."""
+
+    name: str = Field(
+        default="",
+        max_length=64,
+        description="Name of the device in messages and diagnostics; the driver's name if empty.",
+    )
+    open_timeout: Seconds = Field(default=5.0, description="Longest time to connect, in s.")
+    stream_timeout: float = Field(
+        default=0.1,
+        gt=0.0,
+        le=10.0,
+        description="A servo stream has stopped when no command came for this long, in s.",
+    )
+    on_stream_timeout: Literal["hold", "pause", "fault"] = Field(
+        default="hold",
+        description="What follows when the stream has stopped and the device was held: "
+        "stay ENABLED (hold), or go to PAUSED or FAULT.",
+    )
+    sample_timeout: float = Field(
+        default=0.2,
+        gt=0.0,
+        le=10.0,
+        description="The device is in FAULT when its last sample is older than this, in s.",
+    )
+    mode_switch_dwell: float = Field(
+        default=0.1,
+        ge=0.0,
+        le=10.0,
+        description="Refuse a servo command of another kind until the last kind was silent for "
+        "this long, in s.",
+    )
+    limits: LimitsConfig = Field(default=LimitsConfig(), description="How commands are limited.")
+
+
+class NodeConfig(Settings):
+    """The ROS 2 node: the initial values of its parameters."""
+
+    publish_rate: float = Field(
+        default=100.0, gt=0.0, le=2000.0, description="Rate of measured_* and setpoint_*, in Hz."
+    )
+    tf_rate: float = Field(
+        default=50.0, ge=0.0, le=1000.0, description="Rate of /tf, in Hz; 0 publishes none."
+    )
+    heartbeat_rate: float = Field(
+        default=2.0,
+        ge=1.0,
+        le=10.0,
+        description="Rate at which operating_state is repeated when nothing changes, in Hz.",
+    )
+    diagnostics_rate: float = Field(
+        default=1.0, gt=0.0, le=10.0, description="Rate of /diagnostics, in Hz."
+    )
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Values from one source, and where each key was written: ``ur.yaml:7`` or ``--host``."""
+
+    values: Values
+    source: str
+    places: Mapping[Key, str] = field(default_factory=dict)
+
+    def place(self, key: Key) -> str:
+        """Return where `key`, or the table that holds it, was written."""
+        for length in range(len(key), 0, -1):
+            if key[:length] in self.places:
+                return self.places[key[:length]]
+        return self.source
+
+
+def from_file(path: str | Path) -> Layer:
+    """Return the layer of a TOML or YAML file.
+
+    Raises:
+        ConfigError: the file cannot be used; see `crtk_drivers.config_file.read_file`.
+    """
+    content = read_file(Path(path))
+    places = {key: f"{path}:{line}" for key, line in content.lines.items()}
+    return Layer(content.values, str(path), places)
+
+
+def from_values(values: Values, source: str = "arguments") -> Layer:
+    """Return a layer of values that a program gives."""
+    return Layer(values, source)
+
+
+def from_assignments(model: type, assignments: Iterable[str], option: str = "--set") -> Layer:
+    """Return the layer of texts such as ``limits.max_step=0.2``; values are read as YAML.
+
+    Args:
+        model: a `Settings` class or a dataclass: a key that takes text gets the text as it is.
+        assignments: ``key=value``; a later one overrides an earlier one.
+        option: the option that they were given with, for messages.
+
+    Raises:
+        ConfigError: an assignment without ``=`` or with an empty key, or a value that is not YAML.
+    """
+    values: dict[str, Any] = {}
+    places: dict[Key, str] = {}
+    for assignment in assignments:
+        path, equals, text = assignment.partition("=")
+        key: Key = tuple(part.strip() for part in path.split("."))
+        place = f"{option} {assignment}"
+        if not equals or not all(key):
+            raise ConfigError(
+                "is not of the form key=value",
+                where=place,
+                remedy=f"For example: {option} limits.max_step=0.2",
+            )
+        table = values
+        for part in key[:-1]:
+            inner = table.get(str(part))
+            table = (
+                table.setdefault(str(part), {}) if isinstance(inner, dict) or inner is None else {}
+            )
+        table[str(key[-1])] = typed_value(model, key, text, place)
+        places[key] = place
+    return Layer(values, option, places)
+
+
+def typed_value(model: type, key: Key, text: str, place: str) -> Any:
+    """Return `text` as the key wants it: as it is for text, otherwise read as YAML."""
+    value = parse_value(text, place)
+    return value if value is None or not takes_text(annotation_of(model, key)) else text
+
+
+Config = TypeVar("Config")
+
+
+def load(model: type[Config], *layers: Layer) -> Config:
+    """Merge the layers, later ones over earlier ones, and make a `model` of them.
+
+    Args:
+        model: a `Settings` class, or any dataclass (the options of a simulator).
+        layers: see `from_file`, `from_assignments`, `from_values`.
+
+    Raises:
+        ConfigError: with every mistake in it.
+    """
+    merged: dict[str, Any] = {}
+    for layer in layers:
+        merged = _merged(merged, layer.values)
+    try:
+        return TypeAdapter(model).validate_python(merged)
+    except ValidationError as error:
+        problems = [_problem(model, details, layers) for details in error.errors()]
+    if len(problems) == 1:
+        raise problems[0]
+    raise ConfigError(
+        f"{len(problems)} mistakes in the configuration:\n"
+        + "\n".join(f"  {problem}" for problem in problems)
+    )
+
+
+def _merged(below: Values, above: Values) -> dict[str, Any]:
+    merged = dict(below)
+    for key, value in above.items():
+        present = merged.get(key)
+        both = isinstance(present, Mapping) and isinstance(value, Mapping)
+        merged[key] = _merged(present, value) if both else value  # type: ignore[arg-type]
+    return merged
+
+
+_UNKNOWN_KEY = frozenset({"extra_forbidden", "unexpected_keyword_argument"})
+_MISSING = frozenset({"missing", "missing_argument", "missing_keyword_only_argument"})
+
+
+def _problem(model: type, details: ErrorDetails, layers: Sequence[Layer]) -> ConfigError:
+    key: Key = details["loc"]
+    if details["type"] in _UNKNOWN_KEY:
+        meant = _suggested_key(model, key)
+        remedy = f"Did you mean {meant!r}?" if meant else _known_keys(model, key)
+        return ConfigError(f"{dotted(key)}: unknown key", where=_place(layers, key), remedy=remedy)
+    if details["type"] in _MISSING:
+        return ConfigError(
+            f"{dotted(key)}: is required",
+            where=_place(layers, key[:-1]),
+            remedy=description_of(model, key),
+        )
+    key = _existing(layers, key)
+    text = details["msg"].removeprefix("Value error, ")
+    text = text.replace("Input should be", "must be").replace("Input should have", "must have")
+    if details["type"] != "value_error":
+        text = f"{text}, not {_short(details['input'])}"
+    message = f"{dotted(key)}: {text}" if key else text
+    choices = [str(choice) for choice in choices_of(annotation_of(model, key))]
+    meant = _closest(str(details["input"]), choices)
+    remedy = f"Did you mean {meant!r}?" if meant else description_of(model, key)
+    return ConfigError(message, where=_place(layers, key), remedy=remedy)
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _holds(values: Any, key: Key) -> bool:
+    for part in key:
+        if isinstance(values, list | tuple):
+            values = dict(enumerate(values))
+        if not isinstance(values, Mapping) or part not in values:
+            return False
+        values = values[part]
+    return True
+
+
+def _existing(layers: Sequence[Layer], key: Key) -> Key:
+    """Return `key` without the tail that names no key but an alternative of a type."""
+    while key and not any(_holds(layer.values, key) for layer in layers):
+        key = key[:-1]
+    return key
+
+
+def _place(layers: Sequence[Layer], key: Key) -> str:
+    for layer in reversed(layers):
+        if key and _holds(layer.values, key):
+            return layer.place(key)
+    return layers[0].source if layers else "configuration"
+
+
+def _closest(word: str, words: Iterable[str]) -> str:
+    return next(iter(difflib.get_close_matches(word, list(words), n=1, cutoff=0.6)), "")
+
+
+def _suggested_key(model: type, key: Key) -> str:
+    """Return the key that an unknown one was probably meant to be, by its table, else anywhere."""
+    last = str(key[-1])
+    siblings = setting_names(annotation_of(model, key[:-1]))
+    if meant := _closest(last, siblings):
+        return dotted((*key[:-1], meant))
+    everywhere = {dotted(path): str(path[-1]) for path in _all_keys(model)}
+    meant = _closest(last, everywhere.values())
+    return next((path for path, name in everywhere.items() if meant and name == meant), "")
+
+
+def _known_keys(model: type, key: Key) -> str:
+    names = setting_names(annotation_of(model, key[:-1]))
+    return f"Known keys: {', '.join(names)}." if names else ""
+
+
+def _all_keys(model: type, prefix: Key = ()) -> Iterator[Key]:
+    for name in setting_names(model):
+        yield (*prefix, name)
+        inner = annotation_of(model, (name,))
+        if isinstance(inner, type) and inner is not model:
+            yield from _all_keys(inner, (*prefix, name))
+
+
+def setting_names(model: Any) -> tuple[str, ...]:
+    """Return the keys of a `Settings` class or dataclass, none for anything else."""
+    if isinstance(model, type) and issubclass(model, BaseModel):
+        return tuple(model.model_fields)
+    if isinstance(model, type) and is_dataclass(model):
+        return tuple(model.__dataclass_fields__)
+    return ()
+
+
+def annotation_of(model: Any, key: Key) -> Any:
+    """Return the type that `key` has in `model`; None if there is no such key.
+
+    ``X | None`` counts as X, and a position in a list as the list's element.
+    """
+    for part in key:
+        if isinstance(part, int):
+            model = next(iter(get_args(model)), None)
+        elif part in setting_names(model):
+            model = _plain(get_type_hints(model)[part])
+        elif get_origin(model) in (dict, Mapping) or _is_mapping(get_origin(model)):
+            model = _plain(get_args(model)[1])
+        else:
+            return None
+    return model
+
+
+def _is_mapping(origin: Any) -> bool:
+    return isinstance(origin, type) and issubclass(origin, Mapping)
+
+
+def _plain(annotation: Any) -> Any:
+    if get_origin(annotation) in (Union, types.UnionType):
+        inner = [arg for arg in get_args(annotation) if arg is not types.NoneType]
+        return inner[0] if len(inner) == 1 else annotation
+    return annotation
+
+
+def takes_text(annotation: Any) -> bool:
+    """Whether a value of this type may be text: str, a Literal of texts, or a union with one."""
+    if annotation is str or isinstance(annotation, str):
+        return True
+    if isinstance(annotation, type):
+        return issubclass(annotation, str)
+    if get_origin(annotation) in (Literal, Union, types.UnionType):
+        return any(takes_text(argument) for argument in get_args(annotation))
+    return False
+
+
+def choices_of(annotation: Any) -> tuple[Any, ...]:
+    """Return the values of a Literal, none for any other type."""
+    return get_args(annotation) if get_origin(annotation) is Literal else ()
+
+
+def description_of(model: Any, key: Key) -> str:
+    """Return the description of `key`, empty if it has none."""
+    if not key or isinstance(key[-1], int):
+        return ""
+    table = annotation_of(model, key[:-1])
+    if key[-1] not in setting_names(table):
+        return ""
+    if issubclass(table, BaseModel):
+        return table.model_fields[key[-1]].description or ""
+    metadata = table.__dataclass_fields__[key[-1]].metadata
+    return str(metadata.get("help", ""))

@@ -1,0 +1,288 @@
+"""Devices and simulators, found through entry points: a stranger's package counts as much as ours.
+
+    [project.entry-points."crtk_drivers.devices"]
+    ur = "crtk_driver_ur:PLUGIN"               # a `DevicePlugin`
+
+    [project.entry-points."crtk_drivers.sims"]
+    ur = "crtk_sim_backends.ur:SIM"            # a `crtk_drivers.sims.SimPlugin`
+
+Finding imports nothing; a plugin is imported when it is asked for. One that cannot be loaded,
+whatever it does, is an entry with an `error` and leaves the others alone. The environment variable
+``CRTK_DRIVERS_ONLY`` (a list with commas) is an allow-list: no other plugin is ever imported.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+import traceback
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import Distribution, EntryPoint, PackageNotFoundError, distribution
+from importlib.metadata import entry_points as installed_entry_points
+from types import MappingProxyType
+from typing import Any, Final
+
+from crtk_drivers.config import DeviceConfig
+from crtk_drivers.device import Device
+from crtk_drivers.errors import MissingExtra, PluginError
+from crtk_drivers.sims import RunningSim, SimPlugin
+
+DEVICES: Final = "crtk_drivers.devices"
+SIMS: Final = "crtk_drivers.sims"
+ONLY: Final = "CRTK_DRIVERS_ONLY"
+"""Environment variable: the names of the plugins that may be loaded, with commas; all if unset."""
+
+_OWN_DISTRIBUTION: Final = "crtk-drivers"
+
+
+def _same_config(config: Any, sim: RunningSim) -> Any:
+    return config
+
+
+def _no_options(config: Any) -> Mapping[str, Any]:
+    return MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class DevicePlugin:
+    """All that the core needs to bring up one kind of device.
+
+    Attributes:
+        name: the same as that of the entry point: ``crtk-driver <name>``.
+        summary: one line for people.
+        config: the class of its configuration.
+        create: makes the device of a configuration; touches no hardware, may import libraries.
+        sim: name of its simulator; None if it has none.
+        extra: the extra of its distribution that brings its libraries; empty if it needs none.
+        sim_config: the configuration that points at a running simulator.
+        sim_options: the options of the simulator that suit a configuration (model, ...).
+    """
+
+    name: str
+    summary: str
+    config: type[DeviceConfig]
+    create: Callable[[Any], Device]
+    sim: str | None = None
+    extra: str = ""
+    sim_config: Callable[[Any, RunningSim], Any] = _same_config
+    sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
+
+
+@dataclass(frozen=True)
+class PluginEntry:
+    """One entry point, imported at the first use of `plugin` or `error`."""
+
+    entry_point: EntryPoint
+    conflict: str = ""
+
+    @property
+    def name(self) -> str:
+        """As it is called on the command line."""
+        return self.entry_point.name
+
+    @property
+    def distribution(self) -> str:
+        """Name of the package that brings it, empty if unknown."""
+        return self.entry_point.dist.name if self.entry_point.dist else ""
+
+    @property
+    def version(self) -> str:
+        """Version of the package that brings it."""
+        return self.entry_point.dist.version if self.entry_point.dist else ""
+
+    @cached_property
+    def _loaded(self) -> tuple[Any, BaseException | None]:
+        try:
+            if self.conflict:
+                raise PluginError(self.conflict, remedy="Uninstall one of them.")
+            plugin = self.entry_point.load()
+            _CHECKS[self.entry_point.group](plugin, self.name)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            return None, _as_missing_extra(error, self.entry_point.dist) or error
+        return plugin, None
+
+    @property
+    def error(self) -> BaseException | None:
+        """Why it cannot be used; None if it can."""
+        return self._loaded[1]
+
+    @property
+    def traceback(self) -> str:
+        """The error as Python prints it, empty if there is none."""
+        error = self.error
+        return "".join(traceback.format_exception(error)) if error else ""
+
+    @property
+    def plugin(self) -> Any:
+        """The `DevicePlugin` or `SimPlugin`.
+
+        Raises:
+            MissingExtra: a library of an extra is not installed.
+            PluginError: it cannot be loaded.
+        """
+        plugin, error = self._loaded
+        if isinstance(error, MissingExtra):
+            raise error
+        if error:
+            raise PluginError(
+                f"the plugin {self.name!r} of {self.distribution or 'an unknown package'} "
+                f"cannot be loaded: {type(error).__name__}: {error}",
+                remedy=f"`crtk-driver list {self.name}` shows where it fails; "
+                "report it to its author.",
+            ) from error
+        return plugin
+
+    @property
+    def missing_libraries(self) -> tuple[str, ...]:
+        """The packages of its extra that are not installed, by name."""
+        dist, extra = self.entry_point.dist, getattr(self._loaded[0], "extra", "")
+        return tuple(_not_installed(dist, extra)) if dist and extra else ()
+
+
+def devices() -> Mapping[str, PluginEntry]:
+    """Return the device plugins by name, none of them imported yet."""
+    return _entries(DEVICES)
+
+
+def sims() -> Mapping[str, PluginEntry]:
+    """Return the simulator plugins by name, none of them imported yet."""
+    return _entries(SIMS)
+
+
+def device(name: str) -> DevicePlugin:
+    """Return a device plugin.
+
+    Raises:
+        PluginError: there is none of that name (with what was probably meant), or it is broken.
+        MissingExtra: a library of an extra is not installed.
+    """
+    plugin: DevicePlugin = _find(devices(), name, "device").plugin
+    return plugin
+
+
+def simulator(name: str) -> SimPlugin:
+    """Return a simulator plugin.
+
+    Raises:
+        PluginError: there is none of that name (with what was probably meant), or it is broken.
+        MissingExtra: a library of an extra is not installed.
+    """
+    plugin: SimPlugin = _find(sims(), name, "simulator").plugin
+    return plugin
+
+
+def _find(entries: Mapping[str, PluginEntry], name: str, what: str) -> PluginEntry:
+    if name in entries:
+        return entries[name]
+    close = difflib.get_close_matches(name, entries, n=1, cutoff=0.5)
+    hint = f"Did you mean {close[0]!r}? " if close else ""
+    known = ", ".join(entries) or "none; is the package that brings it installed?"
+    allowed = _allowed()
+    if allowed is not None and name in allowed:
+        allowed = None
+    only = f" ({ONLY} allows no others.)" if allowed is not None else ""
+    raise PluginError(f"there is no {what} {name!r}", remedy=f"{hint}Installed: {known}.{only}")
+
+
+def _allowed() -> frozenset[str] | None:
+    names = os.environ.get(ONLY, "")
+    return frozenset(name.strip() for name in names.split(",")) if names.strip() else None
+
+
+def _entries(group: str) -> Mapping[str, PluginEntry]:
+    """Return the entries by name; of those that share a name, see `_rivals`."""
+    allowed = _allowed()
+    by_name: dict[str, list[EntryPoint]] = {}
+    for entry_point in installed_entry_points(group=group):
+        if allowed is None or entry_point.name in allowed:
+            by_name.setdefault(entry_point.name, []).append(entry_point)
+    entries: dict[str, PluginEntry] = {}
+    for name in sorted(by_name):
+        entries |= _rivals(name, by_name[name])
+    return MappingProxyType(entries)
+
+
+def _rivals(name: str, points: Iterable[EntryPoint]) -> dict[str, PluginEntry]:
+    """Settle who has a name: ours keeps it; of strangers nobody has it, as none has a better claim.
+
+    The losers are listed as ``name@distribution``.
+    """
+    rivals = sorted({(_dist_name(point), point.value): point for point in points}.items())
+    if len(rivals) == 1:
+        return {name: PluginEntry(rivals[0][1])}
+    owners = " and ".join(owner for (owner, _), _ in rivals)
+    conflict = f"{owners} both bring a plugin named {name!r}"
+    entries = {
+        f"{name}@{owner}": PluginEntry(point, conflict)
+        for (owner, _), point in rivals
+        if owner != _OWN_DISTRIBUTION
+    }
+    own = [point for (owner, _), point in rivals if owner == _OWN_DISTRIBUTION]
+    first = PluginEntry(own[0]) if own else PluginEntry(rivals[0][1], conflict)
+    return {name: first} | entries
+
+
+def _dist_name(point: EntryPoint) -> str:
+    return point.dist.name if point.dist else ""
+
+
+def _check_device(plugin: Any, name: str) -> None:
+    if not isinstance(plugin, DevicePlugin):
+        raise TypeError(f"a DevicePlugin is needed, not {type(plugin).__name__}")
+    if plugin.name != name:
+        raise ValueError(f"it calls itself {plugin.name!r}, but its entry point {name!r}")
+    if not (isinstance(plugin.config, type) and issubclass(plugin.config, DeviceConfig)):
+        raise TypeError(f"its config is no subclass of DeviceConfig: {plugin.config!r}")
+
+
+def _check_sim(plugin: Any, name: str) -> None:
+    if not isinstance(plugin, SimPlugin):
+        lacks = [
+            part for part in ("name", "summary", "Config", "spawn") if not hasattr(plugin, part)
+        ]
+        raise TypeError(f"it is no simulator: it lacks {', '.join(lacks)}")
+    if plugin.name != name:
+        raise ValueError(f"it calls itself {plugin.name!r}, but its entry point {name!r}")
+
+
+_CHECKS: Mapping[str, Callable[[Any, str], None]] = {DEVICES: _check_device, SIMS: _check_sim}
+
+
+_EXTRA_REQUIREMENT = re.compile(r"^([A-Za-z0-9._-]+).*;.*extra\s*==\s*['\"]([^'\"]+)['\"]")
+
+
+def _extras(dist: Distribution) -> list[tuple[str, str]]:
+    """Return (package, extra) of what the metadata of a distribution lists as optional."""
+    matches = map(_EXTRA_REQUIREMENT.match, dist.requires or ())
+    return [(match[1], match[2]) for match in matches if match]
+
+
+def _not_installed(dist: Distribution, extra: str) -> Iterable[str]:
+    for package, of_extra in _extras(dist):
+        if _normal(of_extra) == _normal(extra):
+            try:
+                distribution(package)
+            except PackageNotFoundError:
+                yield package
+
+
+def _as_missing_extra(error: BaseException, dist: Distribution | None) -> MissingExtra | None:
+    """Return the error that names the extra, if a library of an extra is what is missing."""
+    if isinstance(error, MissingExtra):
+        return error
+    if dist is None or not isinstance(error, ModuleNotFoundError) or not error.name:
+        return None
+    module = _normal(error.name.partition(".")[0])
+    for package, extra in _extras(dist):
+        if _normal(package) == module:
+            return MissingExtra(package, extra)
+    return None
+
+
+def _normal(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
