@@ -1,0 +1,66 @@
+"""Every Python block of the documentation and every script in examples/ runs as it stands.
+
+The blocks of one page are one program, run from top to bottom. A block that needs hardware, or
+shows a fragment, is preceded by an HTML comment that begins with `not run:` and says why.
+"""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SCRIPTS = sorted(ROOT.glob("examples/**/*.py"))
+BLOCK = re.compile(r"^```python\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL)
+NOT_RUN = re.compile(r"<!-- not run:[^>]*-->\n+\Z")
+
+
+def program(page: str) -> str:
+    """The Python blocks of a page, on the lines where the page has them; all else blank."""
+    lines = [""] * page.count("\n")
+    for block in BLOCK.finditer(page):
+        if NOT_RUN.search(page, 0, block.start()):
+            continue
+        first = page.count("\n", 0, block.start("code"))
+        code = block["code"].splitlines()
+        lines[first : first + len(code)] = code
+    return "\n".join(lines)
+
+
+PAGES = [
+    page
+    for page in [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
+    if page.is_file() and program(page.read_text()).strip()
+]
+
+
+def run(script: Path, folder: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=50,
+    )
+    assert done.returncode == 0, f"{script}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_the_python_of_a_page_runs(page: Path, tmp_path: Path) -> None:
+    script = tmp_path / f"{page.stem}.py"
+    script.write_text(program(page.read_text()))
+    run(script, tmp_path)
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: str(script.relative_to(ROOT)))
+def test_an_example_runs(script: Path, tmp_path: Path) -> None:
+    run(script, tmp_path)
+
+
+def test_a_block_keeps_its_line_and_one_marked_as_not_run_is_left_out() -> None:
+    page = "# A\n\n```python\nx = 1\n```\n\n<!-- not run: a fragment -->\n```python\ny\n```\n"
+    assert program(page).splitlines()[3] == "x = 1"
+    assert program(page).split() == ["x", "=", "1"]
