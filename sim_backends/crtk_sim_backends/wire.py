@@ -1,0 +1,258 @@
+"""The wire between a simulator and its clients, and the ways in which a wire misbehaves.
+
+A wire hook is one function, ``hook(direction, data, now) -> [(delay, data), ...]``: it sees every
+piece of data that crosses a connection and says what really arrives, and how many seconds later.
+Dropping, splitting, corrupting and delaying are each a few lines; hooks are chained with
+:func:`chain`.
+"""
+
+from __future__ import annotations
+
+import random
+import socket
+from collections import deque
+from collections.abc import Callable, Iterable
+from enum import Enum
+from typing import Final, TypeAlias
+
+
+class Direction(Enum):
+    """Which way data crosses the wire, seen from the simulator."""
+
+    IN = "in"
+    OUT = "out"
+
+
+Pieces: TypeAlias = list[tuple[float, bytes]]
+WireHook: TypeAlias = Callable[[Direction, bytes, float], Pieces]
+
+
+def split(size: int = 1, spacing: float = 0.0) -> WireHook:
+    """Cut the data into pieces of `size` bytes, each sent alone, `spacing` seconds apart."""
+
+    def hook(direction: Direction, data: bytes, now: float) -> Pieces:
+        starts = range(0, len(data), size)
+        return [(n * spacing, data[start : start + size]) for n, start in enumerate(starts)]
+
+    return hook
+
+
+def delay(seconds: float) -> WireHook:
+    """Let everything arrive `seconds` later."""
+
+    def hook(direction: Direction, data: bytes, now: float) -> Pieces:
+        return [(seconds, data)]
+
+    return hook
+
+
+def coalesce(seconds: float) -> WireHook:
+    """Hold the data back and let all of it arrive at once, every `seconds`."""
+
+    def hook(direction: Direction, data: bytes, now: float) -> Pieces:
+        return [(seconds - now % seconds, data)]
+
+    return hook
+
+
+def corrupt(every: int = 10, seed: int = 0) -> WireHook:
+    """Change one random byte in every `every`-th piece of data, the same ones for one `seed`."""
+    generator = random.Random(seed)
+    seen = 0
+
+    def hook(direction: Direction, data: bytes, now: float) -> Pieces:
+        nonlocal seen
+        seen += 1
+        if seen % every or not data:
+            return [(0.0, data)]
+        index = generator.randrange(len(data))
+        changed = bytearray(data)
+        changed[index] ^= generator.randrange(1, 256)
+        return [(0.0, bytes(changed))]
+
+    return hook
+
+
+def drop(every: int = 1) -> WireHook:
+    """Lose every `every`-th piece of data (1: all of it)."""
+    seen = 0
+
+    def hook(direction: Direction, data: bytes, now: float) -> Pieces:
+        nonlocal seen
+        seen += 1
+        return [] if seen % every == 0 else [(0.0, data)]
+
+    return hook
+
+
+def one_way(hook: WireHook, only: Direction) -> WireHook:
+    """Apply `hook` to one direction and leave the other alone."""
+
+    def limited(direction: Direction, data: bytes, now: float) -> Pieces:
+        return hook(direction, data, now) if direction is only else [(0.0, data)]
+
+    return limited
+
+
+def chain(hooks: Iterable[WireHook]) -> WireHook | None:
+    """Pass the data through all `hooks` in turn; None when there are none."""
+    stages = list(hooks)
+    if not stages:
+        return None
+
+    def chained(direction: Direction, data: bytes, now: float) -> Pieces:
+        pieces: Pieces = [(0.0, data)]
+        for stage in stages:
+            pieces = [
+                (before + after, piece)
+                for before, whole in pieces
+                for after, piece in stage(direction, whole, now + before)
+            ]
+        return pieces
+
+    return chained
+
+
+class _Lane:
+    """Data under way in one direction: order is kept, whatever the delays are."""
+
+    def __init__(self) -> None:
+        self._pieces: deque[tuple[float, bytes]] = deque()
+
+    def __len__(self) -> int:
+        return len(self._pieces)
+
+    def put(self, pieces: Pieces, now: float) -> None:
+        earliest = self._pieces[-1][0] if self._pieces else now
+        for seconds, data in pieces:
+            earliest = max(earliest, now + seconds)
+            self._pieces.append((earliest, data))
+
+    def take_due(self, now: float) -> list[bytes]:
+        due = []
+        while self._pieces and self._pieces[0][0] <= now:
+            due.append(self._pieces.popleft()[1])
+        return due
+
+
+class Connection:
+    """One accepted TCP connection: never blocks, passes everything through the hook of its port.
+
+    `send` keeps what the peer does not take; `send_fresh` drops whole packages instead, for
+    streams in which only the newest counts. The owner calls `flush` regularly.
+    """
+
+    RECEIVE_SIZE: Final = 65536
+    PIECES_UNDER_WAY: Final = 10_000  # on a slow wire; more are dropped
+
+    def __init__(self, sock: socket.socket, limit: int, *, send_buffer: int | None = None) -> None:
+        sock.setblocking(False)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if send_buffer is not None:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, send_buffer)
+        self._socket = sock
+        self._limit = limit
+        self._backlog = bytearray()
+        self._incoming = _Lane()
+        self._outgoing = _Lane()
+        self._blocked_since: float | None = None
+        self.hook: WireHook | None = None
+        self.closed = False
+        self.peer_closed = False
+        self.bytes_in = 0
+        self.bytes_out = 0
+        self.dropped = 0  # packages that a slow peer did not get
+
+    def fileno(self) -> int:
+        """File descriptor for `select`; -1 once closed."""
+        return self._socket.fileno()
+
+    @property
+    def blocked(self) -> bool:
+        """Whether the peer has left data untaken."""
+        return bool(self._backlog)
+
+    def blocked_for(self, now: float) -> float:
+        """Seconds since the peer last took anything, 0.0 when nothing waits."""
+        return 0.0 if self._blocked_since is None else now - self._blocked_since
+
+    def read(self, now: float) -> None:
+        """Take what the socket has; notes it in `peer_closed` when the peer has closed."""
+        try:
+            data = self._socket.recv(self.RECEIVE_SIZE)
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self.peer_closed = True
+            return
+        self.bytes_in += len(data)
+        self._incoming.put(self.hook(Direction.IN, data, now) if self.hook else [(0.0, data)], now)
+
+    @property
+    def has_input(self) -> bool:
+        """Whether received data waits for its time, or to be taken."""
+        return bool(self._incoming)
+
+    def take(self, now: float) -> list[bytes]:
+        """Pieces of received data whose time has come."""
+        return self._incoming.take_due(now) if self._incoming else []
+
+    def send(self, data: bytes, now: float) -> None:
+        """Send `data`, keeping what the peer does not take; closes when the limit is exceeded."""
+        if self.closed or not data:
+            return
+        if self.hook is None and not self._outgoing:
+            self._transmit(data, now)
+        else:
+            pieces = self.hook(Direction.OUT, data, now) if self.hook else [(0.0, data)]
+            self._outgoing.put(pieces, now)
+            self.flush(now)
+        if len(self._backlog) > self._limit:
+            self.close()
+
+    def send_fresh(self, package: bytes, now: float) -> bool:
+        """Send a whole package, or drop it when the peer still owes the last. True when sent."""
+        if self._backlog:
+            self.flush(now)
+        if self._backlog or self.closed or len(self._outgoing) > self.PIECES_UNDER_WAY:
+            self.dropped += 1
+            return False
+        self.send(package, now)
+        return True
+
+    def flush(self, now: float) -> None:
+        """Send what is due and what the peer did not take before."""
+        if self.closed:
+            return
+        if self._backlog:
+            pending = bytes(self._backlog)
+            self._backlog.clear()
+            self._transmit(pending, now)
+        for piece in self._outgoing.take_due(now) if self._outgoing else ():
+            self._transmit(piece, now)
+
+    def _transmit(self, data: bytes, now: float) -> None:
+        if self._backlog:
+            self._backlog += data
+            return
+        try:
+            sent = self._socket.send(data)
+        except (BlockingIOError, InterruptedError):
+            sent = 0
+        except OSError:
+            self.close()
+            return
+        self.bytes_out += sent
+        if sent == len(data):
+            self._blocked_since = None
+        else:
+            self._backlog += data[sent:]
+            if sent or self._blocked_since is None:
+                self._blocked_since = now
+
+    def close(self) -> None:
+        """Close the socket; safe to repeat."""
+        self.closed = True
+        self._socket.close()
