@@ -1,0 +1,253 @@
+"""A simulator in its own process: started, proven ready, stopped, and never left behind."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import TracebackType
+from typing import Any, Final, Self, TypeVar
+
+from crtk_sim_backends.control import ControlClient
+
+AUTO: Final = "auto"
+
+_RUN_MODULE: Final = (
+    "import json, runpy, sys;"
+    "module, path = sys.argv[1], json.loads(sys.argv[2]);"
+    "del sys.argv[1:3];"
+    "sys.path.extend(p for p in path if p not in sys.path);"
+    "runpy.run_module(module, run_name='__main__', alter_sys=True)"
+)
+
+Bound = TypeVar("Bound")
+
+
+class SimStartError(RuntimeError):
+    """A simulator could not be started: address in use, wrong option, or no answer in time."""
+
+
+class AddressInUseError(SimStartError):
+    """A port of the address is held by somebody else."""
+
+
+def listen(host: str, port: int, name: str) -> socket.socket:
+    """Open a non-blocking listening socket.
+
+    Args:
+        host: address to bind; the caller keeps to loopback addresses.
+        port: TCP port, 0 for any free one.
+        name: what the port is for, for the error message.
+
+    Raises:
+        AddressInUseError: when another process holds the port.
+        SimStartError: when the address cannot be bound at all.
+    """
+    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind((host, port))
+        sock.listen(16)
+    except OSError as error:
+        sock.close()
+        if error.errno == errno.EADDRINUSE:
+            raise AddressInUseError(
+                f"cannot bind the {name} port {host}:{port}: it is in use, perhaps by another "
+                f"simulator or a vendor simulator that binds every address; `ss -ltnp 'sport = "
+                f":{port}'` names the process. Stop it, or choose another 127.x.y.z address."
+            ) from error
+        raise SimStartError(
+            f"cannot bind the {name} port {host}:{port}: {error.strerror}; choose an address of "
+            "this machine, such as 127.0.0.2 (macOS: `sudo ifconfig lo0 alias 127.0.0.2` first)"
+        ) from error
+    sock.setblocking(False)
+    return sock
+
+
+def loopback_addresses(seed: int, count: int = 50) -> Iterator[str]:
+    """Addresses of 127.0.0.0/8 to try, a different sequence for each `seed` (a process id)."""
+    for attempt in range(count):
+        number = (seed * 2_654_435_761 + attempt * 40_503) % (127 * 254 * 254)
+        second, rest = divmod(number, 254 * 254)
+        third, fourth = divmod(rest, 254)
+        yield f"127.{second + 128}.{third + 1}.{fourth + 1}"
+
+
+def bind_somewhere(host: str, bind: Callable[[str], Bound]) -> tuple[str, Bound]:
+    """Bind at `host`, or at the first free loopback address when `host` is "auto".
+
+    `bind` binds every port of the simulator at the address that it is given, or raises
+    AddressInUseError with nothing left bound.
+    """
+    if host != AUTO:
+        return host, bind(host)
+    last: AddressInUseError | None = None
+    for address in loopback_addresses(os.getpid()):
+        try:
+            return address, bind(address)
+        except AddressInUseError as error:
+            last = error
+    raise SimStartError(f"no free loopback address found, the last try: {last}")
+
+
+class Readiness:
+    """Child side of :func:`spawn`: the two pipes to the parent, as file descriptors or None."""
+
+    def __init__(self, ready_fd: int | None, parent_fd: int | None) -> None:
+        self._ready_fd = ready_fd
+        self.parent_fd = parent_fd  # becomes readable when the parent has died
+
+    def tell(self, **values: Any) -> None:
+        """Tell the parent, once, that all ports are bound (`host`, `ports`), or the `error`."""
+        if self._ready_fd is None:
+            return
+        with contextlib.suppress(BrokenPipeError):
+            os.write(self._ready_fd, json.dumps(values).encode())
+        os.close(self._ready_fd)
+        self._ready_fd = None
+
+
+class RunningSim:
+    """A simulator in its own process. A context manager; `stop` it when done."""
+
+    def __init__(
+        self, process: subprocess.Popen[bytes], life: int, host: str, ports: Mapping[str, int]
+    ) -> None:
+        self._process = process
+        self._life = life
+        self._control: ControlClient | None = None
+        self.host = host
+        self.ports = dict(ports)
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    @property
+    def control(self) -> ControlClient:
+        """Client of its control socket, connected at the first use."""
+        if self._control is None:
+            self._control = ControlClient(self.host, self.ports["control"])
+        return self._control
+
+    @property
+    def running(self) -> bool:
+        """Whether the process lives."""
+        return self._process.poll() is None
+
+    def suspend(self) -> None:
+        """Freeze the whole process (SIGSTOP), as a machine that hangs does."""
+        self._process.send_signal(signal.SIGSTOP)
+
+    def resume(self) -> None:
+        """Let a frozen process go on."""
+        self._process.send_signal(signal.SIGCONT)
+
+    def kill(self) -> None:
+        """End the process at once (SIGKILL), as a power cut does."""
+        self._process.kill()
+        self._finish(2.0)
+
+    def stop(self, timeout: float = 2.0) -> int:
+        """End the process and return its exit code (0 when it ended as asked); safe to repeat."""
+        if self.running:
+            self._process.terminate()
+            self._process.send_signal(signal.SIGCONT)
+        return self._finish(timeout)
+
+    def _finish(self, timeout: float) -> int:
+        if self._control is not None:
+            self._control.close()
+            self._control = None
+        try:
+            code = self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            code = self._process.wait()
+        if self._life >= 0:
+            os.close(self._life)
+            self._life = -1
+        return code
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+
+def spawn(module: str, arguments: Sequence[str], timeout: float = 15.0) -> RunningSim:
+    """Start the simulator `module` (``python -m module``) and wait until its ports are bound.
+
+    The process finds the same packages as this one, and ends when this one dies.
+
+    Raises:
+        SimStartError: with the reason that the child gave, or when it said nothing in `timeout`.
+    """
+    ready_read, ready_write = os.pipe()
+    life_read, life_write = os.pipe()
+    command = [
+        sys.executable,
+        "-P",
+        "-c",
+        _RUN_MODULE,
+        module,
+        json.dumps([p for p in sys.path if p]),
+        *arguments,
+    ]
+    command += ["--ready-fd", str(ready_write), "--parent-fd", str(life_read)]
+    try:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, pass_fds=(ready_write, life_read)
+        )
+    except OSError as error:
+        os.close(ready_read)
+        os.close(life_write)
+        raise SimStartError(f"cannot start {sys.executable}: {error}") from error
+    finally:
+        os.close(ready_write)
+        os.close(life_read)
+    try:
+        answer = _read_answer(ready_read, timeout)
+    finally:
+        os.close(ready_read)
+    if "host" in answer:
+        return RunningSim(process, life_write, answer["host"], answer["ports"])
+    if answer.get("timeout"):
+        process.kill()
+    code = process.wait()
+    os.close(life_write)
+    reason = answer.get("error") or (
+        f"{module} was not ready within {timeout:g} s"
+        if answer.get("timeout")
+        else f"{module} ended with exit code {code} before it was ready; see its messages above"
+    )
+    raise SimStartError(reason)
+
+
+def _read_answer(fd: int, timeout: float) -> dict[str, Any]:
+    deadline = time.monotonic() + timeout
+    data = b""
+    while True:
+        readable, _, _ = select.select([fd], [], [], max(0.0, deadline - time.monotonic()))
+        if not readable:
+            return {"timeout": True}
+        piece = os.read(fd, 65536)
+        if not piece:
+            answer: dict[str, Any] = json.loads(data) if data else {}
+            return answer
+        data += piece
