@@ -1,0 +1,137 @@
+"""Script text on ports 30001 to 30003: cut out of the byte stream, and run.
+
+A client sends programs (``def ... end``, ``sec ... end``), single statements, and the few plain
+commands of :data:`COMMANDS`. Nothing marks where a program ends but its own `end`, so the text is
+followed as it arrives. Source: UR "Remote Control Via TCP/IP", script manual.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from crtk_sim_backends.ur.controller import Controller
+
+MAX_PROGRAM: Final = 1 << 22  # bytes; more without an end is not a program
+
+_UNIT_START: Final = re.compile(rb"[ \t]*(?:def|sec)\b")
+_TOKEN: Final = re.compile(
+    rb'"[^"\n]*"?|#[^\n]*|\b(?:(def|sec|thread|if|while|for|struct|switch)|(end))\b'
+)
+
+
+class ScriptCutter:
+    """Cuts a byte stream into complete programs and single lines, however it is split."""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+        self._scanned = 0  # bytes of the buffer that hold complete lines already followed
+        self._depth = 0  # open blocks of the program at the start of the buffer
+        self.discarded = 0  # bytes given up because no program ended in MAX_PROGRAM
+
+    def feed(self, data: bytes) -> list[str]:
+        """Take received bytes and return the units that they complete, in order."""
+        self._buffer += data
+        units = []
+        while (newline := self._buffer.find(b"\n", self._scanned)) >= 0:
+            line = bytes(self._buffer[self._scanned : newline])
+            self._scanned = newline + 1
+            if self._depth or _UNIT_START.match(line):
+                self._depth = max(0, self._depth + _blocks_opened(line))
+            if self._depth == 0:
+                units += self._cut()
+        if len(self._buffer) > MAX_PROGRAM:
+            self.discarded += len(self._buffer)
+            self._buffer.clear()
+            self._scanned = self._depth = 0
+        return units
+
+    def finish(self) -> list[str]:
+        """Return what is left when the client closes: its last line needs no line end."""
+        return self.feed(b"\n") if self._buffer else []
+
+    def _cut(self) -> list[str]:
+        text = self._buffer[: self._scanned].decode("utf-8", "replace").strip()
+        del self._buffer[: self._scanned]
+        self._scanned = 0
+        return [text] if text and not text.startswith("#") else []
+
+
+def _blocks_opened(line: bytes) -> int:
+    """Blocks that a line opens, less those that it ends."""
+    opened = 0
+    for match in _TOKEN.finditer(line):
+        if match.group(1):
+            opened += 1
+        elif match.group(2):
+            opened -= 1
+    return opened
+
+
+COMMANDS: Final[Mapping[str, Callable[[Controller], object]]] = {
+    "stop program": lambda controller: controller.stop(),
+    "pause program": lambda controller: controller.pause(),
+    "resume program": lambda controller: controller.play(),
+    "run program": lambda controller: controller.play(),
+    "power on": lambda controller: controller.power_on(),
+    "power off": lambda controller: controller.power_off(),
+    "set robotmode run": lambda controller: controller.brake_release(),
+    "set unlock protective stop": lambda controller: controller.unlock_protective_stop(),
+    "unlock protective stop": lambda controller: controller.unlock_protective_stop(),
+    "close popup": lambda controller: controller.close_popup(),
+    "close safety popup": lambda controller: controller.close_popup(),
+}
+
+
+class ScriptSession:
+    """One client of a script port: bytes in, nothing out.
+
+    Args:
+        controller: runs the units.
+        refuse: called in place of running one when the port is read-only now.
+        writable: whether the port takes scripts at this moment.
+        note: called with every unit that is run.
+    """
+
+    ended = False
+
+    def __init__(
+        self,
+        controller: Controller,
+        writable: Callable[[], bool],
+        refuse: Callable[[], None],
+        note: Callable[[str], None],
+    ) -> None:
+        self._controller = controller
+        self._cutter = ScriptCutter()
+        self._writable = writable
+        self._refuse = refuse
+        self._note = note
+
+    def receive(self, data: bytes) -> bytes:
+        """Take received bytes and run the units that they complete."""
+        self._run(self._cutter.feed(data))
+        return b""
+
+    def close(self) -> None:
+        """Run the last line, which needs no line end when the client closes behind it."""
+        self._run(self._cutter.finish())
+
+    def _run(self, units: list[str]) -> None:
+        for unit in units:
+            if not self._writable():
+                self._refuse()
+                continue
+            self._note(unit)
+            run_unit(self._controller, unit)
+
+
+def run_unit(controller: Controller, unit: str) -> None:
+    """Run one unit that a :class:`ScriptCutter` returned."""
+    command = COMMANDS.get(" ".join(unit.split()).lower() if "\n" not in unit else "")
+    if command is not None:
+        command(controller)
+    else:
+        controller.run_script(unit)
