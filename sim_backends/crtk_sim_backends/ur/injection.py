@@ -1,0 +1,156 @@
+"""The faults that a simulated UR controller can have, as a table for fault files and injection.
+
+The kinds of `WIRE` misbehave on one port (or "all"), those of `ROBOT` happen to the controller.
+`stall` freezes the whole controller: nothing is sent, received or moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+from crtk_sim_backends import wire
+from crtk_sim_backends.faults import FaultKind, Parameter
+from crtk_sim_backends.ur.config import PORTS
+
+if TYPE_CHECKING:
+    from crtk_sim_backends.ur.controller import Controller
+
+Parameters = Mapping[str, Any]
+
+EVENTS: Final = (
+    *(f"{name}_connected" for name in PORTS),
+    "program_started",
+    "program_stopped",
+    "motion_started",
+    "motion_stopped",
+)
+"""What an entry of a fault file can wait for with `when`."""
+
+ALL_PORTS: Final = "all"
+
+_PORT: Final = Parameter(str, choices=(*PORTS, ALL_PORTS))
+_DIRECTION: Final = Parameter(str, "both", choices=("in", "out", "both"))
+_SECONDS: Final = Parameter(float, minimum=0.001, maximum=3600.0)
+_EVERY: Final = Parameter(int, 1, minimum=1)
+
+
+def _hook(make: Callable[[Parameters], wire.WireHook]) -> Callable[[Parameters], wire.WireHook]:
+    def build(parameters: Parameters) -> wire.WireHook:
+        hook = make(parameters)
+        if parameters["direction"] == "both":
+            return hook
+        return wire.one_way(hook, wire.Direction(parameters["direction"]))
+
+    return build
+
+
+HOOKS: Final[Mapping[str, Callable[[Parameters], wire.WireHook]]] = {
+    "split": _hook(lambda p: wire.split(p["size"], p["spacing"])),
+    "coalesce": _hook(lambda p: wire.coalesce(p["seconds"])),
+    "delay": _hook(lambda p: wire.delay(p["seconds"])),
+    "corrupt": _hook(lambda p: wire.corrupt(p["every"], p["seed"])),
+    "drop": _hook(lambda p: wire.drop(p["every"])),
+}
+"""Kinds that change the data of a port, by name."""
+
+_FAILING_PROGRAM: Final = "def simulated_error():\n  values = [0]\n  textmsg(values[5])\nend\n"
+
+BEGIN: Final[Mapping[str, Callable[[Controller, Parameters], object]]] = {
+    "protective_stop": lambda c, p: c.protective_stop(p["code"]),
+    "emergency_stop": lambda c, p: c.emergency_stop(),
+    "safeguard_stop": lambda c, p: c.safeguard_stop(True),
+    "reduced_mode": lambda c, p: c.reduced_mode(True),
+    "local_control": lambda c, p: c.set_remote(False),
+    "violation": lambda c, p: c.violation(),
+    "safety_fault": lambda c, p: c.fault(),
+    "power_loss": lambda c, p: c.power_loss(),
+    "freeze_joint": lambda c, p: c.freeze_joint(p["joint"], True),
+    "external_force": lambda c, p: c.external_force(p["wrench"]),
+    "stop_program": lambda c, p: c.stop(),
+    "pause_program": lambda c, p: c.pause(),
+    "script_error": lambda c, p: c.run_script(_FAILING_PROGRAM),
+    "speed_slider": lambda c, p: c.write_inputs(
+        {"speed_slider_mask": 1, "speed_slider_fraction": p["fraction"]}
+    ),
+}
+"""What the kinds that happen to the robot do when they begin."""
+
+END: Final[Mapping[str, Callable[[Controller, Parameters], object]]] = {
+    "emergency_stop": lambda c, p: c.release_emergency_stop(),
+    "safeguard_stop": lambda c, p: c.safeguard_stop(False),
+    "reduced_mode": lambda c, p: c.reduced_mode(False),
+    "local_control": lambda c, p: c.set_remote(True),
+    "freeze_joint": lambda c, p: c.freeze_joint(p["joint"], False),
+    "external_force": lambda c, p: c.external_force((0.0,) * 6),
+    "pause_program": lambda c, p: c.play(),
+    "speed_slider": lambda c, p: c.write_inputs(
+        {"speed_slider_mask": 1, "speed_slider_fraction": 1.0}
+    ),
+}
+"""What they do when they are cleared; kinds that are not here cannot be."""
+
+
+def _wire_kind(name: str, summary: str, **parameters: Parameter) -> FaultKind:
+    return FaultKind(name, summary, {"port": _PORT, **parameters}, lasting=True)
+
+
+def _robot_kind(name: str, summary: str, **parameters: Parameter) -> FaultKind:
+    return FaultKind(name, summary, parameters, lasting=name in END)
+
+
+KINDS: Final[Mapping[str, FaultKind]] = {
+    kind.name: kind
+    for kind in (
+        FaultKind("stall", "the whole controller hangs", {}, lasting=True),
+        _wire_kind("disconnect", "connections are closed, and new ones too while it lasts"),
+        _wire_kind("silence", "connections stay open, but nothing is read, sent or accepted"),
+        _wire_kind("no_answer", "new connections are accepted and read, but never answered"),
+        _wire_kind(
+            "split",
+            "data arrives in small pieces",
+            size=Parameter(int, 1, minimum=1),
+            spacing=Parameter(float, 0.0, minimum=0.0, maximum=1.0),
+            direction=_DIRECTION,
+        ),
+        _wire_kind("coalesce", "data arrives in lumps", seconds=_SECONDS, direction=_DIRECTION),
+        _wire_kind("delay", "data arrives late", seconds=_SECONDS, direction=_DIRECTION),
+        _wire_kind(
+            "corrupt",
+            "a byte of every n-th piece of data is changed",
+            every=Parameter(int, 10, minimum=1),
+            seed=Parameter(int, 0),
+            direction=_DIRECTION,
+        ),
+        _wire_kind("drop", "every n-th piece of data is lost", every=_EVERY, direction=_DIRECTION),
+        _robot_kind(
+            "protective_stop", "the robot stops protectively", code=Parameter(int, 158, minimum=0)
+        ),
+        _robot_kind("emergency_stop", "the emergency stop is pressed; cleared: released"),
+        _robot_kind("safeguard_stop", "the safeguard input opens; cleared: closes"),
+        _robot_kind("reduced_mode", "the safety mode is REDUCED"),
+        _robot_kind("local_control", "somebody switches to local control on the pendant"),
+        _robot_kind("violation", "the safety system reports a violation"),
+        _robot_kind("safety_fault", "the safety system reports a fault"),
+        _robot_kind("power_loss", "the arm loses its power"),
+        _robot_kind(
+            "freeze_joint",
+            "a joint is blocked mechanically",
+            joint=Parameter(int, minimum=0, maximum=5),
+        ),
+        _robot_kind(
+            "external_force",
+            "somebody pushes at the TCP (N, N.m, axes of the base)",
+            wrench=Parameter(list, minimum=-10000.0, maximum=10000.0, length=6),
+        ),
+        _robot_kind("stop_program", "somebody presses stop on the pendant"),
+        _robot_kind("pause_program", "somebody presses pause; cleared: play"),
+        _robot_kind("script_error", "a program that fails at run time replaces the running one"),
+        _robot_kind(
+            "speed_slider",
+            "somebody moves the speed slider; cleared: back to 100 %",
+            fraction=Parameter(float, minimum=0.0, maximum=1.0),
+        ),
+    )
+}
+"""Every kind of fault, by name."""

@@ -1,0 +1,525 @@
+"""The simulated controller on its ports: one thread, one control period after the other.
+
+Everything happens in :meth:`UrServer.run`: received data is handled as it arrives, and at every
+control period the controller advances and its packages go out. No socket ever blocks the loop: a
+client that does not read loses packages, and one that sends nonsense loses its connection.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import os
+import select
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from crtk_sim_backends import wire
+from crtk_sim_backends.control import ControlSession
+from crtk_sim_backends.faults import Fault, FaultError, Timeline, check_fault, read_faults, unknown
+from crtk_sim_backends.process import SimStartError, bind_somewhere, listen
+from crtk_sim_backends.ur import realtime
+from crtk_sim_backends.ur.config import SimConfig
+from crtk_sim_backends.ur.controller import Controller
+from crtk_sim_backends.ur.dashboard import GREETING, DashboardSession, Robot
+from crtk_sim_backends.ur.injection import ALL_PORTS, BEGIN, END, EVENTS, KINDS
+from crtk_sim_backends.ur.messages import ErrorMessage, KeyMessage, Message, ReportLevel
+from crtk_sim_backends.ur.ports import Client, Mute, Port, Session
+from crtk_sim_backends.ur.primary import (
+    STATE_PERIOD,
+    RobotStateEncoder,
+    encode_messages,
+    version_message,
+)
+from crtk_sim_backends.ur.rtde import InputClaims, RtdeError, RtdeSession, Trace
+from crtk_sim_backends.ur.script_port import ScriptSession
+from crtk_sim_backends.ur.script_sockets import ScriptSockets
+
+log = logging.getLogger(__name__)
+
+CONTROL: Final = "control"
+SCRIPT_REFUSED: Final = 210  # error code: script on a port that is read-only
+
+_SEND_BUFFER: Final = 65536  # bytes that the kernel keeps for one client
+_BACKLOG_LIMIT: Final = 1 << 18  # bytes of untaken replies that end a connection
+_SLOW_READER_LIMIT: Final = 5.0  # s without taking anything that end an RTDE connection
+_CLIENTS_PER_PORT: Final = 64
+_CATCH_UP: Final = 5  # periods that may follow each other at once after a delay
+_WAKE_UPS: Final = 8  # times that data is handled on arrival in one period, then at its end
+_LAST_COMMANDS: Final = 20
+_WRITABLE: Final = ("primary", "secondary", "realtime")
+_REALTIME_PRIORITY: Final = 20
+
+
+@dataclass
+class Statistics:
+    """How well the loop keeps its times."""
+
+    ticks: int = 0
+    late: int = 0  # periods that began more than one period late
+    skipped: int = 0  # periods left out after a long delay
+    worst_delay: float = 0.0  # s
+    busy: float = 0.0  # s spent in periods, waiting excluded
+    accepted: int = 0  # connections
+    rtde_dropped: int = 0  # packages that slow RTDE clients did not get
+    scripts_refused: int = 0
+
+
+class UrServer:
+    """A simulated UR controller that listens on all its ports.
+
+    Args:
+        config: what to simulate; its ports are bound by the constructor.
+        parent_fd: file descriptor that becomes readable when the process that wants this simulator
+            has died, None for none.
+
+    Raises:
+        SimStartError: when a port cannot be bound or the fault file is wrong.
+    """
+
+    def __init__(self, config: SimConfig, parent_fd: int | None = None) -> None:
+        self.config = config
+        self.statistics = Statistics()
+        try:
+            faults = read_faults(Path(config.faults), KINDS, EVENTS) if config.faults else []
+        except FaultError as error:
+            raise SimStartError(str(error)) from error
+        self._timeline = Timeline(faults)
+        self._parent_fd = parent_fd
+        self._stopping = False
+        self._stalled = False
+        self._epoch = time.monotonic()
+        self._ports: dict[str, Port] = {}
+        self.host, _ = bind_somewhere(config.host, self._bind)
+        self.ports = {name: port.listener.getsockname()[1] for name, port in self._ports.items()}
+        self._by_fd: dict[int, Port | tuple[Port, Client]] = {}
+        self._watched: list[int] = []
+
+        self._sockets = ScriptSockets(self.host)
+        self.controller = Controller(
+            config.robot,
+            config.software,
+            powered_on=config.powered_on,
+            remote=config.remote,
+            extra_builtins=self._sockets.builtins,
+        )
+        self._period = self.controller.dt
+        self._state_every = round(STATE_PERIOD / self._period)
+        self._encoder = RobotStateEncoder(config.robot, config.software)
+        self._realtime_length = realtime.packet_length(config.software)
+        self._claims = InputClaims()
+        self._trace = Trace(config.trace_size)
+        self._robot = Robot(
+            self.controller, config.robot, config.software, config.serial_number, self.stop
+        )
+        self._active: dict[tuple[object, ...], Fault] = {}
+        self._own_messages: list[Message] = []
+        self._was_remote = self.controller.remote
+        self._was_moving = False
+        self._scripts: deque[dict[str, Any]] = deque(maxlen=_LAST_COMMANDS)
+        self._dashboard_commands: deque[str] = deque(maxlen=_LAST_COMMANDS)
+        self._watch()
+
+    # Life
+
+    def _bind(self, host: str) -> None:
+        numbers = {**self.config.ports, CONTROL: self.config.control_port}
+        try:
+            for name, number in numbers.items():
+                self._ports[name] = Port(name, listen(host, number, name), self._greeting(name))
+        except SimStartError:
+            self._close_ports()
+            raise
+
+    def _greeting(self, name: str) -> Callable[[], bytes]:
+        greetings = {
+            "dashboard": lambda: GREETING,
+            **dict.fromkeys(
+                ("primary", "primary_read_only", "secondary", "secondary_read_only"),
+                self._primary_greeting,
+            ),
+        }
+        return greetings.get(name, bytes)
+
+    def _primary_greeting(self) -> bytes:
+        state = self._encoder.packet(self.controller.outputs)
+        return version_message(self.config.software, self.controller.time) + state
+
+    def stop(self) -> None:
+        """End :meth:`run` within one control period. Safe in a signal handler."""
+        self._stopping = True
+
+    def close(self) -> None:
+        """Close every socket."""
+        self._sockets.close_all()
+        self._close_ports()
+
+    def _close_ports(self) -> None:
+        for port in self._ports.values():
+            for client in port.clients:
+                client.connection.close()
+            port.listener.close()
+        self._ports.clear()
+
+    def run(self) -> None:
+        """Run in real time until :meth:`stop`, or until the parent process has died."""
+        if self.config.realtime:
+            _use_realtime_priority()
+        gc.collect()
+        gc.freeze()
+        self._epoch = time.monotonic()
+        deadline = self._epoch + self._period
+        while not self._stopping:
+            self._serve_until(deadline)
+            started = time.monotonic()
+            deadline = self._next_deadline(deadline, started)
+            self.step(started)
+            self.statistics.busy += time.monotonic() - started
+
+    def _next_deadline(self, deadline: float, now: float) -> float:
+        late = now - deadline
+        self.statistics.worst_delay = max(self.statistics.worst_delay, late)
+        if late > self._period:
+            self.statistics.late += 1
+        if late > _CATCH_UP * self._period:
+            self.statistics.skipped += int(late / self._period)
+            return now + self._period
+        return deadline + self._period
+
+    def step(self, now: float) -> None:
+        """Advance one control period; `now` is the monotonic time, s. Called by :meth:`run`."""
+        self._play_faults(now)
+        if self._stalled:
+            self._push(self._ports[CONTROL], now)
+            return
+        for port in self._ports.values():
+            if not port.silent and port.clients:
+                self._push(port, now)
+        self._report(now)  # of what clients asked for, before a program can start anew
+        self.controller.tick()
+        self.statistics.ticks += 1
+        self._report(now)
+        self._send_states(now)
+        self._send_rtde(now)
+        self._sockets.flush()
+
+    # Receiving
+
+    def _serve_until(self, deadline: float) -> None:
+        """Handle what arrives until the deadline; at least once."""
+        for _ in range(_WAKE_UPS):
+            wait = deadline - time.monotonic()
+            ready, _, _ = select.select(self._watched, (), (), max(0.0, wait))
+            if ready:
+                self._handle(ready, time.monotonic())
+            if wait <= 0.0 or self._stopping or not ready:
+                return
+        time.sleep(max(0.0, deadline - time.monotonic()))
+
+    def _handle(self, ready: list[int], now: float) -> None:
+        for fd in ready:
+            owner = self._by_fd.get(fd)
+            if owner is None:
+                if fd == self._parent_fd:
+                    log.info("the process that started this simulator has ended")
+                    self.stop()
+            elif isinstance(owner, Port):
+                self._accept(owner, now)
+            else:
+                port, client = owner
+                client.connection.read(now)
+                self._process(port, client, now)
+
+    def _watch(self) -> None:
+        """Collect the file descriptors that are read now."""
+        self._by_fd = {}
+        for port in self._ports.values():
+            if port.silent or (self._stalled and port.name != CONTROL):
+                continue
+            self._by_fd[port.listener.fileno()] = port
+            for client in port.clients:
+                if not client.connection.peer_closed:
+                    self._by_fd[client.connection.fileno()] = (port, client)
+        self._watched = list(self._by_fd)
+        if self._parent_fd is not None:
+            self._watched.append(self._parent_fd)
+
+    def _accept(self, port: Port, now: float) -> None:
+        while True:
+            try:
+                sock, _ = port.listener.accept()
+            except BlockingIOError:
+                break
+            except OSError as error:
+                log.warning("cannot accept on the %s port: %s", port.name, error)
+                break
+            if "disconnect" in port.faults or len(port.clients) >= _CLIENTS_PER_PORT:
+                sock.close()
+                continue
+            self.statistics.accepted += 1
+            connection = wire.Connection(sock, _BACKLOG_LIMIT, send_buffer=_SEND_BUFFER)
+            number = self.statistics.accepted
+            mute = "no_answer" in port.faults
+            session = Mute() if mute else self._session(port.name, number)
+            port.add(Client(number, connection, session))
+            self._event(f"{port.name}_connected", now)
+            if not mute:
+                connection.send(port.greet(), now)
+        self._watch()
+
+    def _session(self, name: str, number: int) -> Session:
+        match name:
+            case "rtde":
+                return RtdeSession(
+                    self.controller, self.config.software, self._claims, self._trace, number
+                )
+            case "dashboard":
+                return DashboardSession(self._robot, self._dashboard_commands.append)
+            case "control":
+                return ControlSession(
+                    {
+                        "inject": self._inject,
+                        "clear": self._clear,
+                        "status": self.status,
+                        "outputs": self._outputs,
+                        "trace": self._trace_after,
+                    }
+                )
+        writable = name in _WRITABLE
+        return ScriptSession(
+            self.controller,
+            lambda: writable and self.controller.remote,
+            self._refuse_script,
+            self._note_script,
+        )
+
+    def _process(self, port: Port, client: Client, now: float) -> None:
+        connection = client.connection
+        try:
+            for piece in connection.take(now):
+                connection.send(client.session.receive(piece), now)
+        except RtdeError as error:
+            log.warning("closing %s connection %d: %s", port.name, client.number, error)
+            connection.close()
+        except Exception:
+            log.exception("a defect of the simulator closes %s client %d", port.name, client.number)
+            connection.close()
+        if connection.peer_closed or connection.closed or client.session.ended:
+            self._remove(port, client)
+
+    def _remove(self, port: Port, client: Client) -> None:
+        client.session.close()
+        client.connection.close()
+        port.clients.remove(client)
+        self._watch()
+
+    # Sending
+
+    def _push(self, port: Port, now: float) -> None:
+        """Move on what a slow peer or a delaying wire has held back."""
+        for client in list(port.clients):
+            client.connection.flush(now)
+            if client.connection.has_input or client.connection.closed:
+                self._process(port, client, now)
+
+    def _report(self, now: float) -> None:
+        """Pass the controller's messages on, and follow what they and its state mean here."""
+        controller = self.controller
+        messages = [*controller.take_messages(), *self._own_messages]
+        self._own_messages.clear()
+        for message in messages:
+            if isinstance(message, KeyMessage):
+                started = message.title.endswith("STARTED")
+                if not started:
+                    self._sockets.close_all()
+                self._event("program_started" if started else "program_stopped", now)
+        moving = any(controller.outputs["target_qd"])
+        if moving is not self._was_moving:
+            self._event("motion_started" if moving else "motion_stopped", now)
+            self._was_moving = moving
+        if messages:
+            encoded = encode_messages(messages, controller.time)
+            self._broadcast(("primary", "primary_read_only"), lambda: encoded, now)
+        if self._was_remote and not controller.remote:
+            for name in _WRITABLE:
+                self._disconnect(self._ports[name])
+        self._was_remote = controller.remote
+
+    def _event(self, name: str, now: float) -> None:
+        self._timeline.event(name, now - self._epoch)
+
+    def _send_states(self, now: float) -> None:
+        """Send the periodic packets of all ports but RTDE."""
+        outputs = self.controller.outputs
+        if self.controller.tick_count % self._state_every == 0:
+            self._broadcast(
+                ("primary", "primary_read_only", "secondary", "secondary_read_only"),
+                lambda: self._encoder.packet(outputs),
+                now,
+            )
+        self._broadcast(
+            ("realtime", "realtime_read_only"),
+            lambda: realtime.packet(outputs, self._realtime_length),
+            now,
+        )
+
+    def _broadcast(self, names: tuple[str, ...], build: Callable[[], bytes], now: float) -> None:
+        """Send one package to every client that keeps up; it is built only when there is one."""
+        package: bytes | None = None
+        for name in names:
+            port = self._ports[name]
+            if port.silent:
+                continue
+            for client in port.clients:
+                if client.connection.blocked or isinstance(client.session, Mute):
+                    client.connection.dropped += 1
+                    continue
+                package = build() if package is None else package
+                client.connection.send_fresh(package, now)
+
+    def _send_rtde(self, now: float) -> None:
+        port = self._ports["rtde"]
+        if port.silent:
+            return
+        for client in list(port.clients):
+            if isinstance(client.session, RtdeSession):
+                package = client.session.package(self.controller.tick_count)
+                if package is not None and not client.connection.send_fresh(package, now):
+                    self.statistics.rtde_dropped += 1
+            connection = client.connection
+            if connection.closed or connection.blocked_for(now) > _SLOW_READER_LIMIT:
+                log.warning("closing RTDE connection %d: it does not read", client.number)
+                self._remove(port, client)
+
+    def _refuse_script(self) -> None:
+        self.statistics.scripts_refused += 1
+        self._own_messages.append(
+            ErrorMessage(SCRIPT_REFUSED, 0, ReportLevel.WARNING, "Port is read-only")
+        )
+
+    def _note_script(self, unit: str) -> None:
+        first_line = unit.partition("\n")[0]
+        self._scripts.append(
+            {"time": self.controller.time, "length": len(unit), "text": first_line[:200]}
+        )
+
+    # Faults
+
+    def _play_faults(self, now: float) -> None:
+        for action in self._timeline.due(now - self._epoch):
+            if action.begin:
+                log.info("fault %s begins: %s", action.fault.kind, dict(action.fault.parameters))
+                self._begin(action.fault)
+            else:
+                log.info("fault %s ends", action.fault.kind)
+                self._end(action.fault)
+
+    def _begin(self, fault: Fault) -> None:
+        if fault.kind == "stall":
+            self._stalled = True
+        elif fault.kind in BEGIN:
+            BEGIN[fault.kind](self.controller, fault.parameters)
+        for port in self._faulty_ports(fault):
+            port.begin(fault)
+            if fault.kind == "disconnect":
+                self._disconnect(port)
+        self._active[_place(fault)] = fault
+        if fault.kind == "disconnect" and fault.duration is None:
+            self._end(fault)
+        elif not KINDS[fault.kind].lasting:
+            del self._active[_place(fault)]
+        self._watch()
+
+    def _end(self, fault: Fault) -> None:
+        if self._active.get(_place(fault)) is not fault:
+            return  # another one of its kind took its place
+        del self._active[_place(fault)]
+        if fault.kind == "stall":
+            self._stalled = False
+        elif fault.kind in END:
+            END[fault.kind](self.controller, fault.parameters)
+        for port in self._faulty_ports(fault):
+            port.end(fault.kind)
+        self._watch()
+
+    def _faulty_ports(self, fault: Fault) -> list[Port]:
+        name = fault.parameters.get("port")
+        ports = [port for port in self._ports.values() if port.name != CONTROL]
+        return ports if name == ALL_PORTS else [port for port in ports if port.name == name]
+
+    def _disconnect(self, port: Port) -> None:
+        for client in list(port.clients):
+            self._remove(port, client)
+
+    # Requests on the control socket
+
+    def _inject(self, kind: str, parameters: dict[str, Any]) -> None:
+        fault = check_fault(KINDS, kind, parameters, "inject")
+        self._timeline.begin(fault, time.monotonic() - self._epoch)
+
+    def _clear(self, kind: str | None = None) -> None:
+        if kind is not None and kind not in KINDS:
+            raise FaultError(unknown("kind of fault", kind, KINDS))
+        for fault in list(self._active.values()):
+            if kind in (None, fault.kind):
+                self._timeline.forget(fault.kind)
+                self._end(fault)
+
+    def _outputs(self, names: list[str]) -> dict[str, Any]:
+        outputs = self.controller.outputs
+        return {name: outputs[name] for name in names} if names else dict(outputs)
+
+    def _trace_after(self, after: int) -> list[dict[str, Any]]:
+        return [asdict(entry) for entry in self._trace.after(after)]
+
+    def status(self) -> dict[str, Any]:
+        """Everything that a test or a person wants to know, ready for JSON."""
+        controller = self.controller
+        return {
+            "host": self.host,
+            "model": self.config.model,
+            "version": ".".join(map(str, self.config.software)),
+            "time": controller.time,
+            "ticks": controller.tick_count,
+            "robot_mode": controller.robot_mode.name,
+            "safety_mode": controller.safety_mode.name,
+            "runtime_state": controller.runtime_state.name,
+            "program": controller.program_name,
+            "remote": controller.remote,
+            "statistics": asdict(self.statistics),
+            "connections": {name: self._connections(port) for name, port in self._ports.items()},
+            "input_packages": self._trace.count,
+            "scripts": list(self._scripts),
+            "dashboard_commands": list(self._dashboard_commands),
+            "faults": [{"kind": f.kind, **f.parameters} for f in self._active.values()],
+            "outputs": dict(controller.outputs),
+        }
+
+    def _connections(self, port: Port) -> list[dict[str, Any]]:
+        return [
+            {
+                "number": client.number,
+                "bytes_in": client.connection.bytes_in,
+                "bytes_out": client.connection.bytes_out,
+                "dropped": client.connection.dropped,
+                "packages_in": getattr(client.session, "packages_in", None),
+                "packages_bad": getattr(client.session, "packages_bad", None),
+            }
+            for client in port.clients
+        ]
+
+
+def _place(fault: Fault) -> tuple[object, ...]:
+    """Where a fault is: at one place there is one of a kind."""
+    return fault.kind, fault.parameters.get("port"), fault.parameters.get("joint")
+
+
+def _use_realtime_priority() -> None:
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_REALTIME_PRIORITY))
+    except (AttributeError, OSError) as error:
+        log.warning("no real-time priority, the periods may be less even: %s", error)
