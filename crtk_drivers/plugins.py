@@ -22,12 +22,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import Distribution, EntryPoint, PackageNotFoundError, distribution
 from importlib.metadata import entry_points as installed_entry_points
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from crtk_drivers.config import DeviceConfig
+from crtk_drivers.capabilities import offered
+from crtk_drivers.commands import Command
+from crtk_drivers.config import DeviceConfig, from_file, from_values, load
 from crtk_drivers.device import Device
-from crtk_drivers.errors import MissingExtra, PluginError
+from crtk_drivers.errors import CrtkError, MissingExtra, PluginError
 from crtk_drivers.sims import RunningSim, SimPlugin
 
 DEVICES: Final = "crtk_drivers.devices"
@@ -69,6 +72,17 @@ class DevicePlugin:
     extra: str = ""
     sim_config: Callable[[Any, RunningSim], Any] = _same_config
     sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
+
+    def load_config(
+        self, config: Mapping[str, Any] | str | Path | None, values: Mapping[str, Any]
+    ) -> DeviceConfig:
+        """Return the configuration of a file or mapping, with single values over it.
+
+        Raises:
+            ConfigError: with every mistake in it.
+        """
+        below = from_file(config) if isinstance(config, str | Path) else from_values(config or {})
+        return load(self.config, below, from_values(values))
 
 
 @dataclass(frozen=True)
@@ -286,3 +300,18 @@ def _as_missing_extra(error: BaseException, dist: Distribution | None) -> Missin
 
 def _normal(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def commands_of(name: str) -> Mapping[str, Command]:
+    """Return the CRTK commands of a device in its default configuration; none if that is not enough.
+
+    A plugin that is broken, or whose configuration has required keys, offers none that are known here.
+    """
+    entry = devices().get(name)
+    if entry is None or entry.error is not None:
+        return MappingProxyType({})
+    try:
+        plugin: DevicePlugin = entry.plugin
+        return offered(plugin.create(load(plugin.config)).capabilities)
+    except CrtkError:
+        return MappingProxyType({})

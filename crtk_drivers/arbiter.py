@@ -1,0 +1,107 @@
+"""Who commands now: the mailbox between the clients' threads and the I/O thread.
+
+It is one deep. A newer absolute command replaces an older one; increments are added up, so that none
+is lost; `hold`, `free` and moves replace whatever lies there. Two clients that stream different kinds of
+servo command do not alternate: the second is refused until the first has been silent for the dwell.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field, replace
+
+from crtk_drivers.commands import COMMANDS, Level
+from crtk_drivers.device import Goal, Mode, Setpoint
+from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.moves import Move
+from crtk_drivers.samples import EMPTY, Vector, empty, vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Order:
+    """A command that passed its checks.
+
+    A servo has a `setpoint`, or an `increment` (n,) to the joint setpoint; a move has its `goal` and the
+    joint position `joints` (n,) where the goal lies; hold and free have neither.
+    """
+
+    name: str
+    setpoint: Setpoint | None = None
+    increment: Vector = field(default_factory=empty)
+    goal: Goal | None = None
+    joints: Vector = field(default_factory=empty)
+    move: Move | None = None
+
+    @property
+    def is_servo(self) -> bool:
+        """Whether it belongs to a stream."""
+        return COMMANDS[self.name].level is Level.SERVO
+
+
+class Arbiter:
+    """The mailbox. Thread-safe.
+
+    Args:
+        dwell: seconds that a stream must have been silent before one of another kind may take over.
+    """
+
+    def __init__(self, dwell: float, where: str) -> None:
+        self._dwell = dwell
+        self._where = where
+        self._lock = threading.Lock()
+        self._order: Order | None = None
+        self._stream = ""
+        self._streamed = 0.0
+
+    def put(self, order: Order, now: float) -> Move | None:
+        """Leave an order for the I/O thread, and return the move that it replaced unexecuted.
+
+        Raises:
+            CommandRefused: another kind of stream is running.
+        """
+        with self._lock:
+            if order.is_servo:
+                self._keep_stream(order.name, now)
+            else:
+                self._stream = ""
+            replaced = self._order.move if self._order is not None else None
+            self._order = _combined(self._order, order)
+        return replaced
+
+    def take(self) -> Order | None:
+        """Return the newest order, once."""
+        if self._order is None:
+            return None
+        with self._lock:
+            order, self._order = self._order, None
+        return order
+
+    def clear(self) -> Move | None:
+        """Forget what lies here and which stream ran; return the move that is lost by it."""
+        with self._lock:
+            lost = self._order.move if self._order is not None else None
+            self._order = None
+            self._stream = ""
+        return lost
+
+    def _keep_stream(self, name: str, now: float) -> None:
+        if self._stream not in ("", name) and now - self._streamed < self._dwell:
+            raise CommandRefused(
+                name,
+                Reason.MODE_SWITCH,
+                f"a stream of {self._stream} is running",
+                where=self._where,
+                remedy=f"Stop it for {self._dwell} s, or send hold, before you send {name}.",
+            )
+        self._stream, self._streamed = name, now
+
+
+def _combined(old: Order | None, new: Order) -> Order:
+    if old is None or not new.increment.size:
+        return new
+    if old.increment.size:
+        return replace(new, increment=vector(old.increment + new.increment))
+    if old.setpoint is not None and old.setpoint.mode is Mode.JOINT_POSITION:
+        moved = vector(old.setpoint.values + new.increment)
+        return replace(new, setpoint=Setpoint(Mode.JOINT_POSITION, moved), increment=EMPTY)
+    return new

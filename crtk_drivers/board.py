@@ -1,0 +1,123 @@
+"""The operating state as it is announced, and those who want to be told.
+
+Everything that observers hear comes from here, under one lock, so that they hear it in one order.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from dataclasses import replace
+
+from crtk_drivers.errors import CommandRefused
+from crtk_drivers.health import HealthRecorder
+from crtk_drivers.samples import Stamp
+from crtk_drivers.state import OperatingState, Status
+
+logger = logging.getLogger(__name__)
+
+
+class Observer:
+    """What a front wants to be told. Called from any thread, in order; must return at once."""
+
+    def status_changed(self, status: Status, stamp: Stamp) -> None:
+        """The operating state was announced; stamps increase strictly."""
+
+    def command_refused(self, refusal: CommandRefused) -> None:
+        """A command was refused; it has been counted."""
+
+    def goal_accepted(self, name: str) -> None:
+        """``goal_js`` or ``goal_cp`` has a new value."""
+
+    def warned(self, text: str) -> None:
+        """Something was corrected or is about to go wrong."""
+
+
+class StatusBoard:
+    """Holds the status of one device and tells its observers. Thread-safe.
+
+    Args:
+        status: before anything happened.
+        where: the device, for messages.
+        health: counts refusals.
+    """
+
+    def __init__(self, status: Status, where: str, health: HealthRecorder) -> None:
+        self.status = status
+        self.lock = threading.RLock()
+        self._where = where
+        self._health = health
+        self._observers: list[Observer] = []
+        self._last_stamp_ns = 0
+
+    def add(self, observer: Observer) -> None:
+        """Tell `observer` from now on."""
+        with self.lock:
+            self._observers.append(observer)
+
+    def remove(self, observer: Observer) -> None:
+        """Tell `observer` no more."""
+        with self.lock:
+            self._observers.remove(observer)
+
+    def update(
+        self,
+        state: OperatingState | None = None,
+        detail: str | None = None,
+        *,
+        homed: bool | None = None,
+        busy: bool | None = None,
+    ) -> None:
+        """Change what is given, and announce it if that is a change. A new state drops the old detail."""
+        with self.lock:
+            old = self.status
+            if state is not None and detail is None:
+                detail = ""
+            new = replace(
+                old,
+                state=old.state if state is None else state,
+                detail=old.detail if detail is None else detail,
+                is_homed=old.is_homed if homed is None else homed,
+                is_busy=old.is_busy if busy is None else busy,
+            )
+            if new == old:
+                return
+            if new.state is OperatingState.FAULT and new.detail != old.detail:
+                logger.error("%s: FAULT: %s", self._where, new.detail)
+            self.status = new
+            self.announce()
+
+    def announce(self) -> None:
+        """Tell the status as it is, also if it did not change: every state command has an answer."""
+        with self.lock:
+            now = Stamp.now()
+            self._last_stamp_ns = max(now.wall_ns, self._last_stamp_ns + 1)
+            stamp = Stamp(self._last_stamp_ns, now.monotonic)
+            for observer in self._observers:
+                observer.status_changed(self.status, stamp)
+
+    def refused(self, refusal: CommandRefused) -> None:
+        """Count and tell a refusal.
+
+        Busy rises and falls also for a move that is refused: clients wait for both.
+        """
+        self._health.refused(refusal)
+        with self.lock:
+            for observer in self._observers:
+                observer.command_refused(refusal)
+            if refusal.command.startswith("move_") and not self.status.is_busy:
+                self.update(busy=True)
+                self.update(busy=False)
+
+    def goal_accepted(self, name: str) -> None:
+        """Tell that a goal has a new value."""
+        with self.lock:
+            for observer in self._observers:
+                observer.goal_accepted(name)
+
+    def warned(self, text: str) -> None:
+        """Tell a warning."""
+        logger.debug("%s: %s", self._where, text)
+        with self.lock:
+            for observer in self._observers:
+                observer.warned(text)

@@ -1,0 +1,92 @@
+"""Which CRTK commands a device offers: derived from its declared capabilities, by table.
+
+A command that is not derived here does not exist on the device: its topic is not created, its method
+is absent, and asking for it says what would be needed (`missing_for`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from crtk_drivers.commands import COMMANDS, Command
+from crtk_drivers.device import Capabilities, Mode
+
+KINEMATICS = "kinematics"
+FREE = "free drive"
+NATIVE = "its own "
+ANY_MODE = "any mode"
+
+# Each alternative is a set of features that together are enough.
+_NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
+    {
+        "servo_jp": (frozenset({Mode.JOINT_POSITION}),),
+        "servo_jr": (frozenset({Mode.JOINT_POSITION}),),
+        "servo_jv": (frozenset({Mode.JOINT_VELOCITY}),),
+        "servo_jf": (frozenset({Mode.JOINT_EFFORT}),),
+        "servo_cp": (
+            frozenset({Mode.CARTESIAN_POSITION}),
+            frozenset({Mode.JOINT_POSITION, KINEMATICS}),
+        ),
+        "servo_cv": (frozenset({Mode.CARTESIAN_VELOCITY}),),
+        "servo_cf": (frozenset({Mode.CARTESIAN_EFFORT}),),
+        "move_jp": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
+        "move_jr": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
+        "move_cp": (
+            frozenset({NATIVE + "move_cp"}),
+            frozenset({Mode.JOINT_POSITION, KINEMATICS}),
+        ),
+        "hold": (frozenset({ANY_MODE}),),
+        "free": (frozenset({FREE}),),
+        "jacobian": (frozenset({KINEMATICS}),),
+        "forward_kinematics": (frozenset({KINEMATICS}),),
+        "inverse_kinematics": (frozenset({KINEMATICS}),),
+        "setpoint_js": (frozenset({ANY_MODE}),),
+        "setpoint_cp": (frozenset({ANY_MODE, KINEMATICS}),),
+        "goal_js": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
+        "goal_cp": (
+            frozenset({NATIVE + "move_cp"}),
+            frozenset({Mode.JOINT_POSITION, KINEMATICS}),
+        ),
+        "operating_state": (frozenset(),),
+        "state_command": (frozenset(),),
+    }
+)
+
+
+def _features(capabilities: Capabilities) -> frozenset[str]:
+    features: set[str] = {*capabilities.modes}
+    features.update(NATIVE + name for name in capabilities.native_moves)
+    if capabilities.has_kinematics:
+        features.add(KINEMATICS)
+    if capabilities.has_free:
+        features.add(FREE)
+    if capabilities.modes or capabilities.native_moves:
+        features.add(ANY_MODE)
+    return frozenset(features)
+
+
+def offered(capabilities: Capabilities) -> Mapping[str, Command]:
+    """Return the CRTK names that a device with these capabilities offers, in the table's order."""
+    features = _features(capabilities)
+    names = dict.fromkeys(capabilities.measured, None)
+    for name, alternatives in _NEEDS.items():
+        if any(needs <= features for needs in alternatives):
+            names[name] = None
+    order = {name: index for index, name in enumerate(COMMANDS)}
+    ranked = sorted(names, key=lambda name: order[name.rpartition("/")[2]])
+    return MappingProxyType({name: COMMANDS[name.rpartition("/")[2]] for name in ranked})
+
+
+def missing_for(name: str, capabilities: Capabilities) -> str:
+    """Say in words what a device would need in order to offer `name`."""
+    if name.rpartition("/")[2] not in COMMANDS:
+        return "There is no such CRTK command."
+    alternatives = _NEEDS.get(name)
+    if alternatives is None:
+        if COMMANDS[name.rpartition("/")[2]].is_motion:
+            return "It is not implemented for any device yet."
+        return "Its samples hold no such value."
+    features = _features(capabilities)
+    lacks = (" and ".join(sorted(needs - features)) for needs in alternatives)
+    return f"It would need {', or '.join(lacks)}."

@@ -1,0 +1,189 @@
+"""The command table: every CRTK name, once.
+
+Node, client, plain Python front, command line, capability manifest, documentation and conformance
+suite are derived from `COMMANDS`; nobody types a topic name a second time. Names are
+``<level>_<space><kind>`` as in the CRTK specification (collaborative-robotics/documentation,
+api-robot-motion.rst and api-operating-state.rst).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
+
+
+class Level(StrEnum):
+    """Who closes which loop, or where a value comes from."""
+
+    SERVO = "servo"
+    INTERPOLATE = "interpolate"
+    MOVE = "move"
+    MEASURED = "measured"
+    SETPOINT = "setpoint"
+    GOAL = "goal"
+    STATE = "state"
+    QUERY = "query"
+
+
+class Space(StrEnum):
+    """Joint or Cartesian."""
+
+    JOINT = "j"
+    CARTESIAN = "c"
+    NONE = ""
+
+
+class Kind(StrEnum):
+    """What the numbers are."""
+
+    POSITION = "p"
+    RELATIVE = "r"
+    VELOCITY = "v"
+    EFFORT = "f"
+    STATE = "s"
+    NONE = ""
+
+
+class Direction(StrEnum):
+    """Seen from the device."""
+
+    PUBLISHED = "published"
+    COMMANDED = "commanded"
+    SERVICE = "service"
+
+
+class Payload(StrEnum):
+    """What travels, independent of any middleware."""
+
+    JOINT_STATE = "joint state"
+    POSE = "pose"
+    TWIST = "twist"
+    WRENCH = "wrench"
+    MATRIX = "matrix"
+    JOINT_SERVO = "mixed joint setpoint"
+    CARTESIAN_SERVO = "mixed Cartesian setpoint"
+    OPERATING_STATE = "operating state"
+    TEXT = "text"
+    EMPTY = "empty"
+    FORWARD_KINEMATICS = "forward kinematics query"
+    INVERSE_KINEMATICS = "inverse kinematics query"
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One CRTK name and all that is known of it without a device."""
+
+    name: str
+    level: Level
+    space: Space
+    kind: Kind
+    direction: Direction
+    payload: Payload
+    units: str
+    summary: str
+
+    @property
+    def is_relative(self) -> bool:
+        """Whether the payload is an increment, of which none may be lost."""
+        return self.kind is Kind.RELATIVE
+
+    @property
+    def is_motion(self) -> bool:
+        """Whether it asks the device to move."""
+        return self.level in (Level.SERVO, Level.INTERPOLATE, Level.MOVE)
+
+
+_JOINT_UNITS = {
+    Kind.POSITION: "rad or m",
+    Kind.RELATIVE: "rad or m",
+    Kind.VELOCITY: "rad/s or m/s",
+    Kind.EFFORT: "N·m or N",
+    Kind.STATE: "rad, rad/s, N·m (m, m/s, N)",
+}
+_CARTESIAN_UNITS = {
+    Kind.POSITION: "m, unit quaternion",
+    Kind.RELATIVE: "m, unit quaternion",
+    Kind.VELOCITY: "m/s, rad/s",
+    Kind.EFFORT: "N, N·m",
+    Kind.STATE: "m, m/s, N (rad, rad/s, N·m)",
+}
+_CARTESIAN_PAYLOAD = {
+    Kind.POSITION: Payload.POSE,
+    Kind.RELATIVE: Payload.POSE,
+    Kind.VELOCITY: Payload.TWIST,
+    Kind.EFFORT: Payload.WRENCH,
+    Kind.STATE: Payload.CARTESIAN_SERVO,
+}
+
+# (level, direction, joint kinds, Cartesian kinds, summary). A joint state holds position, velocity
+# and effort together, so that feedback has one joint name, `_js`.
+_MOTION_ROWS = (
+    (Level.MEASURED, Direction.PUBLISHED, "s", "pvf", "sensor feedback"),
+    (
+        Level.SETPOINT,
+        Direction.PUBLISHED,
+        "s",
+        "pvf",
+        "the value last sent to the low-level control",
+    ),
+    (Level.GOAL, Direction.PUBLISHED, "s", "pv", "the goal last accepted by interpolate or move"),
+    (Level.SERVO, Direction.COMMANDED, "prvfs", "prvfs", "direct real-time stream, newest wins"),
+    (Level.INTERPOLATE, Direction.COMMANDED, "prvf", "prvf", "low-rate stream, smoothed"),
+    (Level.MOVE, Direction.COMMANDED, "pr", "pr", "plan a trajectory to a goal and stop there"),
+)
+
+_OTHER_ROWS = (
+    ("operating_state", Level.STATE, Direction.PUBLISHED, Payload.OPERATING_STATE, "",
+     "DISABLED, ENABLED, PAUSED or FAULT, with is_homed and is_busy"),
+    ("state_command", Level.STATE, Direction.COMMANDED, Payload.TEXT, "",
+     "enable, disable, pause, resume, home or unhome"),
+    ("hold", Level.STATE, Direction.COMMANDED, Payload.EMPTY, "",
+     "stop, and stay at the present position"),
+    ("free", Level.STATE, Direction.COMMANDED, Payload.EMPTY, "",
+     "let go: the arm may be moved by hand"),
+    ("jacobian", Level.QUERY, Direction.PUBLISHED, Payload.MATRIX, "m/rad, 1",
+     "6 x n geometric Jacobian of the tool, linear rows first"),
+    ("forward_kinematics", Level.QUERY, Direction.SERVICE, Payload.FORWARD_KINEMATICS, "rad, m",
+     "pose of a joint position"),
+    ("inverse_kinematics", Level.QUERY, Direction.SERVICE, Payload.INVERSE_KINEMATICS, "rad, m",
+     "joint position of a pose, nearest to a reference"),
+)  # fmt: skip
+
+
+def _table() -> dict[str, Command]:
+    rows: list[Command] = []
+    for level, direction, joint_kinds, cartesian_kinds, summary in _MOTION_ROWS:
+        for kind in map(Kind, joint_kinds):
+            mixed = level is Level.SERVO and kind is Kind.STATE
+            payload = Payload.JOINT_SERVO if mixed else Payload.JOINT_STATE
+            name, units = f"{level}_j{kind}", _JOINT_UNITS[kind]
+            rows.append(Command(name, level, Space.JOINT, kind, direction, payload, units, summary))
+        for kind in map(Kind, cartesian_kinds):
+            name, units = f"{level}_c{kind}", _CARTESIAN_UNITS[kind]
+            payload = _CARTESIAN_PAYLOAD[kind]
+            rows.append(
+                Command(name, level, Space.CARTESIAN, kind, direction, payload, units, summary)
+            )
+    for name, level, direction, payload, units, summary in _OTHER_ROWS:
+        rows.append(Command(name, level, Space.NONE, Kind.NONE, direction, payload, units, summary))
+    return {row.name: row for row in rows}
+
+
+COMMANDS: Mapping[str, Command] = MappingProxyType(_table())
+
+SUB_NAMESPACES = ("local", "body", "spatial", "jaw", "gripper", "actuators")
+"""Where a device may offer the same names a second time, for example ``local/measured_cp``."""
+
+
+def find(name: str) -> Command:
+    """Return the row of `name`, which may carry a sub-namespace (``local/measured_cp``).
+
+    Raises:
+        KeyError: there is no such CRTK name.
+    """
+    space, _, base = name.rpartition("/")
+    if space and space not in SUB_NAMESPACES:
+        raise KeyError(name)
+    return COMMANDS[base]

@@ -1,0 +1,302 @@
+"""The contract between the core and a device: what a plugin implements, on one page.
+
+A `Device` is the hardware side only. It validates nothing, keeps no state machine and starts no
+thread: an `crtk_drivers.engine.Engine` drives it from the I/O thread of its bus and gives it
+setpoints that are already checked and limited. Two rules make that safe:
+
+* Only `read` may wait, and no longer than its deadline. Everything else returns at once.
+* Nothing moves because of `open`, `enable` or `resume`; only `write` and `move` move the hardware.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from crtk_drivers.commands import Kind, Space
+from crtk_drivers.errors import KinematicsError
+from crtk_drivers.samples import Array, Pose, Sample, Vector
+from crtk_drivers.state import OperatingState
+
+Steps = Generator[None, None, None]
+"""A procedure that takes time: the runtime resumes it once a cycle until it returns or raises."""
+
+
+class Mode(StrEnum):
+    """A low-level mode of the hardware: what one setpoint may hold."""
+
+    JOINT_POSITION = "joint position"
+    JOINT_VELOCITY = "joint velocity"
+    JOINT_EFFORT = "joint effort"
+    CARTESIAN_POSITION = "Cartesian position"
+    CARTESIAN_VELOCITY = "Cartesian velocity"
+    CARTESIAN_EFFORT = "Cartesian effort"
+
+    @property
+    def space(self) -> Space:
+        """Joint or Cartesian."""
+        return _MODE_MEANING[self][0]
+
+    @property
+    def kind(self) -> Kind:
+        """Position, velocity or effort."""
+        return _MODE_MEANING[self][1]
+
+
+_MODE_MEANING = {
+    Mode.JOINT_POSITION: (Space.JOINT, Kind.POSITION),
+    Mode.JOINT_VELOCITY: (Space.JOINT, Kind.VELOCITY),
+    Mode.JOINT_EFFORT: (Space.JOINT, Kind.EFFORT),
+    Mode.CARTESIAN_POSITION: (Space.CARTESIAN, Kind.POSITION),
+    Mode.CARTESIAN_VELOCITY: (Space.CARTESIAN, Kind.VELOCITY),
+    Mode.CARTESIAN_EFFORT: (Space.CARTESIAN, Kind.EFFORT),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class JointLimits:
+    """Limits of one joint, in rad (m), rad/s, rad/s², rad/s³ and N·m (N)."""
+
+    lower: float
+    upper: float
+    velocity: float
+    acceleration: float
+    jerk: float
+    effort: float
+
+
+@dataclass(frozen=True, slots=True)
+class CartesianLimits:
+    """Limits of the tool, in m/s, rad/s, m/s², rad/s², N and N·m."""
+
+    linear_velocity: float
+    angular_velocity: float
+    linear_acceleration: float
+    angular_acceleration: float
+    force: float = 0.0
+    torque: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class StopPolicy:
+    """How the device stops when the stream of commands, the process or the link stops.
+
+    `description` is for people and goes in the manifest; `link_timeout` is how long, in seconds, the
+    hardware goes on by itself after this process died.
+    """
+
+    link_timeout: float
+    description: str
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """What a device can do, declared once and before it is opened.
+
+    Attributes:
+        joints: names, in the order of every joint vector; empty for a device without joints.
+        limits: one for each joint.
+        modes: the low-level modes; the core derives the CRTK commands from them.
+        measured: CRTK names of the feedback in each sample, sub-namespaces included.
+        native_moves: those of ``move_jp`` and ``move_cp`` that the hardware plans itself.
+        has_kinematics: `forward_kinematics`, `inverse_kinematics` and `jacobian` are implemented.
+        has_free: `free` is implemented.
+        needs_homing: is_homed is true only after `home`; otherwise it is always true.
+        rate: of the I/O cycle, in Hz.
+        paced_by_stream: `read` waits for the hardware's own clock; otherwise the runtime keeps time.
+        writes_every_cycle: the hardware wants the setpoint again in each cycle (CAN, serial).
+        base_frame, tool_frame: frame ids of poses and of what is attached to the tool.
+        transition_timeout: bound of enable, home, ... in seconds.
+    """
+
+    joints: tuple[str, ...] = ()
+    limits: tuple[JointLimits, ...] = ()
+    cartesian_limits: CartesianLimits | None = None
+    modes: frozenset[Mode] = frozenset()
+    measured: tuple[str, ...] = ("measured_js",)
+    native_moves: frozenset[str] = frozenset()
+    has_kinematics: bool = False
+    has_free: bool = False
+    needs_homing: bool = False
+    rate: float = 100.0
+    paced_by_stream: bool = False
+    writes_every_cycle: bool = False
+    base_frame: str = "base"
+    tool_frame: str = "tool"
+    transition_timeout: float = 30.0
+    stop: StopPolicy = field(default=StopPolicy(0.0, "holds its position"))
+
+    def __post_init__(self) -> None:
+        if len(self.limits) != len(self.joints):
+            raise ValueError(f"{len(self.limits)} limits for {len(self.joints)} joints")
+        if not self.rate > 0.0:
+            raise ValueError(f"rate must be above zero, not {self.rate}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setpoint:
+    """One low-level setpoint: `values` in the units of `mode`.
+
+    A joint mode has one value a joint. CARTESIAN_POSITION has seven (position, quaternion), the other
+    Cartesian modes six (linear before angular, in the axes of the base frame at the tool point).
+    """
+
+    mode: Mode
+    values: Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Goal:
+    """A goal for the hardware's own trajectory generator.
+
+    Exactly one of `joints` (n,) and `pose` is set. `ratio` in (0, 1] scales velocity and acceleration.
+    """
+
+    joints: Vector | None = None
+    pose: Pose | None = None
+    ratio: float = 1.0
+
+
+class MoveProgress(StrEnum):
+    """Where a native move stands."""
+
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """What the hardware says of itself: the best operating state that it allows, and why.
+
+    ENABLED means that nothing is in the way; PAUSED that somebody else has control (pendant);
+    DISABLED that power is off; FAULT that it must be attended to. `reason` says it in words.
+    """
+
+    allows: OperatingState = OperatingState.ENABLED
+    reason: str = ""
+
+
+class Device(ABC):
+    """One piece of hardware. The constructor takes the configuration and touches nothing."""
+
+    @property
+    @abstractmethod
+    def capabilities(self) -> Capabilities:
+        """What it can do; constant from construction on."""
+
+    @property
+    @abstractmethod
+    def address(self) -> str:
+        """Where it is, for messages: ``192.168.1.10:30004``, ``/dev/ttyUSB0``, ``can0 node 3``."""
+
+    @property
+    def bus(self) -> str:
+        """Devices that return the same bus share one I/O thread."""
+        return self.address
+
+    @abstractmethod
+    def open(self, deadline: float) -> None:
+        """Connect, before the monotonic `deadline`. Nothing moves, no torque changes.
+
+        Raises:
+            ConnectionFailed: with the address and the remedy.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release everything; the hardware is left holding. May be called twice."""
+
+    @abstractmethod
+    def read(self, deadline: float) -> Sample | None:
+        """Return the newest sample, or None if there is no new one by the monotonic `deadline`.
+
+        Raises:
+            ConnectionLost: the link is gone; the runtime closes and opens again.
+        """
+
+    @abstractmethod
+    def write(self, setpoint: Setpoint) -> None:
+        """Send one setpoint; its mode is one of the declared ones. Called while ENABLED only."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Stop any motion and hold, as fast as the hardware can do it smoothly.
+
+        May be called from the watchdog's thread at any time, also while `read` waits: it must not
+        take a lock that `read` holds.
+        """
+
+    @property
+    def condition(self) -> Condition:
+        """What the last `read` said of the hardware."""
+        return Condition()
+
+    @property
+    def is_homed(self) -> bool:
+        """Whether positions can be trusted; asked only if the capabilities need homing."""
+        return True
+
+    @property
+    def counters(self) -> Mapping[str, float]:
+        """Numbers of its own for diagnostics (lost packages, retries, temperatures)."""
+        return {}
+
+    def enable(self) -> Steps:
+        """Power up and be ready for setpoints; the first one will be the measured position.
+
+        Raises:
+            TransitionFailed, DeviceFault: with what is in the way and how to remove it.
+        """
+        yield from ()
+
+    def disable(self) -> Steps:
+        """Power down."""
+        yield from ()
+
+    def pause(self) -> Steps:
+        """Keep power, stop listening to setpoints."""
+        self.stop()
+        yield from ()
+
+    def resume(self) -> Steps:
+        """Back from PAUSED."""
+        yield from self.enable()
+
+    def home(self) -> Steps:
+        """Find the reference positions."""
+        yield from ()
+
+    def unhome(self) -> Steps:
+        """Forget the reference positions."""
+        yield from ()
+
+    def free(self) -> Steps:
+        """Let go, so that the arm may be moved by hand. Ended by `stop` or the next command."""
+        yield from ()
+
+    def move(self, goal: Goal) -> None:
+        """Start the hardware's own motion to `goal`, from wherever it is and moves now."""
+        raise NotImplementedError
+
+    def move_progress(self) -> MoveProgress:
+        """Say where the motion started last by `move` stands."""
+        raise NotImplementedError
+
+    def forward_kinematics(self, joints: Vector) -> Pose:
+        """Return the tool pose in the base frame."""
+        raise NotImplementedError
+
+    def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
+        """Return the joint position (n,) nearest to `reference` that reaches `pose`.
+
+        Raises:
+            KinematicsError: none within the limits.
+        """
+        raise KinematicsError("this device has no kinematics")
+
+    def jacobian(self, joints: Vector) -> Array:
+        """Return the geometric Jacobian (6, n) at the tool point, in base axes, linear rows first."""
+        raise NotImplementedError

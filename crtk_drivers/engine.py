@@ -1,0 +1,396 @@
+"""The engine of one device: where the fronts, the hardware and the watchdog meet.
+
+Clients' threads call `submit` and `state_command`: everything is checked at once and nothing touches the
+bus. The I/O thread of the bus calls `connect`, `cycle` and `disconnect`; it alone talks to the device. The
+watchdog's thread calls `alarm` when the I/O thread is late. What happens is told to observers, in order.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from crtk_drivers.arbiter import Arbiter, Order
+from crtk_drivers.board import Observer, StatusBoard
+from crtk_drivers.capabilities import missing_for, offered
+from crtk_drivers.commands import Command
+from crtk_drivers.device import Device
+from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceError, DeviceFault, Reason
+from crtk_drivers.executor import MotionExecutor
+from crtk_drivers.feedback import Feedback
+from crtk_drivers.health import Health, HealthRecorder
+from crtk_drivers.limits import CommandCheck, LimitPolicy, SetpointLimiter
+from crtk_drivers.moves import Move, Outcome
+from crtk_drivers.orders import OrderMaker
+from crtk_drivers.samples import EMPTY, Pose, Stamp, Value, Vector
+from crtk_drivers.state import OperatingState, Status, parse_command
+from crtk_drivers.transitions import Transitions
+from crtk_drivers.watchdog import Deadman
+
+__all__ = ["Engine", "EngineOptions", "Observer"]
+
+_SEVERITY = {
+    OperatingState.ENABLED: 0,
+    OperatingState.PAUSED: 1,
+    OperatingState.DISABLED: 2,
+    OperatingState.FAULT: 3,
+}
+
+_AFTER_STREAM = {"pause": OperatingState.PAUSED, "fault": OperatingState.FAULT}
+
+_WAY_TO_ENABLED = {
+    OperatingState.DISABLED: "Send enable on state_command.",
+    OperatingState.PAUSED: "Send resume on state_command.",
+    OperatingState.FAULT: "Remove the cause, then send enable on state_command.",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class EngineOptions:
+    """The choices of a user that concern the engine. Times in s.
+
+    Attributes:
+        stream_timeout: a servo stream that is silent this long has ended.
+        on_stream_timeout: what happens then besides stopping: "hold" stays ENABLED, "pause", "fault".
+        sample_timeout: without a sample for this long the link counts as lost.
+        mode_switch_dwell: see `crtk_drivers.arbiter`.
+        limits: see `crtk_drivers.limits`.
+    """
+
+    stream_timeout: float = 0.1
+    on_stream_timeout: str = "hold"
+    sample_timeout: float = 0.2
+    mode_switch_dwell: float = 0.1
+    limits: LimitPolicy = field(default_factory=LimitPolicy)
+
+
+class Engine:
+    """Drives one device.
+
+    Args:
+        device: constructed, not open.
+        name: of the device, for messages.
+        options: the user's choices.
+        clock: monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        name: str,
+        options: EngineOptions | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.device = device
+        self.name = name
+        self.where = f"{name} {device.address}"
+        self.capabilities = device.capabilities
+        self.commands = offered(self.capabilities)
+        self.options = options or EngineOptions()
+        self._clock = clock
+        self._connected = False
+        self._alarm = ""
+        period = 1.0 / self.capabilities.rate
+        stale_after = min(max(5.0 * period, 0.02), self.options.sample_timeout)
+        self._feedback = Feedback(device, stale_after)
+        self._health = HealthRecorder(self.capabilities.rate, late_after=2.0 * period)
+        self._sample_deadman = Deadman(self.options.sample_timeout)
+        homed = not self.capabilities.needs_homing
+        not_yet = Status(OperatingState.FAULT, homed, False, "not connected yet")
+        self._board = StatusBoard(not_yet, self.where, self._health)
+        self._check = CommandCheck(self.capabilities, self.options.limits, self.where)
+        limiter = SetpointLimiter(self.capabilities, self.options.limits, self.where)
+        self._orders = OrderMaker(device, self.where, self._check, limiter, self._feedback)
+        self._arbiter = Arbiter(self.options.mode_switch_dwell, self.where)
+        self._motion = MotionExecutor(
+            device,
+            self._arbiter,
+            limiter,
+            self._feedback,
+            self._board,
+            self._health,
+            self.options.stream_timeout,
+        )
+        self._transitions = Transitions(
+            device, self.where, self._board, self._motion.end, self._feedback.seed
+        )
+
+    # ------------------------------------------------------------------ for the fronts, any thread
+
+    @property
+    def status(self) -> Status:
+        """The operating state as last announced."""
+        return self._board.status
+
+    @property
+    def connected(self) -> bool:
+        """Whether the device is open."""
+        return self._connected
+
+    @property
+    def has_sample(self) -> bool:
+        """Whether the device has been read since it was connected."""
+        return self._feedback.sample_age(self._clock()) < math.inf
+
+    @property
+    def transition_ended(self) -> bool:
+        """Whether no state command is being carried out."""
+        return self._transitions.running is None
+
+    def add_observer(self, observer: Observer) -> None:
+        """Tell `observer` from now on."""
+        self._board.add(observer)
+
+    def remove_observer(self, observer: Observer) -> None:
+        """Tell `observer` no more."""
+        self._board.remove(observer)
+
+    def feedback(self, name: str) -> tuple[Value, Stamp] | None:
+        """Return the newest value of ``measured_*``, ``setpoint_*`` or ``jacobian`` with its stamp.
+
+        The stamp's `wall_ns` is 0 if the value is not valid now. None: there never was one.
+        """
+        return self._feedback.get(name, self._clock(), self.status.state)
+
+    def goal(self, name: str) -> tuple[Value, Stamp] | None:
+        """Return the goal accepted last under ``goal_js`` or ``goal_cp``."""
+        return self._feedback.goals.get(name)
+
+    def health(self) -> Health:
+        """Return the counters."""
+        return self._health.snapshot(self._feedback.sample_age(self._clock()), self.device.counters)
+
+    def forward_kinematics(self, joints: Vector) -> Pose:
+        """Return the tool pose (base frame) of a joint position (n,).
+
+        Raises:
+            CommandRefused: no kinematics, wrong size or not finite.
+        """
+        command = self._require("forward_kinematics")
+        return self.device.forward_kinematics(self._check.check_joints(command, joints))
+
+    def inverse_kinematics(self, pose: Pose, reference: Vector = EMPTY) -> Vector:
+        """Return the joint position (n,) nearest to `reference` (default: the setpoint).
+
+        Raises:
+            CommandRefused: no kinematics, or a pose or reference that is no pose or reference.
+            KinematicsError: no solution within the limits.
+        """
+        command = self._require("inverse_kinematics")
+        checked = self._check.check_pose(command, pose)
+        if reference.size:
+            reference = self._check.check_joints(command, reference)
+        else:
+            reference = self._feedback.reference_joints()
+        return self.device.inverse_kinematics(checked, reference)
+
+    def submit(self, name: str, value: Value | None = None, stamp_ns: int = 0) -> Move | None:
+        """Accept a command, to be executed in the next cycle.
+
+        Args:
+            name: ``servo_jp``, ``move_cp``, ``hold``, ...
+            value: of the type that the command table names; None for hold and free.
+            stamp_ns: the sender's stamp, 0 if it gave none.
+
+        Returns:
+            the handle of a move; None otherwise.
+
+        Raises:
+            CommandRefused: nothing was sent and nothing changed. Counted, and told to the observers.
+        """
+        try:
+            order = self._order(self._require(name), value, stamp_ns)
+            with self._board.lock:
+                self._require_enabled(name)
+                replaced = self._arbiter.put(order, self._clock())
+                if replaced is not None:
+                    replaced.finish(Outcome.PREEMPTED, f"by {name}")
+                if order.goal is not None:
+                    for goal in self._feedback.accept_goal(order.goal, order.joints):
+                        self._board.goal_accepted(goal)
+                    self._board.update(busy=True)
+        except CommandRefused as refusal:
+            self._board.refused(refusal)
+            raise
+        return order.move
+
+    def state_command(self, text: str) -> None:
+        """Ask for ``enable``, ``disable``, ``pause``, ``resume``, ``home`` or ``unhome``.
+
+        Returns at once; the status tells when it is reached.
+
+        Raises:
+            CommandRefused: unknown, invalid in this state, not connected, or another one is running.
+        """
+        try:
+            command = parse_command(text)
+            if not self._connected:
+                raise CommandRefused(
+                    "state_command",
+                    Reason.NOT_CONNECTED,
+                    f"{command}: {self.status.detail or 'not connected'}",
+                    where=self.where,
+                    remedy="The driver keeps trying to connect; send it again afterwards.",
+                )
+            self._transitions.accept(command)
+        except CommandRefused as refusal:
+            self._board.refused(refusal)
+            self._board.announce()
+            raise
+
+    def report_refusal(self, refusal: CommandRefused) -> None:
+        """Count and tell a refusal that a front made itself (a payload it could not convert)."""
+        self._board.refused(refusal)
+
+    # ---------------------------------------------------------------- for the I/O thread of the bus
+
+    def connect(self, deadline: float) -> None:
+        """Open the device. Ends in DISABLED, whatever was before: nothing is enabled by a connection.
+
+        Raises:
+            ConnectionFailed: the state is FAULT with the reason.
+        """
+        try:
+            self.device.open(deadline)
+        except DeviceError as error:
+            self._board.update(OperatingState.FAULT, str(error))
+            raise
+        self._connected = True
+        self._health.connected = True
+        self._sample_deadman.feed(self._clock())
+        self._board.update(OperatingState.DISABLED)
+
+    def cycle(self, deadline: float) -> None:
+        """Read, follow the hardware's condition, advance transition and motion. Once a period.
+
+        Raises:
+            DeviceError: call `disconnect`, and `connect` after a while.
+        """
+        sample = self.device.read(deadline)
+        now = self._clock()
+        if sample is not None:
+            self._sample_deadman.feed(now)
+            self._health.samples += 1
+            self._feedback.take(sample)
+        elif self._sample_deadman.expired(now):
+            raise ConnectionLost(
+                f"no sample for {self._sample_deadman.age(now):.3f} s",
+                where=self.where,
+                remedy="Is it on, and the network free? The driver connects again by itself.",
+            )
+        if self._alarm:
+            self._motion.end(self._alarm)
+            self._alarm = ""
+        try:
+            self._advance(now)
+        except DeviceFault as fault:
+            self._fail(str(fault))
+        self._health.cycle(now)
+
+    def disconnect(self, reason: str) -> None:
+        """Close the device after the link was lost; the state is FAULT until it is open again."""
+        self._connected = False
+        self._health.connected = False
+        self._health.reconnects += 1
+        self._health.pause()
+        self._fail(reason)
+        self._feedback.invalidate()
+        self.device.close()
+
+    def shut_down(self) -> None:
+        """Stop, leave the hardware holding, and close."""
+        if self._connected:
+            self._connected = False
+            self._motion.end("the driver is shutting down")
+            if self.status.state is OperatingState.ENABLED:
+                self.device.stop()
+            self._board.update(OperatingState.DISABLED, "shut down")
+        self.device.close()
+
+    # -------------------------------------------------------------------- for the watchdog's thread
+
+    def alarm(self, reason: str) -> None:
+        """Go to FAULT and stop the hardware, without waiting for an I/O thread that is late or dead."""
+        self._alarm = reason
+        self._transitions.cancel()
+        self._motion.abandon(reason)
+        self._board.update(OperatingState.FAULT, reason, busy=False)
+        self.device.stop()
+
+    # ---------------------------------------------------------------------------------------- inside
+
+    def _require(self, name: str) -> Command:
+        try:
+            return self.commands[name]
+        except KeyError:
+            raise CommandRefused(
+                name,
+                Reason.UNSUPPORTED,
+                "this device does not offer it",
+                where=self.where,
+                remedy=missing_for(name, self.capabilities),
+            ) from None
+
+    def _require_enabled(self, name: str) -> None:
+        """Refuse unless ENABLED; `hold` is welcome always."""
+        if name == "hold":
+            return
+        running = self._transitions.running
+        if running is not None:
+            raise CommandRefused(
+                name,
+                Reason.TRANSITION_RUNNING,
+                f"{running} is running",
+                where=self.where,
+                remedy="Wait until operating_state says that it is done.",
+            )
+        status = self.status
+        if status.state is not OperatingState.ENABLED:
+            why = f" ({status.detail})" if status.detail else ""
+            raise CommandRefused(
+                name,
+                Reason.NOT_ENABLED,
+                f"the device is {status.state}{why}",
+                where=self.where,
+                remedy=_WAY_TO_ENABLED[status.state],
+            )
+
+    def _order(self, command: Command, value: Value | None, stamp_ns: int) -> Order:
+        self._require_enabled(command.name)
+        if not command.is_motion:
+            return Order(command.name)
+        checked = self._check.check(command, value, stamp_ns, time.time_ns())
+        if checked.warning:
+            self._health.clamped += 1
+            self._board.warned(f"{command.name}: {checked.warning}")
+        return self._orders.make(command, checked.value)
+
+    def _advance(self, now: float) -> None:
+        if self._transitions.running is None:
+            self._follow_condition()
+        self._transitions.step(now)
+        if self.status.state is OperatingState.ENABLED and self._transitions.running is None:
+            ended = self._motion.step(now)
+            after = _AFTER_STREAM.get(self.options.on_stream_timeout)
+            if ended and after is not None:
+                self._motion.end("the stream stopped")
+                limit = f"{self.options.stream_timeout:g} s"
+                self._board.update(after, f"{ended} stopped for more than {limit}")
+
+    def _follow_condition(self) -> None:
+        condition = self.device.condition
+        state = self.status.state
+        if _SEVERITY[condition.allows] > _SEVERITY[state]:
+            if state is OperatingState.ENABLED:
+                self._motion.end(condition.reason)
+                self.device.stop()
+            self._board.update(condition.allows, condition.reason)
+        elif self.capabilities.needs_homing:
+            self._board.update(homed=self.device.is_homed)
+
+    def _fail(self, reason: str) -> None:
+        self._transitions.cancel()
+        self._motion.end(reason)
+        self._board.update(OperatingState.FAULT, reason)

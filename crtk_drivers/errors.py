@@ -1,0 +1,145 @@
+"""Every error that the core raises, as a tree.
+
+    CrtkError                      everything below; catch this to catch all of it
+    ├── ConfigError                a configuration that cannot be used (also ValueError)
+    ├── PluginError                a plugin that cannot be found or loaded (also LookupError)
+    ├── MissingExtra               a library of an extra is not installed (also ImportError)
+    ├── DeviceError                the hardware, or the link to it, is at fault
+    │   ├── ConnectionFailed       could not be reached in time (also ConnectionError)
+    │   ├── ConnectionLost         was reached, and is gone (also ConnectionError)
+    │   ├── ProtocolError          the peer sent something that its protocol does not allow
+    │   ├── DeviceFault            the hardware reports a fault (protective stop, EMCY, hardware error)
+    │   └── TransitionFailed       enable, home, ... did not reach their end
+    ├── CommandRefused             your command was not accepted, and nothing was sent (also ValueError)
+    ├── MotionAborted              an accepted motion ended before its goal
+    ├── DataTimeout                no data as fresh as you asked for (also TimeoutError)
+    └── KinematicsError            no joint position reaches the pose (also ValueError)
+
+An error says what happened, on which device and address, and what to do next: `message`, `where` and
+`remedy` are kept apart so that a log, a topic and a terminal can show them in their own way.
+
+Example: `arm.servo_jp([0.0] * 5)` on a UR raises
+`CommandRefused: servo_jp refused (wrong_size): 5 positions for 6 joints. Send one value per joint: ...`
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class CrtkError(Exception):
+    """Base of all errors of this package.
+
+    Args:
+        message: what happened.
+        where: the device and its address, for example ``ur 192.168.1.10:30004``; may be empty.
+        remedy: what to do next; may be empty.
+    """
+
+    def __init__(self, message: str, *, where: str = "", remedy: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.where = where
+        self.remedy = remedy
+
+    def __str__(self) -> str:
+        text = f"{self.where}: {self.message}" if self.where else self.message
+        return f"{text.rstrip('.')}. {self.remedy}" if self.remedy else text
+
+
+class ConfigError(CrtkError, ValueError):
+    """A configuration that cannot be used: unknown key, wrong type, impossible value."""
+
+
+class PluginError(CrtkError, LookupError):
+    """A device or simulator plugin that cannot be found or loaded."""
+
+
+class MissingExtra(CrtkError, ImportError):
+    """A library that belongs to an extra of this distribution is not installed."""
+
+    def __init__(self, library: str, extra: str) -> None:
+        super().__init__(
+            f"{library} is not installed",
+            remedy=f"Install it with: pip install 'crtk-drivers[{extra}]'",
+        )
+
+
+class DeviceError(CrtkError):
+    """The hardware, or the link to it, is at fault."""
+
+
+class ConnectionFailed(DeviceError, ConnectionError):
+    """The device could not be reached in the time allowed."""
+
+
+class ConnectionLost(DeviceError, ConnectionError):
+    """The device was connected and the link is gone."""
+
+
+class ProtocolError(DeviceError):
+    """The peer sent something that its protocol does not allow."""
+
+
+class DeviceFault(DeviceError):
+    """The hardware reports a fault that keeps it from moving."""
+
+
+class TransitionFailed(DeviceError):
+    """A change of operating state (enable, home, ...) did not reach its end."""
+
+
+class Reason(StrEnum):
+    """Why a command was refused: the machine-readable half of a refusal."""
+
+    NOT_ENABLED = "not_enabled"
+    INVALID_TRANSITION = "invalid_transition"
+    TRANSITION_RUNNING = "transition_running"
+    UNKNOWN_COMMAND = "unknown_command"
+    UNSUPPORTED = "unsupported"
+    NOT_FINITE = "not_finite"
+    EMPTY = "empty"
+    WRONG_SIZE = "wrong_size"
+    WRONG_NAMES = "wrong_names"
+    WRONG_TYPE = "wrong_type"
+    BAD_QUATERNION = "bad_quaternion"
+    WRONG_FRAME = "wrong_frame"
+    TOO_OLD = "too_old"
+    FROM_FUTURE = "from_future"
+    OUT_OF_RANGE = "out_of_range"
+    STEP_TOO_LARGE = "step_too_large"
+    UNREACHABLE = "unreachable"
+    MODE_SWITCH = "mode_switch"
+    NOT_CONNECTED = "not_connected"
+    BUSY = "busy"
+
+
+class CommandRefused(CrtkError, ValueError):
+    """A command that was not accepted; nothing was sent and nothing changed.
+
+    Args:
+        command: the CRTK name, for example ``servo_jp``.
+        reason: why, for programs.
+        message: why, for people.
+        remedy: what to send instead.
+    """
+
+    def __init__(
+        self, command: str, reason: Reason, message: str, *, where: str = "", remedy: str = ""
+    ) -> None:
+        super().__init__(f"{command} refused ({reason}): {message}", where=where, remedy=remedy)
+        self.command = command
+        self.reason = reason
+        self.detail = message
+
+
+class MotionAborted(CrtkError):
+    """An accepted motion ended before its goal: pre-empted, held, or stopped by a fault."""
+
+
+class DataTimeout(CrtkError, TimeoutError):
+    """No data as fresh as was asked for arrived in time."""
+
+
+class KinematicsError(CrtkError, ValueError):
+    """No joint position within the limits reaches the pose."""

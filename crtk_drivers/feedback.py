@@ -1,0 +1,221 @@
+"""What a device measures and what it was told: the values behind ``measured_*``, ``setpoint_*``, ``goal_*``.
+
+Written by the I/O thread (samples, setpoints) and by clients' threads (goals); read by anyone. Each write
+replaces one reference, so that a reader always sees values that belong together.
+
+The contents of a setpoint depend on the command that made it:
+
+    servo_jp, servo_cp    position sent; no velocity
+    servo_jv              velocity sent; no position
+    servo_jf              effort sent; neither position nor velocity
+    servo_cv, servo_cf    the hardware's own setpoint if it reports one; setpoint_cp is invalid
+    move_jp, move_cp      p(t) and v(t) of the trajectory
+    none (holding)        the position held
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+from crtk_drivers.commands import Space
+from crtk_drivers.device import Device, Goal, Mode, Setpoint
+from crtk_drivers.samples import (
+    EMPTY,
+    JointState,
+    Matrix,
+    Pose,
+    Sample,
+    Stamp,
+    Value,
+    Vector,
+    empty,
+    joint_state,
+)
+from crtk_drivers.state import OperatingState
+
+_POSITION_MODES = frozenset({None, Mode.JOINT_POSITION, Mode.CARTESIAN_POSITION})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Active:
+    """The setpoint in force: `mode` None means holding, or the hardware's own trajectory."""
+
+    mode: Mode | None = None
+    joints: JointState = field(default_factory=JointState)
+    pose: Vector = field(default_factory=empty)
+
+
+class Feedback:
+    """The newest values of one device.
+
+    Args:
+        device: asked for kinematics.
+        stale_after: seconds after which a sample is no longer valid.
+    """
+
+    def __init__(self, device: Device, stale_after: float) -> None:
+        self._device = device
+        self._capabilities = device.capabilities
+        self._stale_after = stale_after
+        self._sample: Sample | None = None
+        self._active = _Active()
+        self._cached_pose: tuple[JointState, Pose] | None = None
+        self.goals: dict[str, tuple[Value, Stamp]] = {}
+
+    # ----------------------------------------------------------------------------------- written by
+
+    def take(self, sample: Sample) -> None:
+        """A new sample arrived."""
+        self._sample = sample
+
+    def invalidate(self) -> None:
+        """The link is lost: what was read last is not valid any more."""
+        if self._sample is not None:
+            self._sample = replace(self._sample, stamp=Stamp(0, -math.inf))
+
+    def seed(self) -> None:
+        """The device was enabled: the setpoint is where it is."""
+        self._active = _Active(None, JointState(position=self._measured().position))
+
+    def sent(self, setpoint: Setpoint) -> None:
+        """A setpoint went out."""
+        if setpoint.mode.space is Space.JOINT:
+            self._active = _Active(setpoint.mode, joint_state(setpoint.mode.kind, setpoint.values))
+        elif setpoint.mode is Mode.CARTESIAN_POSITION:
+            self._active = _Active(setpoint.mode, JointState(), setpoint.values)
+        else:
+            self._active = _Active(setpoint.mode)
+
+    def trajectory(self, point: JointState) -> None:
+        """A point of a trajectory of ours went out: its velocity belongs to the setpoint."""
+        self._active = _Active(Mode.JOINT_POSITION, point)
+
+    def follow_device(self) -> None:
+        """The hardware makes its own setpoints from now on."""
+        self._active = _Active()
+
+    def hold(self) -> None:
+        """Motion was stopped: a position that was sent is held, anything else ends where it ends."""
+        active = self._active
+        keeps = active.mode is Mode.JOINT_POSITION and active.joints.position.size
+        self._active = (
+            _Active(None, JointState(position=active.joints.position)) if keeps else _Active()
+        )
+
+    def release(self) -> None:
+        """The arm is free: there is no setpoint but where it is."""
+        self._active = _Active()
+
+    def accept_goal(self, goal: Goal, joints: Vector) -> list[str]:
+        """Latch a goal and return the names under which it is known."""
+        stamp = Stamp.now()
+        names = []
+        if joints.size:
+            self.goals["goal_js"] = (
+                JointState(position=joints, name=self._capabilities.joints),
+                stamp,
+            )
+            names.append("goal_js")
+        pose = goal.pose
+        if pose is None and self._capabilities.has_kinematics:
+            pose = self._device.forward_kinematics(joints)
+        if pose is not None:
+            self.goals["goal_cp"] = (pose, stamp)
+            names.append("goal_cp")
+        return names
+
+    # -------------------------------------------------------------------------------------- read by
+
+    def sample_age(self, now: float) -> float:
+        """Return the seconds since the newest sample was acquired; infinite without one."""
+        return math.inf if self._sample is None else now - self._sample.stamp.monotonic
+
+    def get(self, name: str, now: float, state: OperatingState) -> tuple[Value, Stamp] | None:
+        """Return a value and its stamp, with `wall_ns` 0 if it is not valid now."""
+        sample = self._sample
+        if sample is None:
+            return None
+        stale = now - sample.stamp.monotonic > self._stale_after
+        stamp = Stamp(0, sample.stamp.monotonic) if stale else sample.stamp
+        if not name.startswith("setpoint_"):
+            value = sample.values.get(name)
+            if name == "jacobian":
+                value = self._jacobian(sample)
+            return None if value is None else (value, stamp)
+        valid = state in (OperatingState.ENABLED, OperatingState.PAUSED)
+        if not valid:
+            stamp = Stamp(0, stamp.monotonic)
+        if name == "setpoint_js":
+            return self._named(self.joint_setpoint()), stamp
+        if name == "setpoint_cp":
+            return self._pose_setpoint(sample, stamp)
+        return None
+
+    def joint_setpoint(self) -> JointState:
+        """Return the joint setpoint in force, see the table at the top."""
+        active, native = self._active, self._native("setpoint_js")
+        joint_mode = active.mode is not None and active.mode.space is Space.JOINT
+        if joint_mode or active.joints.position.size:
+            effort = native.effort if native is not None else EMPTY
+            if active.joints.effort.size or not effort.size:
+                return active.joints
+            return replace(active.joints, effort=effort)
+        if native is not None:
+            return native
+        if active.mode is None:
+            return JointState(position=self._measured().position)
+        return JointState()
+
+    def reference_joints(self) -> Vector:
+        """Return the joint position (n,) that relative commands and kinematics start from."""
+        position = self.joint_setpoint().position
+        return position if position.size else self._measured().position
+
+    def before(self, mode: Mode) -> Vector:
+        """Return what a new setpoint of `mode` is compared with to find a jump."""
+        if mode is Mode.JOINT_POSITION:
+            return self.reference_joints()
+        if mode is Mode.CARTESIAN_POSITION:
+            return self._active.pose
+        return EMPTY
+
+    def _measured(self) -> JointState:
+        sample = self._sample
+        value = sample.values.get("measured_js") if sample is not None else None
+        return value if isinstance(value, JointState) else JointState()
+
+    def _native(self, name: str) -> JointState | None:
+        sample = self._sample
+        value = sample.values.get(name) if sample is not None else None
+        return value if isinstance(value, JointState) else None
+
+    def _named(self, value: JointState) -> JointState:
+        return value if value.name else replace(value, name=self._capabilities.joints)
+
+    def _pose_setpoint(self, sample: Sample, stamp: Stamp) -> tuple[Value, Stamp] | None:
+        active = self._active
+        if active.mode not in _POSITION_MODES:
+            stamp = Stamp(0, stamp.monotonic)
+        if active.pose.size:
+            pose = Pose(active.pose[:3], active.pose[3:], self._capabilities.base_frame)
+            return pose, stamp
+        native = sample.values.get("setpoint_cp")
+        if native is not None and not active.joints.position.size:
+            return native, stamp
+        joints = self.joint_setpoint()
+        if not joints.position.size:
+            joints = self._measured()
+            stamp = Stamp(0, stamp.monotonic)
+        if not joints.position.size:
+            return None
+        if self._cached_pose is None or self._cached_pose[0] is not joints:
+            pose = self._device.forward_kinematics(joints.position)
+            self._cached_pose = (joints, pose)
+        return self._cached_pose[1], stamp
+
+    def _jacobian(self, sample: Sample) -> Matrix | None:
+        value = sample.values.get("measured_js")
+        if not isinstance(value, JointState) or not self._capabilities.has_kinematics:
+            return None
+        return Matrix(self._device.jacobian(value.position))

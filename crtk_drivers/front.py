@@ -1,0 +1,419 @@
+"""The plain Python front: a device in your own process, with the CRTK names as methods.
+
+    with crtk_drivers.connect("ur", sim=True) as arm:
+        arm.enable()
+        arm.move_jp(arm.setpoint_js().position + 0.1).wait()
+
+Every CRTK name that the device offers is a method; one that it does not offer is absent, and asking for
+it says which devices have it. Names and values are those of the topics.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crtk_drivers import plugins
+from crtk_drivers.capabilities import missing_for
+from crtk_drivers.commands import COMMANDS, Command, Direction, Kind, Payload
+from crtk_drivers.engine import Engine, Observer
+from crtk_drivers.errors import (
+    CommandRefused,
+    ConnectionFailed,
+    DataTimeout,
+    Reason,
+    TransitionFailed,
+)
+from crtk_drivers.health import Health
+from crtk_drivers.moves import Move
+from crtk_drivers.samples import (
+    EMPTY,
+    JointState,
+    Pose,
+    Stamp,
+    Twist,
+    Value,
+    Vector,
+    Wrench,
+    joint_state,
+    vector,
+)
+from crtk_drivers.session import Session, open_session
+from crtk_drivers.state import OperatingState, StateCommand, Status, target_of
+
+DEFAULT_AGE = 0.1
+"""Seconds that feedback may be old unless `age` says otherwise."""
+
+DEFAULT_WAIT = 1.0
+"""Seconds to wait for fresh feedback unless `wait` says otherwise."""
+
+_POLL = 0.001
+
+_SIX: dict[Payload, Callable[[Vector, Vector], Value]] = {
+    Payload.TWIST: Twist,
+    Payload.WRENCH: Wrench,
+}
+
+_PAYLOAD_HELP = {
+    Payload.JOINT_STATE: "Pass one number per joint, or a JointState.",
+    Payload.POSE: "Pass a Pose, or 7 numbers: position and quaternion x, y, z, w.",
+    Payload.TWIST: "Pass a Twist, or 6 numbers: linear and angular velocity.",
+    Payload.WRENCH: "Pass a Wrench, or 6 numbers: force and torque.",
+}
+
+
+class _StatusWatch(Observer):
+    """Lets a client's thread wait for a status, also one that lasted for an instant only."""
+
+    def __init__(self, status: Status) -> None:
+        self.latest = status
+        self._changed = threading.Condition()
+
+    def status_changed(self, status: Status, stamp: Stamp) -> None:
+        with self._changed:
+            self.latest = status
+            self._changed.notify_all()
+
+    def wait_for(self, test: Callable[[Status], bool], timeout: float) -> bool:
+        """Wait until `test` holds for an announced status; return whether it did in time."""
+        with self._changed:
+            return self._changed.wait_for(lambda: test(self.latest), timeout)
+
+
+class LocalDevice:
+    """A device in this process. Made by `connect`; close it, or use it in a ``with`` statement."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._engine: Engine = session.engine
+        self._watch = _StatusWatch(self._engine.status)
+        self._engine.add_observer(self._watch)
+        for name, command in self._engine.commands.items():
+            self._add(name, command)
+
+    # ----------------------------------------------------------------------------------- life cycle
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the hardware holding and disconnect."""
+        self._session.close()
+
+    def __getattr__(self, name: str) -> Any:
+        """Explain why a CRTK name is absent on this device."""
+        if name.startswith("_") or name not in COMMANDS:
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        engine = self._engine
+        others = [other for other in plugins.devices() if name in plugins.commands_of(other)]
+        hint = f" Devices that offer it: {', '.join(others)}." if others else ""
+        raise AttributeError(
+            f"{engine.name} does not offer {name}. {missing_for(name, engine.capabilities)}{hint}"
+        )
+
+    @property
+    def crtk_commands(self) -> Mapping[str, Command]:
+        """The CRTK names that this device offers."""
+        return self._engine.commands
+
+    @property
+    def engine(self) -> Engine:
+        """The engine behind this front."""
+        return self._engine
+
+    def health(self) -> Health:
+        """Return the counters: rate, late cycles, refusals by reason, ..."""
+        return self._engine.health()
+
+    # ------------------------------------------------------------------------------ operating state
+
+    def operating_state(self) -> Status:
+        """Return state, is_homed and is_busy."""
+        return self._watch.latest
+
+    def is_enabled(self) -> bool:
+        """Whether the state is ENABLED."""
+        return self.operating_state().state is OperatingState.ENABLED
+
+    def is_homed(self) -> bool:
+        """Whether positions can be trusted."""
+        return self.operating_state().is_homed
+
+    def is_busy(self) -> bool:
+        """Whether a move or homing is running."""
+        return self.operating_state().is_busy
+
+    def wait_for_busy(self, is_busy: bool = False, timeout: float = 30.0) -> bool:
+        """Wait until is_busy is as asked; return whether it was in time."""
+        return self._watch.wait_for(lambda status: status.is_busy is is_busy, timeout)
+
+    def wait_for_operating_state(self, state: str, timeout: float = 30.0) -> bool:
+        """Wait until the state is as asked; return whether it was in time."""
+        return self._watch.wait_for(lambda status: status.state == state, timeout)
+
+    def state_command(self, command: str, timeout: float = 30.0) -> None:
+        """Send a state command and wait until it is carried out.
+
+        Args:
+            command: enable, disable, pause, resume, home or unhome.
+            timeout: in seconds; 0 does not wait.
+
+        Raises:
+            CommandRefused: invalid in this state.
+            TransitionFailed: it ended in another state, or did not end in time.
+        """
+        refusals: list[CommandRefused] = []
+        watch = _RefusalWatch(refusals)
+        self._engine.add_observer(watch)
+        try:
+            before = self._engine.status.state
+            self._engine.state_command(command)
+            if timeout <= 0.0:
+                return
+            target = target_of(before, StateCommand(command))
+            deadline = time.monotonic() + timeout
+            while not self._engine.transition_ended:
+                if time.monotonic() > deadline:
+                    raise TransitionFailed(
+                        f"{command} did not end in {timeout:g} s", where=self._engine.where
+                    )
+                time.sleep(_POLL)
+            if refusals:
+                raise refusals[-1]
+            status = self._engine.status
+            if status.state is not target:
+                raise TransitionFailed(
+                    f"{command} ended in {status.state}: {status.detail}",
+                    where=self._engine.where,
+                    remedy="Remove the cause, then send enable.",
+                )
+        finally:
+            self._engine.remove_observer(watch)
+
+    def enable(self, timeout: float = 30.0) -> None:
+        """Power up and accept motion commands. See `state_command`."""
+        self.state_command(StateCommand.ENABLE, timeout)
+
+    def disable(self, timeout: float = 30.0) -> None:
+        """Power down. See `state_command`."""
+        self.state_command(StateCommand.DISABLE, timeout)
+
+    def pause(self, timeout: float = 30.0) -> None:
+        """Stop and ignore motion commands, with power on. See `state_command`."""
+        self.state_command(StateCommand.PAUSE, timeout)
+
+    def resume(self, timeout: float = 30.0) -> None:
+        """Go on after PAUSED. See `state_command`."""
+        self.state_command(StateCommand.RESUME, timeout)
+
+    def home(self, timeout: float = 60.0) -> None:
+        """Find the reference positions. See `state_command`."""
+        self.state_command(StateCommand.HOME, timeout)
+
+    def unhome(self, timeout: float = 30.0) -> None:
+        """Forget the reference positions. See `state_command`."""
+        self.state_command(StateCommand.UNHOME, timeout)
+
+    # ------------------------------------------------------------------------------------ CRTK names
+
+    def _add(self, name: str, command: Command) -> None:
+        makers: dict[Direction, Callable[[str, Command], None]] = {
+            Direction.PUBLISHED: self._add_feedback,
+            Direction.COMMANDED: self._add_command,
+            Direction.SERVICE: self._add_query,
+        }
+        makers[command.direction](name, command)
+
+    def _attach(self, name: str, method: Callable[..., Any], doc: str) -> None:
+        method.__name__ = name
+        method.__doc__ = doc
+        owner: Any = self
+        *spaces, last = name.split("/")
+        for space in spaces:
+            owner = vars(owner).setdefault(space, _SubNamespace())
+        setattr(owner, last, method)
+
+    def _add_feedback(self, name: str, command: Command) -> None:
+        if command.payload is Payload.OPERATING_STATE:
+            return
+
+        def getter(age: float | None = None, wait: float | None = None, extra: bool = False) -> Any:
+            value, stamp = self._fresh(name, age, wait)
+            return (value, stamp.wall_ns / 1e9) if extra else value
+
+        self._attach(name, getter, f"Return {command.summary} ({command.units}).")
+        if command.kind is not Kind.STATE:
+            return
+        for kind, field in (("p", "position"), ("v", "velocity"), ("f", "effort")):
+            self._attach(
+                f"{name[:-1]}{kind}",
+                self._part_getter(name, field),
+                f"Return the {field} of {name} (n,).",
+            )
+
+    def _part_getter(self, name: str, field: str) -> Callable[..., Any]:
+        def getter(age: float | None = None, wait: float | None = None, extra: bool = False) -> Any:
+            value, stamp = self._fresh(name, age, wait)
+            part = getattr(value, field)
+            return (part, stamp.wall_ns / 1e9) if extra else part
+
+        return getter
+
+    def _fresh(self, name: str, age: float | None, wait: float | None) -> tuple[Value, Stamp]:
+        """Return feedback at most `age` old, waiting at most `wait`; age 0 takes what there is."""
+        oldest = DEFAULT_AGE if age is None else age
+        deadline = time.monotonic() + (DEFAULT_WAIT if wait is None else wait)
+        goal = name.rpartition("/")[2].startswith("goal_")
+        while True:
+            found = self._engine.goal(name) if goal else self._engine.feedback(name)
+            if found is not None:
+                _, stamp = found
+                valid = stamp.wall_ns != 0
+                if (
+                    oldest == 0.0
+                    or goal
+                    or (valid and time.monotonic() - stamp.monotonic <= oldest)
+                ):
+                    return found
+            if time.monotonic() >= deadline:
+                raise self._no_data(name, found, oldest)
+            time.sleep(_POLL)
+
+    def _no_data(self, name: str, found: tuple[Value, Stamp] | None, oldest: float) -> DataTimeout:
+        status = self._engine.status
+        what = "no value yet" if found is None else f"nothing valid and newer than {oldest:g} s"
+        return DataTimeout(
+            f"{name}: {what}; the device is {status.state}"
+            + (f" ({status.detail})" if status.detail else ""),
+            where=self._engine.where,
+            remedy="Pass age=0 to take the last value whatever its age.",
+        )
+
+    def _add_command(self, name: str, command: Command) -> None:
+        if name == "state_command":
+            return
+        if not command.is_motion:
+
+            def plain() -> None:
+                self._engine.submit(name)
+
+            self._attach(name, plain, f"{command.summary[0].upper()}{command.summary[1:]}.")
+            return
+
+        def sender(value: Any) -> Move | None:
+            return self._engine.submit(name, self._payload(command, value))
+
+        self._attach(name, sender, f"{command.level}: {command.summary} ({command.units}).")
+
+    def _payload(self, command: Command, value: Any) -> Value:
+        if isinstance(value, JointState | Pose | Twist | Wrench):
+            return value
+        try:
+            return self._from_numbers(command, vector(value))
+        except (TypeError, ValueError) as error:
+            refusal = CommandRefused(
+                command.name,
+                Reason.WRONG_TYPE,
+                f"cannot make a {command.payload} of {type(value).__name__}: {error}",
+                where=self._engine.where,
+                remedy=_PAYLOAD_HELP[command.payload],
+            )
+            self._engine.report_refusal(refusal)
+            raise refusal from error
+
+    @staticmethod
+    def _from_numbers(command: Command, numbers: Vector) -> Value:
+        if command.payload is Payload.JOINT_STATE:
+            return joint_state(command.kind, numbers)
+        if numbers.size == 6 and command.payload in _SIX:
+            return _SIX[command.payload](numbers[:3], numbers[3:])
+        if numbers.size == 7 and command.payload is Payload.POSE:
+            return Pose(numbers[:3], numbers[3:])
+        raise ValueError(f"it has {numbers.size} numbers")
+
+    def _add_query(self, name: str, command: Command) -> None:
+        engine = self._engine
+        if command.payload is Payload.FORWARD_KINEMATICS:
+
+            def forward(joints: ArrayLike) -> Pose:
+                return engine.forward_kinematics(vector(np.asarray(joints, dtype=float)))
+
+            self._attach(name, forward, "Return the tool pose of a joint position (n,).")
+        else:
+
+            def inverse(pose: Pose, reference: ArrayLike = EMPTY) -> Vector:
+                return engine.inverse_kinematics(pose, vector(np.asarray(reference, dtype=float)))
+
+            self._attach(name, inverse, "Return the joint position (n,) nearest to `reference`.")
+
+
+class _RefusalWatch(Observer):
+    def __init__(self, refusals: list[CommandRefused]) -> None:
+        self._refusals = refusals
+
+    def command_refused(self, refusal: CommandRefused) -> None:
+        if refusal.command == "state_command":
+            self._refusals.append(refusal)
+
+
+class _SubNamespace:
+    """Holds the methods of a sub-namespace: ``arm.local.measured_cp()``."""
+
+
+def connect(
+    device: str,
+    *,
+    sim: bool = False,
+    config: Mapping[str, Any] | str | Path | None = None,
+    timeout: float = 10.0,
+    sim_options: Mapping[str, Any] | None = None,
+    **values: Any,
+) -> LocalDevice:
+    """Bring a device up in this process and return it connected. ROS is neither needed nor imported.
+
+    Args:
+        device: the name of a plugin: ``ur``, ...
+        sim: start a simulator and connect to that.
+        config: a configuration, or the path of a TOML or YAML file.
+        timeout: seconds to wait for the connection.
+        sim_options: for the simulator.
+        values: single configuration values, over `config`: ``host="192.168.1.10"``.
+
+    Raises:
+        PluginError, MissingExtra, ConfigError: it cannot be started as asked.
+        ConnectionFailed: not connected in time; everything is closed again.
+    """
+    plugin = plugins.device(device)
+    settings = plugin.load_config(config, values)
+    session = open_session(device, settings, sim=sim, sim_options=sim_options)
+    arm = LocalDevice(session)
+    try:
+        session.start()
+        deadline = time.monotonic() + timeout
+        while not (session.engine.connected and session.engine.has_sample):
+            if time.monotonic() > deadline:
+                raise ConnectionFailed(
+                    session.engine.status.detail or "no sample arrived",
+                    where=session.engine.where,
+                    remedy=f"It was tried for {timeout:g} s.",
+                )
+            time.sleep(_POLL)
+    except BaseException:
+        arm.close()
+        raise
+    return arm

@@ -1,0 +1,403 @@
+"""What may be commanded: the checks between a client and the hardware.
+
+Two stages. `CommandCheck.check` judges a command as it arrives, in the client's thread, and touches no
+bus: type, names, size, finite, quaternion, frame, age, range, reach. `SetpointLimiter.limit` judges the
+value that will really be sent, in the I/O thread, against the value sent before it: nothing that a
+conversion in between did (inverse kinematics, accumulation) can slip past.
+
+A refusal is a `CommandRefused` with a reason and a remedy; it changes nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from crtk_drivers.commands import Command, Kind, Level, Payload
+from crtk_drivers.device import Capabilities, Mode, Setpoint
+from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.samples import (
+    JointState,
+    Pose,
+    Twist,
+    Value,
+    Vector,
+    Wrench,
+    joint_state,
+    joint_values,
+    vector,
+)
+
+QUATERNION_TOLERANCE = 1e-3
+"""A norm further than this from one is refused; within it the quaternion is normalised."""
+
+FUTURE_TOLERANCE = 0.5
+"""Seconds that a command's stamp may lie ahead of this machine's clock, if ages are checked."""
+
+_FIELD_NAME = {
+    Kind.POSITION: "position",
+    Kind.RELATIVE: "position",
+    Kind.VELOCITY: "velocity",
+    Kind.EFFORT: "effort",
+}
+_VALUE_TYPE: dict[Payload, type] = {
+    Payload.JOINT_STATE: JointState,
+    Payload.POSE: Pose,
+    Payload.TWIST: Twist,
+    Payload.WRENCH: Wrench,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class LimitPolicy:
+    """The choices a user has.
+
+    Attributes:
+        clamp_servo: a servo position out of range is clamped with a warning; otherwise refused.
+        max_step: largest distance in rad (m) between two servo positions of one joint, as a time: a
+            joint may be asked to go as far as its velocity limit takes it in this many seconds.
+        max_linear_step: the same for the tool, in m, for hardware that takes poses.
+        max_command_age: in seconds; a command whose stamp is older is refused. None: not checked.
+    """
+
+    clamp_servo: bool = True
+    max_step: float = 0.1
+    max_linear_step: float = 0.05
+    max_command_age: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """A command that passed: its value in declared order and unit length, and what was clamped."""
+
+    value: Value
+    warning: str = ""
+
+
+class CommandCheck:
+    """The first stage, for one device."""
+
+    def __init__(self, capabilities: Capabilities, policy: LimitPolicy, where: str) -> None:
+        self._joints = capabilities.joints
+        self._index = {name: i for i, name in enumerate(capabilities.joints)}
+        self._frames = frozenset({"", capabilities.base_frame})
+        self._base_frame = capabilities.base_frame
+        self._policy = policy
+        self._where = where
+        self._lower = vector([limit.lower for limit in capabilities.limits])
+        self._upper = vector([limit.upper for limit in capabilities.limits])
+        self._velocity = vector([limit.velocity for limit in capabilities.limits])
+        self._effort = vector([limit.effort for limit in capabilities.limits])
+        self._cartesian = capabilities.cartesian_limits
+
+    def check(
+        self, command: Command, value: Value | None, stamp_ns: int = 0, now_ns: int = 0
+    ) -> Checked:
+        """Return the value to execute.
+
+        Args:
+            command: the row of the table.
+            value: of the type that the row's payload names.
+            stamp_ns: the sender's stamp, 0 if it gave none.
+            now_ns: this machine's clock.
+
+        Raises:
+            CommandRefused: with the reason; nothing has been changed.
+        """
+        expected = _VALUE_TYPE[command.payload]
+        if not isinstance(value, expected):
+            raise self._refusal(
+                command,
+                Reason.WRONG_TYPE,
+                f"got {type(value).__name__}",
+                f"Send a {expected.__name__}.",
+            )
+        self._check_age(command, stamp_ns, now_ns)
+        if isinstance(value, JointState):
+            return self._check_joints(command, value)
+        if isinstance(value, Pose):
+            return Checked(self.check_pose(command, value))
+        if isinstance(value, Twist):
+            self._check_frame(command, value)
+            return self._check_twist(command, value)
+        assert isinstance(value, Wrench)
+        self._check_frame(command, value)
+        self._check_finite(command, value.vector, "wrench")
+        return Checked(value)
+
+    def check_joints(self, command: Command, joints: Vector) -> Vector:
+        """Return a joint position (n,) that is given as a bare vector, as kinematics queries do.
+
+        Raises:
+            CommandRefused: empty, wrong size or not finite.
+        """
+        self._check_size(command, joints, "position")
+        self._check_finite(command, joints, "position")
+        return joints
+
+    def _refusal(
+        self, command: Command, reason: Reason, message: str, remedy: str = ""
+    ) -> CommandRefused:
+        return CommandRefused(command.name, reason, message, where=self._where, remedy=remedy)
+
+    def _check_age(self, command: Command, stamp_ns: int, now_ns: int) -> None:
+        limit = self._policy.max_command_age
+        if limit is None or stamp_ns == 0:
+            return
+        age = (now_ns - stamp_ns) / 1e9
+        if age > limit:
+            raise self._refusal(
+                command, Reason.TOO_OLD, f"its stamp is {age:.3f} s old", f"At most {limit} s."
+            )
+        if age < -FUTURE_TOLERANCE:
+            raise self._refusal(
+                command,
+                Reason.FROM_FUTURE,
+                f"its stamp lies {-age:.3f} s ahead",
+                "Synchronise the clocks of the two machines.",
+            )
+
+    def _check_frame(self, command: Command, value: Pose | Twist | Wrench) -> None:
+        if value.frame_id not in self._frames:
+            raise self._refusal(
+                command,
+                Reason.WRONG_FRAME,
+                f"frame_id {value.frame_id!r} is not known here",
+                f"Give it in {self._base_frame!r}, or leave frame_id empty.",
+            )
+
+    def _check_finite(self, command: Command, values: Vector, field: str) -> None:
+        finite = np.isfinite(values)
+        if not finite.all():
+            index = int(np.argmin(finite))
+            raise self._refusal(
+                command,
+                Reason.NOT_FINITE,
+                f"{field}[{index}] is {values[index]}",
+                "Send finite numbers.",
+            )
+
+    def _check_joints(self, command: Command, value: JointState) -> Checked:
+        field = _FIELD_NAME[command.kind]
+        values = joint_values(command.kind, value)
+        self._check_size(command, values, field)
+        values = self._in_declared_order(command, value.name, values)
+        self._check_finite(command, values, field)
+        warning = ""
+        if command.kind is Kind.POSITION:
+            values, warning = self._check_range(command, values)
+        elif command.kind is Kind.VELOCITY:
+            self._check_magnitude(command, values, self._velocity)
+        elif command.kind is Kind.EFFORT:
+            self._check_magnitude(command, values, self._effort)
+        return Checked(joint_state(command.kind, values), warning)
+
+    def _check_size(self, command: Command, values: Vector, field: str) -> None:
+        if values.size == 0:
+            raise self._refusal(
+                command, Reason.EMPTY, f"{field} is empty", f"Fill {field} ({command.units})."
+            )
+        if values.size != len(self._joints):
+            raise self._refusal(
+                command,
+                Reason.WRONG_SIZE,
+                f"{values.size} values in {field} for {len(self._joints)} joints",
+                f"Send one value for each of {', '.join(self._joints)}.",
+            )
+
+    def _in_declared_order(
+        self, command: Command, names: tuple[str, ...], values: Vector
+    ) -> Vector:
+        if not names or names == self._joints:
+            return values
+        if sorted(names) != sorted(self._joints):
+            raise self._refusal(
+                command,
+                Reason.WRONG_NAMES,
+                f"names {list(names)} are not the joints of this device",
+                f"Name each of {', '.join(self._joints)} once, or send no names.",
+            )
+        ordered = np.empty_like(values)
+        for name, number in zip(names, values, strict=True):
+            ordered[self._index[name]] = number
+        return vector(ordered)
+
+    def _check_range(self, command: Command, values: Vector) -> tuple[Vector, str]:
+        outside = (values < self._lower) | (values > self._upper)
+        if not outside.any():
+            return values, ""
+        index = int(np.argmax(outside))
+        text = (
+            f"{self._joints[index]} at {values[index]:.4f} is outside "
+            f"[{self._lower[index]:.4f}, {self._upper[index]:.4f}]"
+        )
+        if command.level is Level.SERVO and self._policy.clamp_servo:
+            return vector(np.clip(values, self._lower, self._upper)), f"{text}: clamped"
+        raise self._refusal(command, Reason.OUT_OF_RANGE, text, "Stay within the limits.")
+
+    def _check_magnitude(self, command: Command, values: Vector, limits: Vector) -> None:
+        excess = np.abs(values) > limits
+        if excess.any():
+            index = int(np.argmax(excess))
+            raise self._refusal(
+                command,
+                Reason.OUT_OF_RANGE,
+                f"{self._joints[index]}: {values[index]:.4f} exceeds {limits[index]:.4f} "
+                f"{command.units.split()[0]}",
+                "Stay within the limits.",
+            )
+
+    def check_pose(self, command: Command, value: Pose) -> Pose:
+        """Return the pose in the base frame with a quaternion of unit length.
+
+        Raises:
+            CommandRefused: unknown frame, not finite, or no unit quaternion.
+        """
+        self._check_frame(command, value)
+        for size, field in ((3, value.position), (4, value.orientation)):
+            if field.size != size:
+                raise self._refusal(
+                    command,
+                    Reason.WRONG_SIZE,
+                    f"{field.size} values where a pose has {size}",
+                    "A pose is a position of 3 and a quaternion of 4 (x, y, z, w).",
+                )
+        self._check_finite(command, value.position, "position")
+        self._check_finite(command, value.orientation, "orientation")
+        norm = float(np.linalg.norm(value.orientation))
+        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+            raise self._refusal(
+                command,
+                Reason.BAD_QUATERNION,
+                f"the quaternion has a norm of {norm:.6g}",
+                "Send a unit quaternion (x, y, z, w).",
+            )
+        return Pose(value.position, vector(value.orientation / norm), self._base_frame)
+
+    def _check_twist(self, command: Command, value: Twist) -> Checked:
+        self._check_finite(command, value.vector, "twist")
+        if self._cartesian is not None:
+            for name, part, limit in (
+                ("linear", value.linear, self._cartesian.linear_velocity),
+                ("angular", value.angular, self._cartesian.angular_velocity),
+            ):
+                size = float(np.linalg.norm(part))
+                if size > limit:
+                    raise self._refusal(
+                        command,
+                        Reason.OUT_OF_RANGE,
+                        f"{name} velocity {size:.4f} exceeds {limit:.4f}",
+                        "Stay within the limits.",
+                    )
+        return Checked(value)
+
+
+class SetpointLimiter:
+    """The second stage, for one device: the last gate before the wire."""
+
+    def __init__(self, capabilities: Capabilities, policy: LimitPolicy, where: str) -> None:
+        self._joints = capabilities.joints
+        self._policy = policy
+        self._where = where
+        self._lower = vector([limit.lower for limit in capabilities.limits])
+        self._upper = vector([limit.upper for limit in capabilities.limits])
+        velocity = vector([limit.velocity for limit in capabilities.limits])
+        self._velocity = velocity
+        self._effort = vector([limit.effort for limit in capabilities.limits])
+        self._max_step = velocity * policy.max_step
+        self._cartesian = capabilities.cartesian_limits
+        self._judges: dict[Mode, Callable[[str, Vector, Vector], Vector]] = {
+            Mode.JOINT_POSITION: self._position,
+            Mode.JOINT_VELOCITY: self._joint_velocity,
+            Mode.JOINT_EFFORT: self._joint_effort,
+            Mode.CARTESIAN_POSITION: self._pose,
+            Mode.CARTESIAN_VELOCITY: self._twist,
+            Mode.CARTESIAN_EFFORT: self._wrench,
+        }
+
+    def limit(self, name: str, setpoint: Setpoint, before: Vector) -> Setpoint:
+        """Return the setpoint that may be sent.
+
+        Positions are clamped to their range and refused when they jump; velocities, efforts and
+        wrenches are scaled as a whole vector, so that their direction is kept.
+
+        Args:
+            name: of the command it comes from.
+            setpoint: to be sent.
+            before: the position (pose) that the hardware was sent last, or has, in the same space;
+                empty if unknown. Not used for velocities and efforts.
+
+        Raises:
+            CommandRefused: not finite, or further than the largest step away.
+        """
+        if not np.isfinite(setpoint.values).all():
+            raise self._refusal(
+                name, Reason.NOT_FINITE, "a value to be sent is not finite", "Please report this."
+            )
+        return Setpoint(setpoint.mode, self._judges[setpoint.mode](name, setpoint.values, before))
+
+    def _refusal(self, name: str, reason: Reason, message: str, remedy: str) -> CommandRefused:
+        return CommandRefused(name, reason, message, where=self._where, remedy=remedy)
+
+    def _position(self, name: str, values: Vector, before: Vector) -> Vector:
+        values = np.clip(values, self._lower, self._upper)
+        if before.size:
+            step = np.abs(values - before)
+            excess = step > self._max_step
+            if excess.any():
+                index = int(np.argmax(excess))
+                raise self._refusal(
+                    name,
+                    Reason.STEP_TOO_LARGE,
+                    f"{self._joints[index]} would jump by {step[index]:.4f}, "
+                    f"more than {self._max_step[index]:.4f}",
+                    "Start from setpoint_js and send smaller steps, or use move_jp.",
+                )
+        return values
+
+    def _joint_velocity(self, name: str, values: Vector, before: Vector) -> Vector:
+        return _scaled_into(values, self._velocity)
+
+    def _joint_effort(self, name: str, values: Vector, before: Vector) -> Vector:
+        return _scaled_into(values, self._effort)
+
+    def _pose(self, name: str, values: Vector, before: Vector) -> Vector:
+        if before.size:
+            step = float(np.linalg.norm(values[:3] - before[:3]))
+            if step > self._policy.max_linear_step:
+                raise self._refusal(
+                    name,
+                    Reason.STEP_TOO_LARGE,
+                    f"the tool would jump by {step:.4f} m, "
+                    f"more than {self._policy.max_linear_step:.4f} m",
+                    "Start from setpoint_cp and send smaller steps, or use move_cp.",
+                )
+        return values
+
+    def _twist(self, name: str, values: Vector, before: Vector) -> Vector:
+        if self._cartesian is None:
+            return values
+        limit = self._cartesian
+        return _norms_into(values, limit.linear_velocity, limit.angular_velocity)
+
+    def _wrench(self, name: str, values: Vector, before: Vector) -> Vector:
+        if self._cartesian is None:
+            return values
+        return _norms_into(values, self._cartesian.force, self._cartesian.torque)
+
+
+def _scaled_into(values: Vector, limits: Vector) -> Vector:
+    ratios = np.divide(np.abs(values), limits, out=np.zeros_like(values), where=limits > 0.0)
+    largest = float(ratios.max(initial=0.0))
+    return values / largest if largest > 1.0 else values
+
+
+def _norms_into(values: Vector, first: float, second: float) -> Vector:
+    ratio = max(
+        math.hypot(*values[:3]) / first if first > 0.0 else 0.0,
+        math.hypot(*values[3:]) / second if second > 0.0 else 0.0,
+    )
+    return values / ratio if ratio > 1.0 else values

@@ -1,0 +1,232 @@
+"""Threads: one for the I/O of each bus, and one watchdog that looks after them.
+
+An I/O thread drives every engine on its bus, one after the other, on an absolute clock (or on the
+hardware's own, if it paces the stream). A cycle that comes too late is skipped and counted; nothing is
+caught up. When a device is lost it is opened again with a growing delay, and its neighbours go on.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from crtk_drivers.engine import Engine
+from crtk_drivers.errors import ConnectionFailed, DeviceError
+from crtk_drivers.watchdog import Deadman
+
+logger = logging.getLogger(__name__)
+
+FIRST_RETRY = 0.25
+LONGEST_RETRY = 5.0
+WATCHDOG_PERIOD = 0.05
+STALL_LIMIT = 0.5
+
+
+@dataclass(slots=True)
+class _Reconnect:
+    """When to try next, in monotonic seconds."""
+
+    next_try: float = 0.0
+    delay: float = FIRST_RETRY
+
+    def failed(self, now: float) -> None:
+        """Wait longer each time."""
+        self.next_try = now + self.delay
+        self.delay = min(2.0 * self.delay, LONGEST_RETRY)
+
+    def succeeded(self) -> None:
+        """Start from the shortest wait again."""
+        self.delay = FIRST_RETRY
+
+
+@dataclass(slots=True)
+class _Member:
+    engine: Engine
+    open_timeout: float
+    reconnect: _Reconnect = field(default_factory=_Reconnect)
+
+
+class BusThread:
+    """The I/O thread of one bus.
+
+    Args:
+        bus: its name.
+        members: the engines on it with their time for `open`; a bus that is paced by its stream has one.
+    """
+
+    def __init__(self, bus: str, members: Iterable[tuple[Engine, float]]) -> None:
+        self.bus = bus
+        self._members = [_Member(engine, timeout) for engine, timeout in members]
+        rates = [member.engine.capabilities.rate for member in self._members]
+        self._period = 1.0 / max(rates)
+        self._streamed = any(m.engine.capabilities.paced_by_stream for m in self._members)
+        if self._streamed and len(self._members) > 1:
+            raise ValueError(f"{bus}: a device that paces its stream cannot share its bus")
+        self._heartbeat = Deadman(STALL_LIMIT)
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"io {bus}", daemon=True)
+
+    @property
+    def engines(self) -> list[Engine]:
+        """The engines that it drives."""
+        return [member.engine for member in self._members]
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask the thread to shut its devices down and to end."""
+        self._stopping.set()
+
+    def join(self, deadline: float) -> bool:
+        """Wait for the end until the monotonic `deadline`; return whether it came."""
+        self._thread.join(max(0.0, deadline - time.monotonic()))
+        return not self._thread.is_alive()
+
+    def trouble(self, now: float) -> str:
+        """Return what is wrong with the thread, in words; empty if nothing is."""
+        if self._stopping.is_set():
+            return ""
+        if not self._thread.is_alive():
+            return f"the I/O thread of {self.bus} has died"
+        if self._heartbeat.expired(now):
+            return (
+                f"the I/O thread of {self.bus} has been stuck for {self._heartbeat.age(now):.2f} s"
+            )
+        return ""
+
+    def _run(self) -> None:
+        try:
+            due = time.monotonic()
+            while not self._stopping.is_set():
+                due = self._pace(due)
+                for member in self._members:
+                    self._serve(member, due)
+                self._heartbeat.feed(time.monotonic())
+        finally:
+            for member in self._members:
+                self._shut_down(member)
+
+    def _pace(self, due: float) -> float:
+        """Wait for the next cycle and return when its reading must be done."""
+        now = time.monotonic()
+        if not any(member.engine.connected for member in self._members):
+            # Nobody to talk to: wait for the earliest attempt, or for the end.
+            self._heartbeat.disarm()
+            self._stopping.wait(min(m.reconnect.next_try for m in self._members) - now)
+            return time.monotonic() + self._period
+        if self._streamed:
+            return now + 2.0 * self._period
+        due += self._period
+        if due < now - self._period:
+            due = now
+        if due > now:
+            time.sleep(due - now)
+        return due
+
+    def _serve(self, member: _Member, due: float) -> None:
+        engine = member.engine
+        try:
+            if engine.connected:
+                engine.cycle(due if self._streamed else due + 0.5 * self._period)
+            elif time.monotonic() >= member.reconnect.next_try:
+                self._open(member)
+        except DeviceError as error:
+            self._lost(member, str(error))
+        except Exception as error:
+            logger.exception("%s: unexpected error in the I/O thread", engine.where)
+            self._lost(member, f"unexpected {type(error).__name__}: {error}. Please report this.")
+
+    def _open(self, member: _Member) -> None:
+        self._heartbeat.disarm()
+        try:
+            member.engine.connect(time.monotonic() + member.open_timeout)
+        except ConnectionFailed as error:
+            member.reconnect.failed(time.monotonic())
+            logger.warning("%s; next attempt in %.2g s", error, member.reconnect.delay)
+        else:
+            member.reconnect.succeeded()
+            logger.info("%s: connected", member.engine.where)
+
+    def _lost(self, member: _Member, reason: str) -> None:
+        member.reconnect.failed(time.monotonic())
+        try:
+            member.engine.disconnect(reason)
+        except Exception:
+            logger.exception("%s: closing failed", member.engine.where)
+
+    def _shut_down(self, member: _Member) -> None:
+        try:
+            member.engine.shut_down()
+        except Exception:
+            logger.exception("%s: shutting down failed", member.engine.where)
+
+
+class Runtime:
+    """All threads of a process.
+
+    Args:
+        engines: with their time for `open`, in s.
+    """
+
+    def __init__(self, engines: Iterable[tuple[Engine, float]]) -> None:
+        by_bus: dict[str, list[tuple[Engine, float]]] = defaultdict(list)
+        for engine, timeout in engines:
+            by_bus[engine.device.bus].append((engine, timeout))
+        self._buses = [BusThread(bus, members) for bus, members in by_bus.items()]
+        self._stopping = threading.Event()
+        self._watchdog = threading.Thread(target=self._watch, name="watchdog", daemon=True)
+        self._started = False
+
+    def start(self) -> None:
+        """Start all threads."""
+        self._started = True
+        for bus in self._buses:
+            bus.start()
+        self._watchdog.start()
+
+    def close(self, timeout: float = 1.5) -> None:
+        """Stop and close every device, and end the threads.
+
+        Raises:
+            DeviceError: a thread did not end in `timeout` seconds.
+        """
+        if not self._started:
+            return
+        self._started = False
+        deadline = time.monotonic() + timeout
+        for bus in self._buses:
+            bus.stop()
+        stuck = [bus.bus for bus in self._buses if not bus.join(deadline)]
+        self._stopping.set()
+        self._watchdog.join(timeout)
+        if stuck:
+            raise DeviceError(
+                f"the I/O thread of {', '.join(stuck)} did not end in {timeout:g} s",
+                remedy="The hardware's own watchdog stops it. Please report this.",
+            )
+
+    def _watch(self) -> None:
+        alarmed: set[str] = set()
+        while not self._stopping.wait(WATCHDOG_PERIOD):
+            now = time.monotonic()
+            for bus in self._buses:
+                trouble = bus.trouble(now)
+                if not trouble:
+                    alarmed.discard(bus.bus)
+                elif bus.bus not in alarmed:
+                    alarmed.add(bus.bus)
+                    for engine in bus.engines:
+                        self._alarm(engine, trouble)
+
+    @staticmethod
+    def _alarm(engine: Engine, trouble: str) -> None:
+        try:
+            engine.alarm(trouble)
+        except Exception:
+            logger.exception("%s: stopping after an alarm failed", engine.where)

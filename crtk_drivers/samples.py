@@ -1,0 +1,162 @@
+"""Frozen values in SI units: what travels between a device, the core and its fronts.
+
+Every array is a read-only float64 array. Quaternions are ``x, y, z, w`` and of unit length. A value
+never carries a stamp of its own: the `Sample` (or setpoint) that holds it has one, so everything that
+was read together is stamped together.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from crtk_drivers.commands import Kind
+
+Array = NDArray[np.float64]
+"""Any shape."""
+
+Vector = NDArray[np.float64]
+"""One dimension."""
+
+EMPTY: Vector = np.empty(0)
+EMPTY.setflags(write=False)
+
+
+def empty() -> Vector:
+    """Return the vector without values: what is not known."""
+    return EMPTY
+
+
+def vector(values: ArrayLike | Iterable[float]) -> Vector:
+    """Return `values` as a read-only float64 array of one dimension.
+
+    Raises:
+        TypeError, ValueError: not numbers, or not one-dimensional.
+    """
+    array = np.array(values, dtype=np.float64)
+    if array.ndim != 1:
+        raise ValueError(f"expected a list of numbers, got an array of shape {array.shape}")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, slots=True)
+class Stamp:
+    """When something was acquired, on two clocks.
+
+    `wall_ns` is nanoseconds since the epoch, for messages; 0 is CRTK's mark of invalid data.
+    `monotonic` is seconds on the monotonic clock, for ages and deadlines.
+    """
+
+    wall_ns: int
+    monotonic: float
+
+    @classmethod
+    def now(cls) -> Stamp:
+        """Return the present on both clocks."""
+        return cls(time.time_ns(), time.monotonic())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointState:
+    """Position, velocity and effort of joints; what is not known is empty, never zeros.
+
+    `position` rad or m, `velocity` rad/s or m/s, `effort` N·m or N; non-empty vectors have one size.
+
+    Raises:
+        ValueError: vectors (or names) of different sizes.
+    """
+
+    position: Vector = field(default_factory=empty)
+    velocity: Vector = field(default_factory=empty)
+    effort: Vector = field(default_factory=empty)
+    name: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        sizes = {v.size for v in (self.position, self.velocity, self.effort) if v.size}
+        if self.name:
+            sizes.add(len(self.name))
+        if len(sizes) > 1:
+            raise ValueError(f"joint state with vectors of different sizes: {sorted(sizes)}")
+
+
+def joint_state(kind: Kind, values: Vector) -> JointState:
+    """Return a joint state that holds `values` in the field that a command of `kind` fills."""
+    if kind is Kind.VELOCITY:
+        return JointState(velocity=values)
+    if kind is Kind.EFFORT:
+        return JointState(effort=values)
+    return JointState(position=values)
+
+
+def joint_values(kind: Kind, state: JointState) -> Vector:
+    """Return the field of a joint state that a command of `kind` fills."""
+    if kind is Kind.VELOCITY:
+        return state.velocity
+    if kind is Kind.EFFORT:
+        return state.effort
+    return state.position
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """Position (3,) in m and orientation as a unit quaternion (4,) x, y, z, w, in `frame_id`."""
+
+    position: Vector
+    orientation: Vector
+    frame_id: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Twist:
+    """Linear (3,) in m/s and angular velocity (3,) in rad/s, in the axes of `frame_id`."""
+
+    linear: Vector
+    angular: Vector
+    frame_id: str = ""
+
+    @property
+    def vector(self) -> Vector:
+        """All six, linear first."""
+        return np.concatenate((self.linear, self.angular))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wrench:
+    """Force (3,) in N and torque (3,) in N·m, in the axes of `frame_id`."""
+
+    force: Vector
+    torque: Vector
+    frame_id: str = ""
+
+    @property
+    def vector(self) -> Vector:
+        """All six, force first."""
+        return np.concatenate((self.force, self.torque))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matrix:
+    """A matrix (rows, columns), for example a Jacobian."""
+
+    values: Array
+
+
+Value = JointState | Pose | Twist | Wrench | Matrix
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """One reading of a device: everything in it was acquired at the same instant.
+
+    `values` is keyed by CRTK name, with a sub-namespace where there is one: ``measured_js``,
+    ``measured_cp``, ``local/measured_cp``. A device that makes its own trajectories adds the
+    ``setpoint_js`` that it is following.
+    """
+
+    stamp: Stamp
+    values: Mapping[str, Value] = field(default_factory=dict)
