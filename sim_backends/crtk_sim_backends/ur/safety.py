@@ -6,7 +6,9 @@ robot_status_bits, safety_status_bits).
 
 from __future__ import annotations
 
-from enum import IntEnum
+from dataclasses import dataclass
+from enum import Enum, IntEnum, IntFlag
+from typing import Final
 
 
 class RobotMode(IntEnum):
@@ -68,3 +70,125 @@ class JointMode(IntEnum):
     FAULT = 252
     RUNNING = 253
     IDLE = 255
+
+
+class RobotStatus(IntFlag):
+    """`robot_status_bits` of RTDE."""
+
+    POWER_ON = 1
+    PROGRAM_RUNNING = 2
+    TEACH_BUTTON = 4
+    POWER_BUTTON = 8
+
+
+class SafetyStatus(IntFlag):
+    """`safety_status_bits` of RTDE."""
+
+    NORMAL = 1
+    REDUCED = 2
+    PROTECTIVE_STOPPED = 4
+    RECOVERY = 8
+    SAFEGUARD_STOPPED = 16
+    SYSTEM_EMERGENCY_STOPPED = 32
+    ROBOT_EMERGENCY_STOPPED = 64
+    EMERGENCY_STOPPED = 128
+    VIOLATION = 256
+    FAULT = 512
+    STOPPED_DUE_TO_SAFETY = 1024
+    THREE_POSITION_ENABLING = 2048
+
+
+class ProgramRule(Enum):
+    """What a safety mode does to the running program."""
+
+    RUN = "run"
+    PAUSE = "pause"
+    STOP = "stop"
+
+
+@dataclass(frozen=True)
+class SafetyRule:
+    """What a safety mode means: its status bits, the fate of the program, the arm's power."""
+
+    bits: SafetyStatus
+    program: ProgramRule
+    keeps_power: bool = True
+    speed_limit: float = 1.0  # largest speed scaling
+    deceleration: float = 10.0  # of a moving arm that is no longer commanded, rad/s^2
+
+
+_STOPPED: Final = SafetyStatus.STOPPED_DUE_TO_SAFETY
+_EMERGENCY: Final = SafetyStatus.EMERGENCY_STOPPED | _STOPPED
+
+SAFETY_RULES: Final[dict[SafetyMode, SafetyRule]] = {
+    SafetyMode.FAULT: SafetyRule(
+        SafetyStatus.FAULT | _STOPPED, ProgramRule.STOP, False, deceleration=20.0
+    ),
+    SafetyMode.VIOLATION: SafetyRule(
+        SafetyStatus.VIOLATION | _STOPPED, ProgramRule.STOP, False, deceleration=20.0
+    ),
+    SafetyMode.ROBOT_EMERGENCY_STOP: SafetyRule(
+        SafetyStatus.ROBOT_EMERGENCY_STOPPED | _EMERGENCY,
+        ProgramRule.STOP,
+        False,
+        deceleration=20.0,
+    ),
+    SafetyMode.SYSTEM_EMERGENCY_STOP: SafetyRule(
+        SafetyStatus.SYSTEM_EMERGENCY_STOPPED | _EMERGENCY,
+        ProgramRule.STOP,
+        False,
+        deceleration=20.0,
+    ),
+    SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP: SafetyRule(
+        SafetyStatus.THREE_POSITION_ENABLING | _STOPPED, ProgramRule.PAUSE
+    ),
+    SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP: SafetyRule(
+        SafetyStatus.SAFEGUARD_STOPPED | _STOPPED, ProgramRule.PAUSE
+    ),
+    SafetyMode.SAFEGUARD_STOP: SafetyRule(
+        SafetyStatus.SAFEGUARD_STOPPED | _STOPPED, ProgramRule.PAUSE
+    ),
+    SafetyMode.PROTECTIVE_STOP: SafetyRule(
+        SafetyStatus.PROTECTIVE_STOPPED | _STOPPED, ProgramRule.STOP, deceleration=20.0
+    ),
+    SafetyMode.RECOVERY: SafetyRule(SafetyStatus.RECOVERY, ProgramRule.STOP),
+    SafetyMode.REDUCED: SafetyRule(SafetyStatus.REDUCED, ProgramRule.RUN, speed_limit=0.5),
+    SafetyMode.NORMAL: SafetyRule(SafetyStatus.NORMAL, ProgramRule.RUN),
+}
+"""What each safety mode means, the gravest first: of several causes the first one shows."""
+
+POWER_UP: Final[dict[RobotMode, tuple[float, RobotMode]]] = {
+    RobotMode.POWER_OFF: (0.2, RobotMode.POWER_ON),
+    RobotMode.POWER_ON: (0.3, RobotMode.IDLE),
+    RobotMode.IDLE: (0.3, RobotMode.RUNNING),
+}
+"""Next robot mode on the way up, and the seconds until it is reached."""
+
+POWER_OFF_SECONDS: Final = 0.2
+
+JOINT_MODES: Final[dict[RobotMode, JointMode]] = {
+    RobotMode.POWER_OFF: JointMode.POWER_OFF,
+    RobotMode.POWER_ON: JointMode.BOOTING,
+    RobotMode.IDLE: JointMode.IDLE,
+    RobotMode.BACKDRIVE: JointMode.BACKDRIVE,
+    RobotMode.RUNNING: JointMode.RUNNING,
+}
+
+PROTECTIVE_STOP_LOCK_SECONDS: Final = 5.0
+"""A protective stop cannot be unlocked before this time has passed."""
+
+STOP_REASONS: Final[dict[int, str]] = {
+    150: "Protective Stop: Position close to joint limits",
+    153: "Protective Stop: Position deviates from path",
+    154: "Protective Stop: Position in singularity",
+    157: "Protective Stop: Collision detected by joint",
+    158: "Protective Stop: Collision detected",
+    204: "Path sanity check: Sudden change in target position",
+    209: "Protective Stop: Requested by the program",
+}
+"""Texts of the error codes with which this controller stops protectively."""
+
+
+def gravest(causes: set[SafetyMode]) -> SafetyMode:
+    """Safety mode that shows when all of `causes` hold; NORMAL when there is none."""
+    return next((mode for mode in SAFETY_RULES if mode in causes), SafetyMode.NORMAL)

@@ -1,0 +1,167 @@
+"""Torques of a UR arm: point masses at the centres of mass, rotor inertia at the joints."""
+
+from __future__ import annotations
+
+from math import cos, sin
+
+from crtk_sim_backends.ur.kinematics import Floats, Kinematics, Matrix, cross, rotate
+
+_ROTOR_INERTIA_PER_TORQUE = 0.01  # kg m^2 behind the gear, for each N.m of torque limit
+
+
+class Dynamics:
+    """Joint torques and mass matrix of one arm. All torques in N.m, positive along the joint."""
+
+    def __init__(self, kinematics: Kinematics) -> None:
+        self._kinematics = kinematics
+        self._model = kinematics.model
+        self._rotor = [_ROTOR_INERTIA_PER_TORQUE * torque for torque in self._model.torque]
+
+    def torques(
+        self, q: Floats, qdd: Floats, payload: float, cog: Floats, gravity: Floats
+    ) -> tuple[float, ...]:
+        """Torques that hold the arm at `q` (rad) against gravity and accelerate it by `qdd`.
+
+        `payload` (kg) with its centre `cog` (m, flange frame) is part of the last link;
+        `gravity` is the upward acceleration that the base feels, m/s^2. The inertia is that of
+        the diagonal of the mass matrix; centrifugal torques are left out.
+        """
+        axes, origins, links = self._geometry(q, payload, cog)
+        gx, gy, gz = gravity
+        torques = [0.0] * 6
+        mass = x = y = z = 0.0  # of what the joint carries: mass, and mass times centre
+        for link_mass, (cx, cy, cz) in links[6:]:
+            mass += link_mass
+            x += link_mass * cx
+            y += link_mass * cy
+            z += link_mass * cz
+        for i in range(5, -1, -1):
+            link_mass, (cx, cy, cz) = links[i]
+            mass += link_mass
+            x += link_mass * cx
+            y += link_mass * cy
+            z += link_mass * cz
+            ax, ay, az = axes[i]
+            ox, oy, oz = origins[i]
+            dx = x - mass * ox
+            dy = y - mass * oy
+            dz = z - mass * oz
+            torques[i] = (
+                (ay * dz - az * dy) * gx + (az * dx - ax * dz) * gy + (ax * dy - ay * dx) * gz
+            )
+        if any(qdd):
+            for i in range(6):
+                torques[i] += self._inertia(i, axes[i], origins[i], links) * qdd[i]
+        return tuple(torques)
+
+    def _inertia(
+        self, joint: int, axis: Floats, origin: Floats, links: list[tuple[float, Floats]]
+    ) -> float:
+        """Moment of inertia of rotor and carried links about one joint axis, kg m^2."""
+        ax, ay, az = axis
+        ox, oy, oz = origin
+        inertia = self._rotor[joint]
+        for mass, (cx, cy, cz) in links[joint:]:
+            x = cx - ox
+            y = cy - oy
+            z = cz - oz
+            along = ax * x + ay * y + az * z
+            inertia += mass * (x * x + y * y + z * z - along * along)
+        return inertia
+
+    def mass_matrix(self, q: Floats, payload: float, cog: Floats) -> Matrix:
+        """Mass matrix (6x6), kg m^2."""
+        axes, origins, links = self._geometry(q, payload, cog)
+        matrix = [[0.0] * 6 for _ in range(6)]
+        for last, (mass, centre) in enumerate(links):
+            columns = [
+                cross(axes[i], [c - o for c, o in zip(centre, origins[i], strict=True)])
+                for i in range(min(last, 5) + 1)
+            ]
+            for i, u in enumerate(columns):
+                for j, v in enumerate(columns):
+                    matrix[i][j] += mass * (u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
+        for i in range(6):
+            matrix[i][i] += self._rotor[i]
+        return matrix
+
+    def coriolis(self, q: Floats, qd: Floats, payload: float, cog: Floats) -> list[float]:
+        """Coriolis and centrifugal torques: dM/dt . qd - grad(qd' M qd) / 2, numerically."""
+        step = 1e-5
+        base = self.mass_matrix(q, payload, cog)
+        partial = []
+        for i in range(6):
+            shifted = list(q)
+            shifted[i] += step
+            moved = self.mass_matrix(shifted, payload, cog)
+            partial.append(
+                [
+                    [(m - b) / step for m, b in zip(mr, br, strict=True)]
+                    for mr, br in zip(moved, base, strict=True)
+                ]
+            )
+        torques = []
+        for i in range(6):
+            total = 0.0
+            for j in range(6):
+                for k in range(6):
+                    total += (partial[k][i][j] - 0.5 * partial[i][j][k]) * qd[j] * qd[k]
+            torques.append(total)
+        return torques
+
+    def _geometry(
+        self, q: Floats, payload: float, cog: Floats
+    ) -> tuple[list[Floats], list[Floats], list[tuple[float, Floats]]]:
+        """Joint axes, joint origins, and (mass, centre) of the six links and the payload."""
+        model = self._model
+        d1, _, _, d4, d5, _ = model.d
+        a2 = model.a[1]
+        a3 = model.a[2]
+        q1, q2, q3, q4, q5, _ = q
+        s1 = sin(q1)
+        c1 = cos(q1)
+        s2 = sin(q2)
+        c2 = cos(q2)
+        s23 = sin(q2 + q3)
+        c23 = cos(q2 + q3)
+        s234 = sin(q2 + q3 + q4)
+        c234 = cos(q2 + q3 + q4)
+        s5 = sin(q5)
+        c5 = cos(q5)
+        flange = self._kinematics.flange(q)
+        z2 = (s1, -c1, 0.0)  # axes of joints 2, 3 and 4
+        z5 = (c1 * s234, s1 * s234, -c234)
+        z6 = (flange[2], flange[5], flange[8])
+        x5 = (c1 * c234 * c5 + s1 * s5, s1 * c234 * c5 - c1 * s5, s234 * c5)
+        shoulder = (0.0, 0.0, d1)
+        elbow = (a2 * c1 * c2, a2 * s1 * c2, d1 + a2 * s2)
+        wrist1 = (elbow[0] + a3 * c1 * c23, elbow[1] + a3 * s1 * c23, elbow[2] + a3 * s23)
+        wrist2 = (wrist1[0] + d4 * s1, wrist1[1] - d4 * c1, wrist1[2])
+        wrist3 = (wrist2[0] + d5 * z5[0], wrist2[1] + d5 * z5[1], wrist2[2] + d5 * z5[2])
+        tip = (flange[9], flange[10], flange[11])
+        frames = (
+            (shoulder, (c1, s1, 0.0), (0.0, 0.0, 1.0), z2),
+            (elbow, (c1 * c2, s1 * c2, s2), (-c1 * s2, -s1 * s2, c2), z2),
+            (wrist1, (c1 * c23, s1 * c23, s23), (-c1 * s23, -s1 * s23, c23), z2),
+            (wrist2, (c1 * c234, s1 * c234, s234), z2, z5),
+            (wrist3, x5, (-z5[0], -z5[1], -z5[2]), z6),
+            (tip, (flange[0], flange[3], flange[6]), (flange[1], flange[4], flange[7]), z6),
+        )
+        links: list[tuple[float, Floats]] = []
+        for mass, (x, y, z), (o, ex, ey, ez) in zip(model.mass, model.cog, frames, strict=True):
+            links.append(
+                (
+                    mass,
+                    (
+                        o[0] + x * ex[0] + y * ey[0] + z * ez[0],
+                        o[1] + x * ex[1] + y * ey[1] + z * ez[1],
+                        o[2] + x * ex[2] + y * ey[2] + z * ez[2],
+                    ),
+                )
+            )
+        if payload:
+            x, y, z = rotate(flange, cog)
+            links.append((payload, (tip[0] + x, tip[1] + y, tip[2] + z)))
+        axes: list[Floats] = [(0.0, 0.0, 1.0), z2, z2, z2, z5, z6]
+        origins: list[Floats] = [shoulder, shoulder, elbow, wrist1, wrist2, wrist3]
+        return axes, origins, links
