@@ -1,0 +1,1 @@
+"""CRTK driver for Universal Robots arms (CB3 and e-Series)."""

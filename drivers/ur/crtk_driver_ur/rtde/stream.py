@@ -1,0 +1,488 @@
+"""The state of the arm as it comes from the controller: one RTDE connection, no threads.
+
+Freshness is judged by the controller's own time stamp, which advances with its control cycle, never
+by the arrival of bytes: a repeated stamp is old data.
+"""
+
+from __future__ import annotations
+
+import errno
+import logging
+import math
+import os
+import select
+import socket
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeAlias, TypeVar, cast
+
+from crtk_driver_ur.rtde import codec
+from crtk_driver_ur.rtde.codec import (
+    ControllerVersion,
+    DataPackage,
+    Malformed,
+    MalformedReason,
+    Message,
+    PackageType,
+    Recipe,
+    RtdeDecoder,
+    RtdeFramingError,
+    SetupReply,
+    StateReply,
+    TextMessage,
+    Value,
+    VersionReply,
+)
+from crtk_driver_ur.rtde.variables import IN_USE, NOT_FOUND, OUTPUTS
+from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
+
+__all__ = ["RTDE_PORT", "RtdeStream", "StateSample", "StreamCounters"]
+
+RTDE_PORT = 30004
+MALFORMED_IN_A_ROW = 3
+"""So many broken packages one after the other end the connection."""
+
+_RECEIVE_SIZE = 16384
+_RECEIVES_AT_ONCE = 64
+_LOG_LEVELS = {0: logging.ERROR, 1: logging.ERROR, 2: logging.WARNING, 3: logging.INFO}
+_log = logging.getLogger(__name__)
+
+Vector6: TypeAlias = tuple[float, float, float, float, float, float]
+ReplyT = TypeVar("ReplyT", VersionReply, ControllerVersion, SetupReply, StateReply)
+
+
+class StateSample(NamedTuple):
+    """One state of the arm, in SI units, as the controller names it.
+
+    Poses are x, y, z and a rotation vector of the TCP in the base frame; speeds and forces are
+    linear before angular, in base axes at the TCP. Variables that the controller's software does not
+    know are None.
+    """
+
+    received: float
+    """When it was read from the socket, on the monotonic clock in seconds."""
+    lost: int
+    """Packages that the controller sent since the previous sample and that never arrived."""
+    skipped: int
+    """Packages that arrived since the previous sample and were older than this one."""
+    restarted: bool
+    """The controller's clock went back: it was restarted."""
+
+    timestamp: float
+    target_q: Vector6
+    target_qd: Vector6
+    target_moment: Vector6
+    actual_q: Vector6
+    actual_qd: Vector6
+    actual_current: Vector6
+    actual_TCP_pose: Vector6  # noqa: N815 (the controller's name)
+    actual_TCP_speed: Vector6  # noqa: N815
+    actual_TCP_force: Vector6  # noqa: N815
+    target_TCP_pose: Vector6  # noqa: N815
+    target_TCP_speed: Vector6  # noqa: N815
+    robot_mode: int
+    safety_mode: int
+    runtime_state: int
+    robot_status_bits: int
+    safety_status_bits: int
+    speed_scaling: float
+    target_speed_fraction: float
+    output_int_register_0: int
+    output_int_register_1: int
+    output_int_register_2: int
+    payload: float | None
+    tcp_offset: Vector6 | None
+    actual_current_as_torque: Vector6 | None
+
+
+OPTIONAL_OUTPUTS = frozenset({"payload", "tcp_offset", "actual_current_as_torque"})
+"""Output variables that older controllers do not have and the driver can do without."""
+
+
+@dataclass(frozen=True, slots=True)
+class StreamCounters:
+    """What happened on one connection so far, in packages."""
+
+    received: int = 0
+    skipped: int = 0
+    lost: int = 0
+    gaps: int = 0
+    repeated: int = 0
+    restarts: int = 0
+    malformed: int = 0
+    texts: int = 0
+
+
+class RtdeStream:
+    """One connection to the controller's real-time data exchange; it only listens.
+
+    The object is used once: open, receive until it fails or is not wanted any more, close. `open` and
+    `receive` belong to one thread; `close` may be called from any, also while they wait.
+
+    Args:
+        host: address or name of the controller.
+        port: of the real-time data exchange.
+        frequency: samples per second; None for the rate of the controller.
+        protocol_version: the highest to ask for, 1 or 2.
+        clock: the monotonic clock.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        *,
+        port: int = RTDE_PORT,
+        frequency: float | None = None,
+        protocol_version: int = 2,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.host = host
+        self.port = port
+        self._wanted_frequency = frequency
+        self._wanted_protocol = protocol_version
+        self._clock = clock
+        self._where = f"RTDE {host}:{port}"
+        self._busy = threading.Lock()
+        self._closing = threading.Event()
+        self._socket: socket.socket | None = None
+        self._wake = -1
+        self._poll = select.poll()
+        self._decoder = RtdeDecoder()
+        self._recipe: Recipe | None = None
+        self._missing: tuple[str, ...] = ()
+        self._controller_version = ControllerVersion(0, 0, 0, 0)
+        self._frequency = 0.0
+        self._timestamp: float | None = None
+        self._malformed_row = 0
+        self._counters = StreamCounters()
+
+    @property
+    def address(self) -> str:
+        """Host and port, for messages."""
+        return f"{self.host}:{self.port}"
+
+    @property
+    def controller_version(self) -> ControllerVersion:
+        """Version of the controller's software; known when open."""
+        return self._controller_version
+
+    @property
+    def protocol_version(self) -> int:
+        """The protocol version in force."""
+        return self._decoder.protocol_version
+
+    @property
+    def frequency(self) -> float:
+        """Samples per second that the controller really sends; known when open."""
+        return self._frequency
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Optional variables that this controller does not know."""
+        return self._missing
+
+    @property
+    def counters(self) -> StreamCounters:
+        """What happened so far."""
+        return self._counters
+
+    def open(self, deadline: float) -> None:
+        """Connect, agree on version and variables, and start the stream.
+
+        Args:
+            deadline: on the monotonic clock.
+
+        Raises:
+            ConnectionFailed: unreachable, or silent, or without a variable that is needed.
+            ProtocolError: the peer's answers are not RTDE.
+        """
+        with self._busy:
+            if self._socket is not None or self._closing.is_set():
+                raise RuntimeError("an RtdeStream is opened once; make a new one")
+            started = False
+            try:
+                self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+                self._connect(deadline)
+                self._negotiate(deadline)
+                started = True
+            finally:
+                if not started:
+                    self._release()
+
+    def receive(self, deadline: float) -> StateSample | None:
+        """Return the newest sample, or None if none arrived by the monotonic `deadline`.
+
+        Older packages that have arrived as well are counted and dropped.
+
+        Raises:
+            ConnectionLost: the controller closed the connection, or `close` was called.
+            ProtocolError: what arrives is not RTDE any more.
+        """
+        with self._busy:
+            if self._socket is None:
+                raise self._closed()
+            while True:
+                if not self._wait(select.POLLIN, deadline):
+                    return None
+                newest, count = self._read_packages()
+                if newest is not None:
+                    sample = self._sample(newest, count)
+                    if sample is not None:
+                        return sample
+                if self._clock() >= deadline:
+                    return None
+
+    def close(self) -> None:
+        """Close the connection; a waiting `receive` ends. May be called twice, from any thread."""
+        self._closing.set()
+        wake = self._wake
+        if wake >= 0:
+            os.eventfd_write(wake, 1)
+        with self._busy:
+            self._release()
+
+    def _release(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+        if self._wake >= 0:
+            wake, self._wake = self._wake, -1
+            os.close(wake)
+
+    def _closed(self) -> ConnectionLost:
+        return ConnectionLost("the stream is closed", where=self._where, remedy="Open a new one.")
+
+    def _connect(self, deadline: float) -> None:
+        try:
+            found = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_STREAM)
+        except OSError as error:
+            raise ConnectionFailed(
+                f"{self.host!r} cannot be resolved: {error}",
+                where=self._where,
+                remedy="Give the controller's IP address (teach pendant: Settings, System, Network).",
+            ) from error
+        family, kind, protocol, _, address = found[0]
+        peer = socket.socket(family, kind | socket.SOCK_NONBLOCK, protocol)
+        self._socket = peer
+        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._poll = select.poll()
+        self._poll.register(self._wake, select.POLLIN)
+        self._poll.register(peer, 0)
+        result = peer.connect_ex(address)
+        if result == errno.EINPROGRESS:
+            if not self._wait(select.POLLOUT, deadline):
+                raise ConnectionFailed(
+                    "nothing answers at this address",
+                    where=self._where,
+                    remedy="Check that the controller is on, the cable and the address (ping it).",
+                )
+            result = peer.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if result:
+            raise ConnectionFailed(
+                f"cannot connect: {os.strerror(result)}",
+                where=self._where,
+                remedy="Check the address, and that the controller has finished starting; "
+                "PolyScope 5 can switch RTDE off under Settings, Security, Services.",
+            )
+
+    def _negotiate(self, deadline: float) -> None:
+        if self._wanted_protocol > 1:
+            request = codec.encode_protocol_version(2)
+            reply = self._ask(request, VersionReply, "protocol version", deadline)
+            if reply.accepted:
+                self._decoder.protocol_version = 2
+        self._controller_version = self._ask(
+            codec.encode_controller_version(), ControllerVersion, "controller version", deadline
+        )
+        base = 500.0 if self._controller_version.major >= 5 else 125.0
+        wanted = min(self._wanted_frequency or base, base)
+        # The controller sends on every n-th of its cycles.
+        self._frequency = base
+        if self._decoder.protocol_version > 1:
+            self._frequency = base / math.floor(base / wanted)
+        self._setup(wanted, deadline)
+        reply_to_start = self._ask(codec.encode_start(), StateReply, "start", deadline)
+        if not reply_to_start.accepted:
+            raise ConnectionFailed(
+                "the controller refuses to start the stream",
+                where=self._where,
+                remedy="Close other RTDE clients, or restart the controller.",
+            )
+
+    def _setup(self, frequency: float, deadline: float) -> None:
+        names = tuple(OUTPUTS)
+        reply = self._ask_for_outputs(names, frequency, deadline)
+        unknown = {name for name, kind in zip(names, reply.types, strict=True) if kind == NOT_FOUND}
+        needed = sorted(unknown - OPTIONAL_OUTPUTS)
+        if needed:
+            raise ConnectionFailed(
+                f"controller software {self._controller_version} lacks {', '.join(needed)}",
+                where=self._where,
+                remedy="Update the controller's software (CB3: 3.5 or later, e-Series: any).",
+            )
+        if unknown:
+            self._missing = tuple(sorted(unknown))
+            names = tuple(name for name in names if name not in unknown)
+            reply = self._ask_for_outputs(names, frequency, deadline)
+        refused = [
+            f"{name} ({kind})"
+            for name, kind in zip(names, reply.types, strict=True)
+            if kind in (NOT_FOUND, IN_USE)
+        ]
+        if refused or reply.recipe_id == 0:
+            raise ConnectionFailed(
+                f"the controller refuses the output variables {', '.join(refused) or names}",
+                where=self._where,
+                remedy="Close the other RTDE client (a second driver, a fieldbus) that claims them.",
+            )
+        for name, kind in zip(names, reply.types, strict=True):
+            if kind != OUTPUTS[name]:
+                raise ProtocolError(
+                    f"{name} is announced as {kind}, but it is {OUTPUTS[name]}",
+                    where=self._where,
+                    remedy="Report it with the version of the controller's software.",
+                )
+        self._recipe = Recipe(reply.recipe_id or 0, names, reply.types)
+        self._decoder.add_recipe(self._recipe)
+
+    def _ask_for_outputs(
+        self, names: Sequence[str], frequency: float, deadline: float
+    ) -> SetupReply:
+        request = codec.encode_output_setup(names, frequency, self._decoder.protocol_version)
+        reply = self._ask(request, SetupReply, "output setup", deadline)
+        if len(reply.types) != len(names):
+            raise ProtocolError(
+                f"{len(names)} variables asked for, {len(reply.types)} types in the answer",
+                where=self._where,
+                remedy="Check that this is the real-time data exchange of a UR controller.",
+            )
+        return reply
+
+    def _ask(self, request: bytes, kind: type[ReplyT], what: str, deadline: float) -> ReplyT:
+        """Send a request and return its reply; texts in between are logged."""
+        peer = cast(socket.socket, self._socket)
+        try:
+            peer.sendall(request)
+        except OSError as error:
+            raise self._lost(error) from error
+        while True:
+            if not self._wait(select.POLLIN, deadline):
+                raise ConnectionFailed(
+                    f"connected, but the request for the {what} is not answered",
+                    where=self._where,
+                    remedy="Check that this is a UR controller that has finished starting; "
+                    "restart it if it stays silent.",
+                )
+            for message in self._read():
+                if isinstance(message, kind):
+                    return message
+                if not isinstance(message, TextMessage | DataPackage):
+                    raise ProtocolError(
+                        f"answer to the request for the {what} is {message}",
+                        where=self._where,
+                        remedy="Check that this is the real-time data exchange of a UR controller.",
+                    )
+
+    def _wait(self, events: int, deadline: float) -> bool:
+        """Wait for the socket until the deadline, or for `close`."""
+        peer = cast(socket.socket, self._socket)
+        self._poll.modify(peer, events)
+        ready = self._poll.poll(max(0.0, deadline - self._clock()) * 1000.0)
+        if self._closing.is_set():
+            raise self._closed()
+        return bool(ready)
+
+    def _read(self) -> list[Message]:
+        """Read what has arrived, log the texts, give up on what is not RTDE."""
+        peer = cast(socket.socket, self._socket)
+        data = b""
+        for _ in range(_RECEIVES_AT_ONCE):
+            try:
+                chunk = peer.recv(_RECEIVE_SIZE)
+            except BlockingIOError:
+                break
+            except OSError as error:
+                raise self._lost(error) from error
+            if not chunk:
+                raise self._lost(None)
+            data += chunk
+            if len(chunk) < _RECEIVE_SIZE:
+                break
+        try:
+            messages = self._decoder.feed(data)
+        except RtdeFramingError as error:
+            raise ProtocolError(
+                str(error), where=self._where, remedy="Check for a proxy or a second writer."
+            ) from error
+        for message in messages:
+            if isinstance(message, Malformed):
+                self._count_malformed(message)
+            else:
+                self._malformed_row = 0
+                if isinstance(message, TextMessage):
+                    self._counters = replace(self._counters, texts=self._counters.texts + 1)
+                    level = _LOG_LEVELS.get(message.level, logging.WARNING)
+                    _log.log(level, "%s: %s: %s", self._where, message.source, message.message)
+        return [message for message in messages if not isinstance(message, Malformed)]
+
+    def _count_malformed(self, message: Malformed) -> None:
+        self._counters = replace(self._counters, malformed=self._counters.malformed + 1)
+        self._malformed_row += 1
+        if self._malformed_row >= MALFORMED_IN_A_ROW:
+            raise ProtocolError(
+                f"{self._malformed_row} broken packages in a row, the last of type {message.type} "
+                f"({message.reason.name.lower()}, {len(message.payload)} bytes)",
+                where=self._where,
+                remedy="Connect again; if it comes back, check for a proxy or a faulty network.",
+            )
+
+    def _lost(self, error: OSError | None) -> ConnectionLost:
+        reason = "the controller closed the connection"
+        if error is not None:
+            reason = f"the connection broke: {os.strerror(error.errno or 0)}"
+        return ConnectionLost(
+            reason,
+            where=self._where,
+            remedy="Check the network and whether the controller was restarted or is overloaded.",
+        )
+
+    def _read_packages(self) -> tuple[DataPackage | None, int]:
+        """Return the newest data package that has arrived, and how many there were."""
+        packages = [message for message in self._read() if isinstance(message, DataPackage)]
+        return (packages[-1] if packages else None), len(packages)
+
+    def _sample(self, package: DataPackage, count: int) -> StateSample | None:
+        received = self._clock()
+        values: tuple[Value | None, ...] = package.values()
+        if self._missing:
+            known = iter(values)
+            values = tuple(None if name in self._missing else next(known) for name in OUTPUTS)
+        timestamp = cast(float, values[0])
+        if not math.isfinite(timestamp):
+            self._count_malformed(
+                Malformed(MalformedReason.NOT_FINITE, PackageType.DATA, package.payload)
+            )
+            return None
+        last, self._timestamp = self._timestamp, timestamp
+        steps = count if last is None else round((timestamp - last) * self._frequency)
+        old = self._counters
+        if steps == 0:
+            self._counters = replace(
+                old, received=old.received + count, repeated=old.repeated + count
+            )
+            return None
+        restarted = steps < 0
+        lost = 0 if restarted else max(0, steps - count)
+        self._counters = StreamCounters(
+            old.received + count,
+            old.skipped + count - 1,
+            old.lost + lost,
+            old.gaps + (lost > 0),
+            old.repeated,
+            old.restarts + restarted,
+            old.malformed,
+            old.texts,
+        )
+        return StateSample(received, lost, count - 1, restarted, *values)  # type: ignore[arg-type]
