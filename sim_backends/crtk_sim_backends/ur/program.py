@@ -101,7 +101,10 @@ class ProgramRuntime:
                 self.stop()
 
     def _end(self, handle: int) -> None:
-        self._threads.pop(handle).close()
+        thread = self._threads.pop(handle, None)
+        if thread is None:
+            return
+        thread.close()
         if self.on_thread_end:
             self.on_thread_end(handle)
 
@@ -129,6 +132,7 @@ class ProgramRuntime:
         line, column = self.program.position(error.__traceback__)
         if isinstance(error, ScriptRuntimeError):
             return ScriptRuntimeError(error.text, line, column)
+        _log.debug("program %r failed", self.program.name, exc_info=error)
         for kind, text in _ERROR_TEXTS:
             if isinstance(error, kind):
                 return ScriptRuntimeError(text + _detail(error), line, column)

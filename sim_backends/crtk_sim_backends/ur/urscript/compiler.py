@@ -22,9 +22,16 @@ from crtk_sim_backends.ur.urscript.parser import parse
 from crtk_sim_backends.ur.urscript.scopes import Scope, analyse
 from crtk_sim_backends.ur.urscript.values import Builtin
 
+ProgramKind = Literal["def", "sec", "statements"]
+
 CACHED_PROGRAMS = 64
 DEPTH_LIMIT = 80
 """How deep an expression may nest, a chain of operators included (Python's own limit is 200)."""
+
+INFINITE_LOOP = (
+    "Runtime too much behind: infinite loop detected, the program used too much time without "
+    "instructing the robot what to do (add sync() or sleep())"
+)
 
 _FILE = "<urscript>"
 _HELPERS: dict[str, object] = {
@@ -45,7 +52,7 @@ def _fail(text: str) -> NoReturn:
     raise ScriptRuntimeError(text)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Program:
     """A compiled script, ready to be started any number of times.
 
@@ -53,7 +60,7 @@ class Program:
     """
 
     name: str
-    kind: Literal["def", "sec", "statements"]
+    kind: ProgramKind
     builtins: Mapping[str, Builtin]
     code: CodeType
     positions: Sequence[tuple[int, int]]
@@ -101,12 +108,6 @@ class Program:
         return self.positions[line - 1] if line else (0, 0)
 
 
-INFINITE_LOOP = (
-    "Runtime too much behind: infinite loop detected, the program used too much time without "
-    "instructing the robot what to do (add sync() or sleep())"
-)
-
-
 def compile_program(text: str, builtins: Mapping[str, Builtin]) -> Program:
     """Compile a script: one ``def`` or ``sec``, or loose statements.
 
@@ -119,15 +120,16 @@ def compile_program(text: str, builtins: Mapping[str, Builtin]) -> Program:
     return Program(name, kind, builtins, code, positions)
 
 
-_Compiled = tuple[str, Literal["def", "sec", "statements"], CodeType, Sequence[tuple[int, int]]]
+_Compiled = tuple[str, ProgramKind, CodeType, Sequence[tuple[int, int]]]
 
 
 @functools.lru_cache(CACHED_PROGRAMS)
 def _compile(text: str, builtins: frozenset[tuple[str, bool]]) -> _Compiled:
     main, kind = _main_function(parse(text))
     blocking = frozenset(name for name, blocks in builtins if blocks)
-    emitter = _Emitter(text, frozenset(name for name, _ in builtins), blocking)
-    emitter.function(analyse(main, blocking), 0)
+    root = analyse(main, blocking)
+    emitter = _Emitter(text, root, frozenset(name for name, _ in builtins), blocking)
+    emitter.function(root, 0)
     try:
         code = compile("\n".join(emitter.lines), _FILE, "exec", dont_inherit=True)
     except (SyntaxError, RecursionError, MemoryError) as error:
@@ -136,9 +138,7 @@ def _compile(text: str, builtins: frozenset[tuple[str, bool]]) -> _Compiled:
     return main.name, kind, code, emitter.positions
 
 
-def _main_function(
-    block: syntax.Block,
-) -> tuple[syntax.Function, Literal["def", "sec", "statements"]]:
+def _main_function(block: syntax.Block) -> tuple[syntax.Function, ProgramKind]:
     """Return the function that is the program, wrapping loose statements into one."""
     if len(block) == 1 and isinstance(block[0], syntax.Function) and block[0].kind != "thread":
         return block[0], "sec" if block[0].kind == "sec" else "def"
@@ -148,13 +148,15 @@ def _main_function(
 class _Emitter:
     """Writes Python source; ``positions[i]`` is the script position behind ``lines[i]``."""
 
-    def __init__(self, text: str, builtins: frozenset[str], blocking: frozenset[str]) -> None:
+    def __init__(
+        self, text: str, root: Scope, builtins: frozenset[str], blocking: frozenset[str]
+    ) -> None:
         self.lines: list[str] = []
         self.positions: list[tuple[int, int]] = []
         self._text = text
         self._builtins = builtins
         self._blocking = blocking
-        self._scope: Scope
+        self._scope = root
         self._defined: set[Scope] = set()
 
     def _write(self, indent: int, code: str, node: syntax.Statement | syntax.Expression) -> None:
@@ -176,12 +178,11 @@ class _Emitter:
             name = _variable(scope.depth, parameter.name)
             parameters.append(name if default is None else f"{name}={self._expression(default)}")
         self._write(indent, f"def f{scope.number}({', '.join(parameters)}):", function)
-        outer = getattr(self, "_scope", None)
-        self._scope = scope
+        outer, self._scope = self._scope, scope
         self._defined.add(scope)
         indent += 1
         if scope.bound:
-            names = (_variable(depth, name) for depth, name in sorted(scope.bound))
+            names = (_variable(owner.depth, name) for name, owner in scope.bound.items())
             self._write(indent, f"nonlocal {', '.join(names)}", function)
         if scope.parent is None and scope.variables:
             # Names that only inner functions assign must exist here too, without a value.
@@ -195,8 +196,7 @@ class _Emitter:
                 name = _variable(scope.depth, parameter.name)
                 self._write(indent, f"{name} = copy({name})", function)
         self._block(function.body, indent)
-        if outer:
-            self._scope = outer
+        self._scope = outer
 
     def _spend(self, indent: int, node: syntax.Statement) -> None:
         self._write(indent, "budget[0] -= 1", node)
@@ -231,38 +231,36 @@ class _Emitter:
                 self.function(self._scope.children[id(node)], indent)
 
     def _assign(self, node: syntax.Assign, indent: int) -> None:
-        if node.value is None:
-            return
-        value = self._copied(node.value)
-        if isinstance(node.target, syntax.Name):
-            name = node.target.name
-            owner = self._scope.program if node.scope == "global" else self._scope.owner(name)
-            if node.scope == "local" or owner is None:
-                owner = self._scope
-            target = _variable(owner.depth, name)
+        if node.scope == "global" and isinstance(node.target, syntax.Name):
+            target = _variable(0, node.target.name)
         else:
             target = self._expression(node.target)
-        self._write(indent, f"{target} = {value}", node)
+        if node.value is None:  # a declaration: the name must exist in Python as well
+            self._write(indent, f"if False: {target} = None", node)
+        else:
+            self._write(indent, f"{target} = {self._copied(node.value)}", node)
 
     def _if(self, node: syntax.If, indent: int) -> None:
         word = "if"
         for condition, body in node.arms:
             self._write(indent, f"{word} {self._expression(condition)}:", condition)
-            self._write(indent + 1, "pass", node)
-            self._block(body, indent + 1)
+            self._arm(body, indent + 1, node)
             word = "elif"
         if node.otherwise:
             self._write(indent, "else:", node)
-            self._block(node.otherwise, indent + 1)
+            self._arm(node.otherwise, indent + 1, node)
+
+    def _arm(self, body: syntax.Block, indent: int, node: syntax.If) -> None:
+        if not body:
+            self._write(indent, "pass", node)
+        self._block(body, indent)
 
     # expressions
 
     def _copied(self, node: syntax.Expression, depth: int = 0) -> str:
         """Write an expression whose value nobody else holds."""
         code = self._expression(node, depth)
-        shared = isinstance(node, syntax.Name | syntax.Index | syntax.Logical) or (
-            isinstance(node, syntax.Call) and self._scope.find_function(node.name) is not None
-        )
+        shared = isinstance(node, syntax.Name | syntax.Index | syntax.Logical | syntax.Call)
         return f"copy({code})" if shared else code
 
     def _expression(self, node: syntax.Expression, depth: int = 0) -> str:

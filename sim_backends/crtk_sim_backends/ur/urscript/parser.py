@@ -20,6 +20,7 @@ _NOT_BINDING = 3
 _SIGN_BINDING = 7
 
 _INTEGER_DIGITS = 18
+_LITERALS = (syntax.Number, syntax.Text, syntax.Boolean)
 
 _WORDS = frozenset({"break", "continue", "halt", "pass", "enter_critical", "exit_critical"})
 _LOOP_WORDS = frozenset({"break", "continue"})
@@ -240,12 +241,15 @@ class _Parser:
 
     def _postfix(self) -> syntax.Expression:
         value = self._atom()
-        while self._at("["):
+        while self._at("[") and not isinstance(value, _LITERALS):
             self._advance()
-            value = syntax.Index(value, self._items("]"), value.line, value.column)
-            if not value.indices:
-                raise self._error(self._token)
+            value = syntax.Index(value, self._indices(), value.line, value.column)
         return value
+
+    def _indices(self) -> tuple[syntax.Expression, ...]:
+        if self._at("]"):
+            raise self._error(self._token)
+        return self._items("]")
 
     def _atom(self) -> syntax.Expression:
         token = self._advance()

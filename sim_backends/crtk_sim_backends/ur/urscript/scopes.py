@@ -15,7 +15,11 @@ from crtk_sim_backends.ur.urscript import syntax
 
 @dataclass(eq=False)
 class Scope:
-    """One function: its variables, the functions defined in it and the calls it makes."""
+    """One function: its variables, the functions defined in it and the calls it makes.
+
+    ``variables`` are its own, parameters included; ``bound`` are the variables of functions around
+    it that it assigns, with their owner. ``children`` are by identity of their syntax node.
+    """
 
     function: syntax.Function
     parent: Scope | None
@@ -23,18 +27,22 @@ class Scope:
     number: int
     blocking: bool
     variables: set[str] = field(default_factory=set)
-    bound: set[tuple[int, str]] = field(default_factory=set)
+    bound: dict[str, Scope] = field(default_factory=dict)
     children: dict[int, Scope] = field(default_factory=dict)
     functions: dict[str, Scope] = field(default_factory=dict)
     calls: set[str] = field(default_factory=set)
     joins: bool = False
 
     def owner(self, variable: str) -> Scope | None:
-        """Return the nearest function, this one or one around it, that has the variable."""
+        """Return the function, this one or one around it, whose variable the name means here."""
         scope: Scope | None = self
-        while scope and variable not in scope.variables:
+        while scope:
+            if variable in scope.variables:
+                return scope
+            if variable in scope.bound:
+                return scope.bound[variable]
             scope = scope.parent
-        return scope
+        return None
 
     def find_function(self, name: str) -> Scope | None:
         """Return the script function that a call of ``name`` in this function means."""
@@ -113,7 +121,7 @@ def _bind(variable: str, kind: str, scope: Scope) -> None:
         owner = scope.owner(variable) or scope
     owner.variables.add(variable)
     if owner is not scope:
-        scope.bound.add((owner.depth, variable))
+        scope.bound[variable] = owner
 
 
 def _expressions_of(statement: syntax.Statement) -> Iterator[syntax.Expression]:

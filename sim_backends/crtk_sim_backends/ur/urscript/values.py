@@ -23,7 +23,8 @@ class Builtin:
 
     ``call`` gets the script's arguments; a parameter whose URScript name is a Python keyword is
     spelled with a trailing underscore (``async_``). Lists are handed over as they are: ``call``
-    copies what it keeps and never changes them. With ``blocking`` the call returns a generator
+    copies what it keeps and never changes them; what it returns is copied by the script, so it may
+    return a :class:`List` that it keeps, but no plain list. With ``blocking`` the call returns a generator
     that is resumed once per control period; its return value is the function's value.
     """
 

@@ -1,0 +1,217 @@
+"""Refusals and run-time errors: the controller's text, and the script's line and column."""
+
+from __future__ import annotations
+
+import pytest
+from urscript_helpers import run, start
+
+from crtk_sim_backends.ur.urscript import (
+    Builtin,
+    CompileError,
+    ScriptRuntimeError,
+    compile_program,
+)
+
+
+def refusal(text: str) -> tuple[int, int, str]:
+    with pytest.raises(CompileError) as caught:
+        compile_program(text, {"log": Builtin("log", print)})
+    return caught.value.line, caught.value.column, caught.value.text
+
+
+def failure(text: str, *extra: Builtin) -> tuple[int, int, str]:
+    with pytest.raises(ScriptRuntimeError) as caught:
+        run(text, *extra)
+    return caught.value.line, caught.value.column, caught.value.text
+
+
+def test_an_unknown_function_as_the_controller_reports_it() -> None:
+    # What URControl answers, asserted by Universal Robots' own client library tests.
+    assert refusal("def prog():\n  calldoesntexist()\nend\n") == (
+        2,
+        3,
+        "compile_error_name_not_found:calldoesntexist:",
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "column", "name"),
+    [
+        ("def f():\n log(missing)\nend", 2, 6, "missing"),
+        ("def f():\n log(log)\nend", 2, 6, "log"),
+        ("def f():\n x = 1\n x()\nend", 3, 2, "x"),
+        ("def f():\n missing[0] = 1\nend", 2, 2, "missing"),
+        ("def f():\n run log()\nend", 2, 6, "log"),
+        ("def f():\n thread t():\n end\n t()\nend", 4, 2, "t"),
+        ("def f():\n g()\n def g():\n end\nend", 2, 2, "g"),
+        ("def f():\n def g():\n  inner = 1\n end\n log(inner)\nend", 5, 6, "inner"),
+        ("def f():\n log([1,\n   log(absent)])\nend", 3, 8, "absent"),
+    ],
+)
+def test_names_out_of_reach(text: str, line: int, column: int, name: str) -> None:
+    assert refusal(text) == (line, column, f"compile_error_name_not_found:{name}:")
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "column", "quoted"),
+    [
+        # Seen on a controller: an unclosed call is noticed at the next line.
+        ("def prog():\n    log(1\nend\n", 3, 1, "end"),
+        ("def prog():\n    log([0.5, -1, a=0.25)\nend", 2, 20, "    log([0.5, -1, a=0.25)"),
+        ("def f():\n log(1)", 2, 8, " log(1)"),
+        ("def f():\n x = ?\nend", 2, 6, " x = ?"),
+        ('def f():\n log("open)\nend', 2, 6, ' log("open)'),
+        ("def f():\n break\nend", 2, 2, " break"),
+        ("def f():\n while True:\n  def g():\n   break\n  end\n end\nend", 4, 4, "   break"),
+        ("def f(a, a):\nend", 1, 10, "def f(a, a):"),
+        ("def f(a):\nend", 1, 1, "def f(a):"),
+        ("def f():\n def g(a=1, b):\n end\nend", 2, 13, " def g(a=1, b):"),
+        ("def f():\n 1 = 2\nend", 2, 4, " 1 = 2"),
+        ("def f():\n log(1, log=2, 3)\nend", 2, 16, " log(1, log=2, 3)"),
+        ("def f():\n x = 0xFFFFFFFFFFFFFFFFFF\nend", 2, 6, " x = 0xFFFFFFFFFFFFFFFFFF"),
+        ("def f():\n x = 1e999\nend", 2, 6, " x = 1e999"),
+        ("def f():\n a.b()\nend", 2, 3, " a.b()"),
+        ("end", 1, 1, "end"),
+        ("def f():\n if True:\n else:\n elif True:\n end\nend", 4, 2, " elif True:"),
+        ("def if():\nend", 1, 5, "def if():"),
+        ("x = [1, 2", 1, 10, "x = [1, 2"),
+        ("x = y[]", 1, 7, "x = y[]"),
+    ],
+)
+def test_syntax_errors(text: str, line: int, column: int, quoted: str) -> None:
+    assert refusal(text) == (line, column, f"syntax_error_on_line:{line}:{quoted}:")
+
+
+@pytest.mark.parametrize(
+    ("statement", "text"),
+    [
+        ("x = 1 / 0", "Division by zero"),
+        ("x = 1 % 0", "Division by zero"),
+        ("log(q[2])", "Index out of range"),
+        ("log(q[-1])", "Index out of range"),
+        ("q[2] = 1", "Index out of range"),
+        ("q[-1] = 1", "Index out of range"),
+        ("x = q + [1]", "Type error: lists of different lengths (2 and 1)"),
+        ("x = [[1, 2]] * [1]", "Type error: matrix dimensions do not match"),
+        ('x = "a" + "b"', "Type error: operator + does not take strings, use str_cat"),
+        ('x = "%d" % 1', "Type error: operator % does not take strings"),
+        ('x = "a" * 3', "Type error: operator * takes numbers and lists"),
+        ('x = q + "a"', "Type error: wrong type of operand or argument"),
+        ("x = 1 + none()", "Type error: wrong type of operand or argument"),
+        ("x = (1 + 1)[0]", "Type error: wrong type of operand or argument"),
+        ("log(unset)", "Variable used before it has a value (unset)"),
+        ("x = 4000000000 * 4000000000", "Value out of range: integer overflow"),
+        ("x = sqrt(-1)", "Value out of range"),
+        ("x = pow(10, 1000)", "Value out of range"),
+        ("x = endless(1)", "Too many nested function calls"),
+        ("x = none(1)", "Type error: none takes ()"),
+        ("x = endless()", "Type error: endless takes (n)"),
+        ("x = endless(n=1, m=2)", "Type error: endless takes (n)"),
+        ("x = endless(1, n=2)", "Type error: endless takes (n)"),
+        ("x = str_at('abc', 3)", "Index out of range: str_at"),
+        (
+            "x = sin(1, 2)",
+            "Type error: wrong type of operand or argument "
+            "(sin takes 1 positional argument but 2 were given)",
+        ),
+        ("kill q", "Type error: wrong type of operand or argument"),
+    ],
+)
+def test_runtime_errors(statement: str, text: str) -> None:
+    script = f"""def f():
+  q = [1, 2]
+  def none():
+  end
+  def endless(n):
+    return endless(n + 1)
+  end
+  if False:
+    unset = 0
+  end
+   {statement}
+end"""
+    line, column, found = failure(script)
+    assert found == text
+    assert (line, column) == ((6, 5) if text.startswith("Too many") else (11, 4))
+
+
+def test_errors_point_into_the_innermost_function_and_thread() -> None:
+    script = """def f():
+  def g(a):
+    return 1 / a
+  end
+  thread t():
+    sync()
+    while g(0) > 1:
+    end
+  end
+  run t()
+  while True:
+    sync()
+  end
+end"""
+    assert failure(script) == (3, 5, "Division by zero")
+
+
+@pytest.mark.parametrize("blocking", [False, True])
+def test_an_error_of_a_builtin_gets_its_position(blocking: bool) -> None:
+    def refuse():
+        if blocking:
+            yield
+        raise ScriptRuntimeError("no inverse kinematics")
+
+    def refuse_at_once() -> None:
+        raise ScriptRuntimeError("no inverse kinematics")
+
+    builtin = Builtin("refuse", refuse if blocking else refuse_at_once, blocking)
+    script = "def f():\n sync()\n if True:\n   refuse()\n end\nend"
+    assert failure(script, builtin) == (4, 4, "no inverse kinematics")
+
+
+def test_a_defect_of_a_builtin_is_reported_and_logged(caplog: pytest.LogCaptureFixture) -> None:
+    def broken() -> None:
+        raise KeyError("a bug")
+
+    assert failure("broken()", Builtin("broken", broken)) == (
+        1,
+        1,
+        "Internal error of a built-in function",
+    )
+    assert "a bug" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        "def f():\n while True:\n end\nend",
+        "def f():\n x = 1\n while True:\n  x = x + 1\n end\nend",
+        "def f():\n def g(n):\n  if n > 0:\n   g(n - 1)\n   g(n - 1)\n  end\n end\n g(60)\nend",
+        "def f():\n global h = 0\n thread t():\n  h = run t()\n end\n h = run t()\n sleep(1)\nend",
+    ],
+    ids=["empty loop", "counting loop", "doubling recursion", "threads that start threads"],
+)
+def test_an_infinite_loop_stops_the_program(script: str) -> None:
+    line, _, text = failure(script)
+    assert line > 1
+    assert text.startswith("Runtime too much behind: infinite loop detected")
+
+
+def test_the_same_loop_with_sync_is_legitimate() -> None:
+    runtime = start("def f():\n while True:\n  sync()\n end\nend", [])
+    for _ in range(1000):
+        runtime.step()
+    assert not runtime.finished
+
+
+def test_a_heavy_computation_is_let_through() -> None:
+    script = "def f(): i = 0 while i < 50000: i = i + 1 end log(i) end"
+    assert run(script) == [50000]
+
+
+def test_values_cannot_grow_without_bound_in_one_tick() -> None:
+    assert failure("def f():\n s = 'x'\n while True:\n  s = str_cat(s, s)\n end\nend")[2] == (
+        "Value out of range: string longer than 1023"
+    )
+    assert failure("def f():\n n = 3\n while True:\n  n = n * n\n end\nend")[2] == (
+        "Value out of range: integer overflow"
+    )
