@@ -25,7 +25,15 @@ from typing import (
     get_type_hints,
 )
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    create_model,
+    model_validator,
+)
 from pydantic_core import ErrorDetails
 
 from crtk_drivers.config_file import Key, Values, dotted, parse_value, read_file
@@ -122,23 +130,44 @@ class DeviceConfig(Settings):
 
 
 class NodeConfig(Settings):
-    """The ROS 2 node: the initial values of its parameters."""
+    """The ROS 2 node: the initial values of its parameters. ROS arguments override them."""
 
     publish_rate: float = Field(
-        default=100.0, gt=0.0, le=2000.0, description="Rate of measured_* and setpoint_*, in Hz."
+        default=100.0,
+        ge=0.1,
+        le=2000.0,
+        description="Rate of measured_*, setpoint_* and jacobian, in Hz.",
     )
     tf_rate: float = Field(
-        default=50.0, ge=0.0, le=1000.0, description="Rate of /tf, in Hz; 0 publishes none."
+        default=50.0, ge=0.0, le=500.0, description="Rate of /tf, in Hz; 0 publishes none."
     )
     heartbeat_rate: float = Field(
-        default=2.0,
+        default=5.0,
         ge=1.0,
         le=10.0,
-        description="Rate at which operating_state is repeated when nothing changes, in Hz.",
+        description="Rate at which operating_state is repeated, in Hz.",
     )
     diagnostics_rate: float = Field(
-        default=1.0, gt=0.0, le=10.0, description="Rate of /diagnostics, in Hz."
+        default=1.0,
+        ge=0.0,
+        le=10.0,
+        description="Rate of /diagnostics, in Hz; 0 publishes none.",
     )
+    frame_prefix: str | None = Field(
+        default=None,
+        max_length=200,
+        description="Put before every frame id, so that two devices do not collide on /tf; "
+        "from the namespace if null.",
+    )
+
+
+def with_node(model: type[DeviceConfig]) -> type[DeviceConfig]:
+    """Return `model` with the table ``node`` beside its own keys: what a file may hold."""
+    table = Field(default=NodeConfig(), description="The ROS 2 node. Not used in plain Python.")
+    extended: type[DeviceConfig] = create_model(
+        model.__name__, __base__=model, __doc__=model.__doc__, node=(NodeConfig, table)
+    )
+    return extended
 
 
 @dataclass(frozen=True)
@@ -253,6 +282,22 @@ def _merged(below: Values, above: Values) -> dict[str, Any]:
 _UNKNOWN_KEY = frozenset({"extra_forbidden", "unexpected_keyword_argument"})
 _MISSING = frozenset({"missing", "missing_argument", "missing_keyword_only_argument"})
 
+_EXPECTED = {
+    "model_type": "must be a table of keys",
+    "dict_type": "must be a table of keys",
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "int_type": "must be a whole number",
+    "int_parsing": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "bool_type": "must be true or false",
+    "bool_parsing": "must be true or false",
+    "string_type": "must be text (in quotes)",
+    "tuple_type": "must be a list",
+    "list_type": "must be a list",
+}
+"""What is expected in the words of this package, where pydantic speaks of its own types."""
+
 
 def _problem(model: type, details: ErrorDetails, layers: Sequence[Layer]) -> ConfigError:
     key: Key = details["loc"]
@@ -268,7 +313,7 @@ def _problem(model: type, details: ErrorDetails, layers: Sequence[Layer]) -> Con
         )
     key = _existing(layers, key)
     text = details["msg"].removeprefix("Value error, ")
-    text = text.replace("Input should be", "must be").replace("Input should have", "must have")
+    text = _EXPECTED.get(details["type"], text.replace("Input should", "must"))
     if details["type"] != "value_error":
         text = f"{text}, not {_short(details['input'])}"
     message = f"{dotted(key)}: {text}" if key else text

@@ -163,7 +163,7 @@ def _note_lines(node: yaml.Node, key: Key, lines: dict[Key, int], name: str) -> 
             _note_lines(value_node, path, lines, name)
 
 
-_TOML_PLACE = re.compile(r" \(at line (\d+), column \d+\)$")
+_TOML_PLACE = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
 _TOML_HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
 _TOML_KEY = re.compile(
     r"""\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*="""
@@ -182,7 +182,8 @@ def parse_toml(text: str, name: str) -> FileContent:
     except tomllib.TOMLDecodeError as error:
         message = str(error)
         place = _TOML_PLACE.search(message)
-        where = f"{name}:{place[1]}" if place else name
+        line = place[1] if place and place[1] else text.rstrip().count("\n") + 1
+        where = f"{name}:{line}"
         raise ConfigError(f"not valid TOML: {_TOML_PLACE.sub('', message)}", where=where) from None
     except ValueError as error:
         raise ConfigError(f"holds an impossible value: {error}", where=name) from None
