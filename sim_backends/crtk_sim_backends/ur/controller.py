@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -259,6 +260,11 @@ class Controller:
                 self.pause()
 
     # Programs.
+
+    def prepare_script(self, text: str) -> None:
+        """Compile a script ahead, in any thread, so that `run_script` need not wait for it."""
+        with suppress(ScriptError):  # which `run_script` reports
+            compile_program(text, self._builtins)
 
     def run_script(self, text: str) -> None:
         """Run a def or sec block, or a single line, from a script port. Errors become messages.
