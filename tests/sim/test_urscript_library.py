@@ -49,6 +49,9 @@ def test_numbers(expression: str, value: object) -> None:
         ("get_list_length([1, 2, 3])", 3),
         ("length([])", 0),
         ("transpose([[1, 2], [3, 4], [5, 6]])", [[1, 3, 5], [2, 4, 6]]),
+        ("inv([[2, 0], [0, 4]])", [[0.5, 0], [0, 0.25]]),
+        ("inv([[0, 1], [1, 0]]) * [3, 5]", [5, 3]),
+        ("inv([[1, 2], [0.5, 2]])", [[2, -2], [-0.5, 1]]),
         ("integer_to_binary_list(5)[0]", True),
         ("integer_to_binary_list(5)[1]", False),
         ("length(integer_to_binary_list(0))", 32),
@@ -88,6 +91,8 @@ def test_lists_and_strings(expression: str, value: object) -> None:
         "log(1, 0)",
         "transpose([[1], [2, 3]])",
         "normalize('a')",
+        "inv([[1, 2], [2, 4]])",
+        "inv([[1, 2]])",
     ],
 )
 def test_wrong_arguments_are_runtime_errors(expression: str) -> None:

@@ -35,8 +35,6 @@ def product(a: float, b: float) -> float:
 
 
 MEANING: dict[str, Any] = {
-    "or": lambda a, b: a or b,
-    "and": lambda a, b: a and b,
     "xor": operator.ne,
     "not": operator.not_,
     "neg": operator.neg,
@@ -94,6 +92,9 @@ def meaning(tree: Any) -> Any:
     if not isinstance(tree, tuple):
         return tree
     word, *operands = tree
+    if word in ("and", "or"):  # the right side counts only if the left one does not decide
+        first = meaning(operands[0])
+        return meaning(operands[1]) if first is (word == "and") else first
     return MEANING[word](*map(meaning, operands))
 
 

@@ -29,8 +29,8 @@ _WRONG_CALL = re.compile(r"(?:.*\.)?(\w+)\(\) ((?:takes|missing|got) .*)")
 _VARIABLE = re.compile(r"'v\d+_(\w+)'")
 
 
-class _ThreadKilled(Exception):  # noqa: N818 - not an error: unwinds a thread that kills itself
-    pass
+class _ThreadKilled(Exception):
+    """Unwinds a thread that kills itself."""
 
 
 class ProgramRuntime:

@@ -41,5 +41,5 @@ class ScriptRuntimeError(ScriptError):
     """
 
 
-class Halt(Exception):  # noqa: N818 - the statement `halt`, not an error
+class Halt(Exception):
     """Unwind the running thread and end the whole program (the statement ``halt``)."""

@@ -118,6 +118,26 @@ def transpose(m: List) -> List:
     return List([List(column) for column in zip(*m, strict=True)])
 
 
+def inv(m: List) -> List:
+    """Invert a square matrix (a pose is inverted by the robot's own functions)."""
+    size = len(m)
+    if any(len(row) != size for row in m):
+        raise ScriptRuntimeError("Type error: inv takes a square matrix")
+    rows = [[*map(float, row), *(float(i == j) for j in range(size))] for i, row in enumerate(m)]
+    for column in range(size):
+        _, pivot = max((abs(rows[row][column]), row) for row in range(column, size))
+        rows[column], rows[pivot] = rows[pivot], rows[column]
+        scale = rows[column][column]
+        if scale == 0:
+            raise ScriptRuntimeError("Value out of range: inv of a singular matrix")
+        rows[column] = [value / scale for value in rows[column]]
+        for row in range(size):
+            if row != column:
+                factor = rows[row][column]
+                rows[row] = [a - factor * b for a, b in zip(rows[row], rows[column], strict=True)]
+    return List([List(row[size:]) for row in rows])
+
+
 def integer_to_binary_list(x: int) -> List:
     """Bits of a 32-bit integer as booleans, least significant first."""
     return List([bool(x >> bit & 1) for bit in range(32)])
@@ -205,6 +225,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "floor": floor,
     "get_list_length": length,
     "integer_to_binary_list": integer_to_binary_list,
+    "inv": inv,
     "length": length,
     "log": log,
     "norm": norm,
