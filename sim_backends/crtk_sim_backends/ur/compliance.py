@@ -7,7 +7,7 @@ controller's own are not published.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp
+from math import exp, inf
 from typing import Final
 
 from crtk_sim_backends.ur.arm import Arm
@@ -15,6 +15,7 @@ from crtk_sim_backends.ur.kinematics import (
     IDENTITY,
     Floats,
     Kinematics,
+    Matrix,
     Transform,
     rotate,
     rotate_back,
@@ -54,6 +55,8 @@ class Compliance:
         self._arm = arm
         self._kinematics = kinematics
         self._qd = [0.0] * 6
+        self._speed = [0.0] * 6
+        self._joint_space = True
         self._blend = 1.0 - exp(-arm.dt / RESPONSE_TIME)
         self.damping = 0.005  # of force_mode, 0 (coasts) to 1 (stops at once)
         self.gain_scaling = 1.0
@@ -83,56 +86,65 @@ class Compliance:
 
     def step(self, wrench: Floats, tool: Transform) -> None:
         """Set the arm's drift for one period: `wrench` (N, N.m) acts at the tool, base axes."""
-        if self.freedrive_axes is not None:
-            goal = self._freedrive_velocity(self.freedrive_axes, wrench, tool)
-        elif self.force_task is not None:
-            goal = self._force_velocity(self.force_task, wrench, tool)
-        elif any(self._qd):
-            goal = [0.0] * 6
-        else:
+        task = self._task()
+        if task is None and not self.active:
+            self._coast()
             return
-        k = self._blend
-        qd = [v + (g - v) * k for v, g in zip(self._qd, goal, strict=True)]
-        if not any(goal) and max(map(abs, qd)) < _STILL:
-            qd = [0.0] * 6
+        matrix = self._kinematics.jacobian(self._arm.target_q, tool)
+        if task is None:
+            goal = self._joint_speed(matrix, wrench)
+            self._approach(goal, joint_space=True)
+            qd = self._speed
+        else:
+            self._approach(self._tool_speed(task, wrench), joint_space=False)
+            linear = rotate(task.frame, self._speed[:3])
+            angular = rotate(task.frame, self._speed[3:])
+            qd = solve(matrix, (*linear, *angular)) or [0.0] * 6
         self._qd = qd
         self._arm.drift(qd)
 
-    def _freedrive_velocity(
-        self, axes: tuple[bool, ...], wrench: Floats, tool: Transform
-    ) -> list[float]:
-        if not any(wrench):
-            return [0.0] * 6
-        matrix = self._kinematics.jacobian(self._arm.target_q, tool)
-        if all(axes):
-            torque = transpose_multiply(matrix, wrench)
-            limits = self._arm.model.torque
-            return [
-                t / (JOINT_DAMPING_PER_TORQUE * limit)
-                for t, limit in zip(torque, limits, strict=True)
-            ]
-        unlimited = (float("inf"),) * 6
-        task = ForceTask(self.freedrive_frame, axes, (0.0,) * 6, unlimited)
-        return self._admittance(task, wrench, matrix, 1.0)
+    def _task(self) -> ForceTask | None:
+        """Task in tool space, None when the joints give way freely or not at all."""
+        if self.freedrive_axes is None:
+            return self.force_task
+        if all(self.freedrive_axes):
+            return None
+        return ForceTask(self.freedrive_frame, self.freedrive_axes, (0.0,) * 6, (inf,) * 6)
 
-    def _force_velocity(self, task: ForceTask, wrench: Floats, tool: Transform) -> list[float]:
-        matrix = self._kinematics.jacobian(self._arm.target_q, tool)
-        return self._admittance(task, wrench, matrix, self.gain_scaling * (1.0 - self.damping))
+    def _coast(self) -> None:
+        """Come to rest after a compliant mode."""
+        if any(self._qd):
+            self._speed = self._qd
+            self._approach([0.0] * 6, joint_space=True)
+            self._qd = self._speed
+            self._arm.drift(self._qd)
 
-    def _admittance(
-        self, task: ForceTask, wrench: Floats, matrix: list[list[float]], gain: float
-    ) -> list[float]:
-        """Joint velocity for the net force along the complying axes of the task frame."""
+    def _approach(self, goal: list[float], joint_space: bool) -> None:
+        """Bring the speed (of the joints, or of the tool in the task frame) towards `goal`."""
+        if joint_space != self._joint_space:
+            self._joint_space = joint_space
+            self._speed = self._qd if joint_space else [0.0] * 6
+        k = self._blend
+        speed = [v + (g - v) * k for v, g in zip(self._speed, goal, strict=True)]
+        if not any(goal) and max(map(abs, speed)) < _STILL:
+            speed = [0.0] * 6
+        self._speed = speed
+
+    def _joint_speed(self, matrix: Matrix, wrench: Floats) -> list[float]:
+        torque = transpose_multiply(matrix, wrench)
+        limits = self._arm.model.torque
+        return [
+            t / (JOINT_DAMPING_PER_TORQUE * limit) for t, limit in zip(torque, limits, strict=True)
+        ]
+
+    def _tool_speed(self, task: ForceTask, wrench: Floats) -> list[float]:
+        """Speed along the complying axes of the task frame for the net force on them."""
         local = (*rotate_back(task.frame, wrench[:3]), *rotate_back(task.frame, wrench[3:]))
-        speed = []
+        gain = 1.0 if self.freedrive else self.gain_scaling * (1.0 - self.damping)
+        speed = [0.0] * 6
         for i in range(6):
-            if not task.selection[i]:
-                speed.append(0.0)
-                continue
-            damping = LINEAR_DAMPING if i < 3 else ANGULAR_DAMPING
-            value = gain * (task.wrench[i] + local[i]) / damping
-            speed.append(max(-task.limits[i], min(task.limits[i], value)))
-        if not any(speed):
-            return [0.0] * 6
-        twist = (*rotate(task.frame, speed[:3]), *rotate(task.frame, speed[3:]))
-        return solve(matrix, twist) or [0.0] * 6
+            if task.selection[i]:
+                damping = LINEAR_DAMPING if i < 3 else ANGULAR_DAMPING
+                value = gain * (task.wrench[i] + local[i]) / damping
+                speed[i] = max(-task.limits[i], min(task.limits[i], value))
+        return speed
