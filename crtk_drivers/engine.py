@@ -376,6 +376,7 @@ class Engine:
             after = _AFTER_STREAM.get(self.options.on_stream_timeout)
             if ended and after is not None:
                 self._motion.end("the stream stopped")
+                self.device.stop()
                 limit = f"{self.options.stream_timeout:g} s"
                 self._board.update(after, f"{ended} stopped for more than {limit}")
 

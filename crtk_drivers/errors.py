@@ -111,7 +111,7 @@ class Reason(StrEnum):
     UNREACHABLE = "unreachable"
     MODE_SWITCH = "mode_switch"
     NOT_CONNECTED = "not_connected"
-    BUSY = "busy"
+    LOCAL_CONTROL = "local_control"
 
 
 class CommandRefused(CrtkError, ValueError):

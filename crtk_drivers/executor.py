@@ -10,6 +10,7 @@ import numpy as np
 
 from crtk_drivers.arbiter import Arbiter, Order
 from crtk_drivers.board import StatusBoard
+from crtk_drivers.commands import Kind
 from crtk_drivers.device import Device, Mode, Setpoint, Steps
 from crtk_drivers.errors import CommandRefused, MotionAborted
 from crtk_drivers.feedback import Feedback
@@ -185,7 +186,10 @@ class MotionExecutor:
         self._stream.disarm()
         self._health.stream_timeouts += 1
         ended, self._health.stream = self._health.stream, ""
-        self._last_setpoint = None
-        self._device.stop()
-        self._feedback.hold()
+        last = self._last_setpoint
+        if last is None or last.mode.kind is not Kind.POSITION:
+            # A position is held by itself; a velocity or an effort would go on.
+            self._last_setpoint = None
+            self._device.stop()
+            self._feedback.hold()
         return ended

@@ -96,9 +96,9 @@ class Feedback:
         self._active = _Active()
 
     def hold(self) -> None:
-        """Motion was stopped: a position that was sent is held, anything else ends where it ends."""
+        """Motion was stopped: the setpoint is what the hardware reports, or else the last one sent."""
         active = self._active
-        keeps = active.mode is Mode.JOINT_POSITION and active.joints.position.size
+        keeps = active.mode is Mode.JOINT_POSITION and self._native("setpoint_js") is None
         self._active = (
             _Active(None, JointState(position=active.joints.position)) if keeps else _Active()
         )

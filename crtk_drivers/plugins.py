@@ -45,6 +45,10 @@ def _same_config(config: Any, sim: RunningSim) -> Any:
     return config
 
 
+def _nothing(config: Any) -> None:
+    pass
+
+
 def _no_options(config: Any) -> Mapping[str, Any]:
     return MappingProxyType({})
 
@@ -58,6 +62,8 @@ class DevicePlugin:
         summary: one line for people.
         config: the class of its configuration.
         create: makes the device of a configuration; touches no hardware, may import libraries.
+        check_real: raises ConfigError if the configuration lacks what only real hardware needs, such
+            as an address; not called for a simulator.
         sim: name of its simulator; None if it has none.
         extra: the extra of its distribution that brings its libraries; empty if it needs none.
         sim_config: the configuration that points at a running simulator.
@@ -70,6 +76,7 @@ class DevicePlugin:
     create: Callable[[Any], Device]
     sim: str | None = None
     extra: str = ""
+    check_real: Callable[[Any], None] = _nothing
     sim_config: Callable[[Any, RunningSim], Any] = _same_config
     sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
 

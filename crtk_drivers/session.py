@@ -97,6 +97,7 @@ def open_session(
     """
     plugin = plugins.device(device)
     if not sim:
+        plugin.check_real(config)
         return Session(plugin, config)
     if plugin.sim is None:
         raise ConfigError(f"{device} has no simulator", remedy="Leave --sim out.")

@@ -1,0 +1,112 @@
+"""Configuration of a Universal Robots arm: keys, defaults, units and bounds."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from crtk_drivers.config import DeviceConfig, Settings
+
+Vector3 = tuple[float, float, float]
+Vector6 = tuple[float, float, float, float, float, float]
+
+
+class MoveConfig(Settings):
+    """Speed and acceleration of move_jp, move_jr and move_cp (moveJ, moveL)."""
+
+    joint_velocity: float = Field(
+        default=1.05, gt=0.0, le=3.14, description="Of the leading joint, in rad/s."
+    )
+    joint_acceleration: float = Field(
+        default=1.4, gt=0.0, le=40.0, description="Of the leading joint, in rad/s²."
+    )
+    linear_velocity: float = Field(default=0.25, gt=0.0, le=3.0, description="Of the tool, in m/s.")
+    linear_acceleration: float = Field(
+        default=1.2, gt=0.0, le=20.0, description="Of the tool, in m/s²."
+    )
+
+
+class ServoConfig(Settings):
+    """How servo commands are carried out (servoJ, speedJ, speedL)."""
+
+    lookahead: float = Field(
+        default=0.1,
+        ge=0.03,
+        le=0.2,
+        description="Smoothing of servo_jp and servo_cp in s; the arm lags by about this time.",
+    )
+    gain: float = Field(
+        default=300.0, ge=100.0, le=2000.0, description="Stiffness of servo_jp and servo_cp."
+    )
+    joint_acceleration: float = Field(
+        default=5.0, gt=0.0, le=40.0, description="For servo_jv and for stops, in rad/s²."
+    )
+    linear_acceleration: float = Field(
+        default=2.0, gt=0.0, le=20.0, description="For servo_cv and for its stops, in m/s²."
+    )
+    max_linear_velocity: float = Field(
+        default=1.0, gt=0.0, le=5.0, description="Largest linear velocity of servo_cv, in m/s."
+    )
+    max_angular_velocity: float = Field(
+        default=3.14, gt=0.0, le=10.0, description="Largest angular velocity of servo_cv, in rad/s."
+    )
+
+
+class PayloadConfig(Settings):
+    """What the arm carries; sent to the controller by enable."""
+
+    mass: float = Field(ge=0.0, le=100.0, description="In kg.")
+    center_of_gravity: Vector3 = Field(
+        default=(0.0, 0.0, 0.0), description="From the flange, in its axes, in m."
+    )
+
+
+class UrConfig(DeviceConfig):
+    """A Universal Robots arm."""
+
+    host: str = Field(default="", max_length=253, description="Address or name of the controller.")
+    model: Literal["ur3", "ur5", "ur10", "ur3e", "ur5e", "ur10e", "ur16e", "ur20", "ur30"] = Field(
+        default="ur5e", description="Model of the arm."
+    )
+    frequency: float | None = Field(
+        default=None,
+        ge=1.0,
+        le=500.0,
+        description="Samples per second, in Hz; the controller's own rate (125 or 500) if null.",
+    )
+    watchdog_frequency: float = Field(
+        default=5.0,
+        ge=2.0,
+        le=50.0,
+        description="The controller stops the arm when it heard nothing for one period of this, in Hz.",
+    )
+    upper_range_registers: bool = Field(
+        default=False,
+        description="Use RTDE registers 24 to 47, where a fieldbus or another client has the lower.",
+    )
+    power_off_on_disable: bool = Field(
+        default=True, description="Disable switches the arm's power off; otherwise it stays on."
+    )
+    tcp: Vector6 | None = Field(
+        default=None,
+        description="Tool centre point from the flange: m and a rotation vector in rad. "
+        "That of the controller's installation if null.",
+    )
+    payload: PayloadConfig | None = Field(
+        default=None, description="Payload; that of the controller's installation if null."
+    )
+    gravity: Vector3 | None = Field(
+        default=None,
+        description="Acceleration opposite to gravity in base axes, in m/s²: 0, 0, 9.82 for an arm "
+        "that stands upright. That of the controller's installation if null.",
+    )
+    move: MoveConfig = Field(default=MoveConfig(), description="Point-to-point motion.")
+    servo: ServoConfig = Field(default=ServoConfig(), description="Streamed motion.")
+
+    @model_validator(mode="after")
+    def _generation(self) -> UrConfig:
+        cb3 = self.model in ("ur3", "ur5", "ur10")
+        if cb3 and self.frequency is not None and self.frequency > 125.0:
+            raise ValueError(f"{self.model} has a CB3 controller: frequency is at most 125 Hz")
+        return self

@@ -1,0 +1,50 @@
+"""The entry point of the driver."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.util import find_spec
+from typing import Any
+
+from crtk_driver_ur.config import UrConfig
+from crtk_driver_ur.device import UrDevice
+from crtk_drivers.errors import ConfigError, MissingExtra
+from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.sims import RunningSim
+
+
+def _create(config: UrConfig) -> UrDevice:
+    if find_spec("rtde_control") is None:
+        raise MissingExtra("ur-rtde", "ur")
+    return UrDevice(config)
+
+
+def _require_host(config: UrConfig) -> None:
+    if not config.host:
+        raise ConfigError(
+            "host: is required for a real arm",
+            where="ur",
+            remedy="Give the controller's address (--host 192.168.1.10), or use --sim.",
+        )
+
+
+def _at_sim(config: UrConfig, sim: RunningSim) -> UrConfig:
+    return config.model_copy(update={"host": sim.host})
+
+
+def _sim_options(config: UrConfig) -> Mapping[str, Any]:
+    cb3 = config.model in ("ur3", "ur5", "ur10")
+    return {"model": config.model, "version": "3.15.8" if cb3 else "5.12.4"}
+
+
+PLUGIN = DevicePlugin(
+    name="ur",
+    summary="Universal Robots arms: UR3/5/10 (CB3), UR3e/5e/10e/16e, UR20, UR30",
+    config=UrConfig,
+    create=_create,
+    sim="ur",
+    extra="ur",
+    check_real=_require_host,
+    sim_config=_at_sim,
+    sim_options=_sim_options,
+)

@@ -1,0 +1,109 @@
+"""From a state of the controller to a CRTK sample. Units are SI on both sides; only forms change."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from crtk_driver_ur.frames import Transform, compose, inverse
+from crtk_driver_ur.models import JOINT_NAMES
+from crtk_driver_ur.rtde.stream import StateSample
+from crtk_drivers.samples import (
+    EMPTY,
+    JointState,
+    Pose,
+    Sample,
+    Stamp,
+    Twist,
+    Value,
+    Vector,
+    Wrench,
+    vector,
+)
+
+BASE_FRAME = "base"
+"""The controller's base frame, in whose axes it reports poses, speeds and forces."""
+
+TOOL_FRAME = "tool0"
+
+
+def pose_of(transform: Transform) -> Pose:
+    """Return the pose in the base frame."""
+    return Pose(vector(transform.position), vector(transform.quaternion()), BASE_FRAME)
+
+
+class SampleMaker:
+    """Makes samples; the tool centre point may be one that the controller does not have (yet).
+
+    Args:
+        tool: flange to tool centre point; None takes the controller's.
+    """
+
+    def __init__(self, tool: Transform | None) -> None:
+        self._tool = tool
+        self._reported: tuple[float, ...] | None = None
+        self._shift: Transform | None = None
+
+    def make(self, state: StateSample) -> Sample:
+        """Return measured_js, _cp, _cv, _cf and the controller's setpoint_js, _cp of one state.
+
+        Effort is in N·m and is the torque that the controller reports for the joints' motors; where
+        the controller reports amperes only it is empty. The setpoint's effort is the controller's own
+        target torque.
+        """
+        wall = time.time_ns() - int((time.monotonic() - state.received) * 1e9)
+        torque = state.actual_current_as_torque
+        shift = self._shift_to_tool(state)
+        values: dict[str, Value] = {
+            "measured_js": JointState(
+                vector(state.actual_q),
+                vector(state.actual_qd),
+                EMPTY if torque is None else vector(torque),
+                JOINT_NAMES,
+            ),
+            "setpoint_js": JointState(
+                vector(state.target_q),
+                vector(state.target_qd),
+                vector(state.target_moment),
+                JOINT_NAMES,
+            ),
+            "setpoint_cp": pose_of(_shifted(state.target_TCP_pose, shift)),
+        }
+        tool = _shifted(state.actual_TCP_pose, shift)
+        arm = vector(np.subtract(tool.position, state.actual_TCP_pose[:3]))
+        values["measured_cp"] = pose_of(tool)
+        values["measured_cv"] = _twist_at(arm, state.actual_TCP_speed)
+        values["measured_cf"] = _wrench_at(arm, state.actual_TCP_force)
+        return Sample(Stamp(wall, state.received), values)
+
+    def _shift_to_tool(self, state: StateSample) -> Transform | None:
+        """Return the transform from the controller's tool point to ours, None if they are one."""
+        if self._tool is None or state.tcp_offset is None:
+            return None
+        if state.tcp_offset != self._reported:
+            self._reported = state.tcp_offset
+            reported = Transform.from_pose_vector(state.tcp_offset)
+            shift = compose(inverse(reported), self._tool)
+            same = np.allclose(reported, self._tool, atol=1e-12)
+            self._shift = None if same else shift
+        return self._shift
+
+
+def _shifted(pose: tuple[float, ...], shift: Transform | None) -> Transform:
+    transform = Transform.from_pose_vector(pose)
+    return transform if shift is None else compose(transform, shift)
+
+
+def _twist_at(arm: Vector, speed: tuple[float, ...]) -> Twist:
+    linear, angular = vector(speed[:3]), vector(speed[3:])
+    if arm.any():
+        linear = vector(linear + np.cross(angular, arm))
+    return Twist(linear, angular, BASE_FRAME)
+
+
+def _wrench_at(arm: Vector, force: tuple[float, ...]) -> Wrench:
+    forces, torques = vector(force[:3]), vector(force[3:])
+    if arm.any():
+        torques = vector(torques - np.cross(arm, forces))
+    return Wrench(forces, torques, BASE_FRAME)
