@@ -226,13 +226,12 @@ def from_assignments(model: type, assignments: Iterable[str], option: str = "--s
                 remedy=f"For example: {option} limits.max_step=0.2",
             )
         table = values
-        for part in key[:-1]:
-            inner = table.get(str(part))
-            table = (
-                table.setdefault(str(part), {}) if isinstance(inner, dict) or inner is None else {}
-            )
+        for part in map(str, key[:-1]):
+            if not isinstance(table.get(part), dict):
+                table[part] = {}
+            table = table[part]
         table[str(key[-1])] = typed_value(model, key, text, place)
-        places[key] = place
+        places |= {key[:length]: place for length in range(1, len(key) + 1)}
     return Layer(values, option, places)
 
 

@@ -1,0 +1,166 @@
+"""``crtk-driver``: the commands, and how errors become messages and exit codes.
+
+Exit codes: 0 done, 1 a device or simulator is at fault, 2 it was not asked for in a usable way.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from typing import Annotated, Any
+
+import typer
+
+from crtk_drivers import plugins
+from crtk_drivers.cli.check_command import CheckGroup
+from crtk_drivers.cli.device_command import build as build_device
+from crtk_drivers.cli.list_command import list_plugins, list_simulators
+from crtk_drivers.cli.plugin_group import PluginGroup, Source
+from crtk_drivers.cli.schema_command import print_schema
+from crtk_drivers.cli.sim_command import SimGroup
+from crtk_drivers.cli.terminal import print_error
+from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra, PluginError
+
+_USAGE_ERRORS = (ConfigError, PluginError, MissingExtra)
+_TOOLS = "Tools"
+
+
+class DeviceGroup(PluginGroup):
+    """One command for each device, beside the tools."""
+
+    source = Source(plugins.devices, build_device, plugins.device, "Devices")
+
+
+@dataclass(frozen=True)
+class Invocation:
+    """What is taken out of the arguments before they are parsed."""
+
+    arguments: list[str]
+    ros_args: list[str]
+    debug: bool
+
+
+app = typer.Typer(
+    name="crtk-driver",
+    cls=DeviceGroup,
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["--help", "-h"]},
+)
+sim_app = typer.Typer(cls=SimGroup, no_args_is_help=True, rich_markup_mode="rich")
+check_app = typer.Typer(cls=CheckGroup, no_args_is_help=True, rich_markup_mode="rich")
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        try:
+            number = version("crtk-drivers")
+        except PackageNotFoundError:
+            number = "(not installed as a package)"
+        typer.echo(f"crtk-drivers {number}")
+        raise typer.Exit
+
+
+def _allow_only(names: str | None) -> None:
+    if names is not None:
+        os.environ[plugins.ONLY] = names
+
+
+@app.callback(
+    epilog="[dim]First steps:[/dim]  crtk-driver list   ·   crtk-driver loopback --ns /demo   ·   "
+    "crtk-driver ur --sim --ns /ur5"
+)
+def _root(
+    show_version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
+    ] = False,
+    only: Annotated[
+        str | None,
+        typer.Option(
+            "--only",
+            callback=_allow_only,
+            is_eager=True,
+            metavar="NAME,NAME",
+            help=f"Load no other plugins. The variable {plugins.ONLY} does the same.",
+        ),
+    ] = None,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show tracebacks of errors. May stand anywhere.")
+    ] = False,
+) -> None:
+    """Bring robots, servos, drives and sensors up as CRTK devices, on ROS 2, with or without hardware."""
+
+
+@app.command("list", rich_help_panel=_TOOLS)
+def _list(
+    name: Annotated[str | None, typer.Argument(help="Show all that is known of one.")] = None,
+) -> int:
+    """List the devices and simulators, and whether they can be used."""
+    return list_plugins(name)
+
+
+@app.command("schema", rich_help_panel=_TOOLS)
+def _schema(
+    name: Annotated[str, typer.Argument(help="Of the device.")],
+    markdown: Annotated[bool, typer.Option("--markdown", help="As tables for people.")] = False,
+) -> int:
+    """Print the JSON schema of a device's configuration."""
+    return print_schema(name, markdown)
+
+
+@sim_app.callback()
+def _sim() -> None:
+    """Run a simulator alone, for any client."""
+
+
+@sim_app.command("list", rich_help_panel=_TOOLS)
+def _sim_list() -> int:
+    """List the simulators."""
+    return list_simulators()
+
+
+@check_app.callback()
+def _check() -> None:
+    """Check that a device, or its simulator, is ready to run."""
+
+
+app.add_typer(check_app, name="check", rich_help_panel=_TOOLS)
+app.add_typer(sim_app, name="sim", rich_help_panel=_TOOLS)
+
+
+def split_arguments(arguments: Sequence[str]) -> Invocation:
+    """Take out ``--ros-args`` with all that follows it, and ``--debug``."""
+    own = list(arguments)
+    ros_args: list[str] = []
+    if "--ros-args" in own:
+        start = own.index("--ros-args")
+        own, ros_args = own[:start], own[start:]
+    return Invocation([each for each in own if each != "--debug"], ros_args, "--debug" in own)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    invocation = split_arguments(sys.argv[1:] if arguments is None else arguments)
+    command: Any = typer.main.get_command(app)
+    try:
+        code = command.main(
+            args=invocation.arguments,
+            prog_name="crtk-driver",
+            standalone_mode=True,
+            obj=invocation,
+        )
+    except SystemExit as end:
+        code = end.code
+    except CrtkError as error:
+        if invocation.debug:
+            traceback.print_exception(error)
+        print_error(error)
+        code = 2 if isinstance(error, _USAGE_ERRORS) else 1
+    return code if isinstance(code, int) else 0

@@ -1,0 +1,93 @@
+"""``crtk-driver <device>``: bring a device up as a CRTK node on ROS 2."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import typer
+
+from crtk_drivers.cli.launch import launch_of, launch_options
+from crtk_drivers.cli.log_setup import LEVELS, LogFormat, set_up_logging
+from crtk_drivers.cli.options import Parameters, make_command, option
+from crtk_drivers.cli.status_line import StatusLine
+from crtk_drivers.cli.terminal import ERR, sentence
+from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.ros import environment
+from crtk_drivers.ros.names import checked_namespace, suggestion
+
+LOG_OPTIONS: Parameters = (
+    option(
+        "log_level",
+        str,
+        "info",
+        "--log-level",
+        metavar="|".join(LEVELS),
+        help="Least severe records that are shown. [dim]\\[default: info][/dim]",
+        show_default=False,
+    ),
+    option(
+        "log_format",
+        LogFormat,
+        LogFormat.TEXT,
+        "--log-format",
+        metavar="|".join(LogFormat),
+        help="Text with a live status line, or one JSON object a line. "
+        "[dim]\\[default: text][/dim]",
+        show_default=False,
+    ),
+)
+
+
+def build(plugin: DevicePlugin, panel: str) -> Any:
+    """Return the command of a device."""
+    namespace = suggestion(f"/{plugin.name}")
+    parameters = [
+        option(
+            "ns",
+            str,
+            namespace,
+            "--ns",
+            metavar="NAMESPACE",
+            help="ROS namespace of the device: its topics are NAMESPACE/measured_js, ... "
+            f"[dim]\\[default: {namespace}][/dim]",
+            show_default=False,
+        ),
+        *launch_options(plugin),
+        *LOG_OPTIONS,
+    ]
+
+    def run(context: typer.Context, **given: Any) -> int:
+        return run_device(plugin, given, context.obj.ros_args)
+
+    example = "--sim" if plugin.sim else ""
+    help_text = (
+        f"{sentence(plugin.summary)}\n\nRuns until Ctrl-C as a CRTK device on ROS 2. The device starts "
+        f"DISABLED, and nothing moves before a client enables it.\n\n"
+        f"[dim]Try:[/dim]  crtk-driver {plugin.name} --ns /demo {example}\n\n"
+        "[dim]--ros-args and all that follows it goes to ROS 2 as it is.[/dim]"
+    )
+    return make_command(plugin.name, run, parameters, help=help_text, panel=panel)
+
+
+def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequence[str]) -> int:
+    """Run the node until it is told to stop, and return its exit code.
+
+    Raises:
+        ConfigError, MissingExtra: it cannot be started as asked.
+        ConnectionFailed: the simulator did not start.
+    """
+    log_format: LogFormat = given["log_format"]
+    set_up_logging(ERR, given["log_level"], log_format)
+    namespace = checked_namespace(given["ns"])
+    launch = launch_of(plugin, given)
+    environment.check()
+    from crtk_drivers.ros import serving  # rclpy is loaded here and no earlier
+
+    session = launch.open()
+    engine = session.engine
+    live = ERR.is_terminal and log_format is LogFormat.TEXT
+    with StatusLine(
+        ERR, f"{engine.name} {namespace}", lambda: (engine.status, engine.health()), live=live
+    ) as line:
+        return serving.run(session, namespace, ros_args, config=launch.node, idle=line.update)

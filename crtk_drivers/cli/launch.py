@@ -1,0 +1,160 @@
+"""What `crtk-driver <device>` and `crtk-driver check <device>` share: from options to a session."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from crtk_drivers import plugins
+from crtk_drivers.cli.options import Parameters, given_settings, option, setting_options
+from crtk_drivers.config import (
+    DeviceConfig,
+    Layer,
+    NodeConfig,
+    from_assignments,
+    from_file,
+    load,
+    setting_names,
+    with_node,
+)
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.plugins import DevicePlugin
+
+if TYPE_CHECKING:
+    from crtk_drivers.session import Session
+
+_RESERVED = frozenset(
+    {
+        "--config",
+        "--faults",
+        "--help",
+        "--log-format",
+        "--log-level",
+        "--ns",
+        "--set",
+        "--sim",
+        "--sim-set",
+    }
+)
+"""A device's key with one of these names is set with ``--set``."""
+
+
+@dataclass(frozen=True)
+class Launch:
+    """A device with its checked configuration, ready to be opened."""
+
+    plugin: DevicePlugin
+    config: DeviceConfig
+    node: NodeConfig = field(default_factory=NodeConfig)
+    sim: bool = False
+    sim_options: Mapping[str, Any] = field(default_factory=dict)
+
+    def open(self) -> Session:
+        """Return its session, not started; the simulator, if one is wanted, is running."""
+        from crtk_drivers.session import open_session  # not needed to show a help
+
+        return open_session(
+            self.plugin.name, self.config, sim=self.sim, sim_options=self.sim_options
+        )
+
+
+def launch_options(plugin: DevicePlugin) -> Parameters:
+    """Return the options that say what is opened and how."""
+    simulator = [
+        option(
+            "sim",
+            bool,
+            False,
+            "--sim",
+            help="Start a simulator and connect to that: no hardware is needed.",
+        )
+    ]
+    fault_options = [
+        option(
+            "faults",
+            Path | None,
+            None,
+            "--faults",
+            metavar="FILE",
+            help="With --sim: a file of faults that the simulator plays.",
+            rich_help_panel="Simulator",
+        ),
+        option(
+            "sim_set",
+            list[str],
+            [],
+            "--sim-set",
+            metavar="KEY=VALUE",
+            help=f"With --sim: an option of the simulator; see crtk-driver sim {plugin.sim} --help.",
+            rich_help_panel="Simulator",
+        ),
+    ]
+    general = [
+        option(
+            "config",
+            Path | None,
+            None,
+            "--config",
+            "-c",
+            metavar="FILE",
+            help="TOML or YAML file of settings; options given here override it.",
+        ),
+        option(
+            "assignments",
+            list[str],
+            [],
+            "--set",
+            "-s",
+            metavar="KEY=VALUE",
+            help="Any setting, also one inside a table: --set limits.max_step=0.2. "
+            f"`crtk-driver schema {plugin.name}` lists them all.",
+        ),
+    ]
+    common = setting_names(DeviceConfig)
+    own_panel = f"Settings of {plugin.name}"
+    settings = setting_options(
+        plugin.config,
+        lambda name: "Common settings" if name in common else own_panel,
+        _RESERVED,
+    )
+    own_first = sorted(settings, key=lambda each: each.default.rich_help_panel != own_panel)
+    has_sim = plugin.sim is not None
+    return [
+        *(simulator if has_sim else ()),
+        *general,
+        *own_first,
+        *(fault_options if has_sim else ()),
+    ]
+
+
+def launch_of(plugin: DevicePlugin, given: Mapping[str, Any]) -> Launch:
+    """Return what the options ask for.
+
+    Raises:
+        ConfigError: with every mistake in it.
+    """
+    model = with_node(plugin.config)
+    layers: list[Layer] = [from_file(given["config"])] if given["config"] else []
+    layers.append(given_settings(plugin.config, given))
+    layers.append(from_assignments(model, given["assignments"]))
+    config: Any = load(model, *layers)
+    sim = bool(given.get("sim"))
+    return Launch(plugin, config, config.node, sim, _sim_options(plugin, sim, given))
+
+
+def _sim_options(plugin: DevicePlugin, sim: bool, given: Mapping[str, Any]) -> dict[str, Any]:
+    assignments: Sequence[str] = given.get("sim_set", ())
+    faults: Path | None = given.get("faults")
+    if not sim and (assignments or faults):
+        raise ConfigError(
+            "is for the simulator only",
+            where="--faults" if faults else "--sim-set",
+            remedy="Add --sim, or leave it out.",
+        )
+    if not sim or plugin.sim is None:
+        return {}
+    model = plugins.simulator(plugin.sim).Config
+    options = dict(from_assignments(model, assignments, "--sim-set").values)
+    return options | ({"faults": str(faults)} if faults else {})

@@ -1,0 +1,123 @@
+"""``crtk-driver list``: which devices and simulators there are, and whether they can be used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from itertools import groupby
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from crtk_drivers import plugins
+from crtk_drivers.cli.terminal import OUT, sentence
+from crtk_drivers.commands import Command, Level
+from crtk_drivers.errors import MissingExtra
+from crtk_drivers.plugins import PluginEntry
+
+
+def list_plugins(name: str | None) -> int:
+    """Print all plugins, or all that is known of those of one name.
+
+    Returns:
+        1 if the plugin asked for cannot be used, otherwise 0.
+
+    Raises:
+        PluginError: there is no plugin `name`.
+    """
+    if name is None:
+        _print_group("Devices", plugins.devices())
+        _print_group("Simulators", plugins.sims())
+        return 0
+    entries = [group[name] for group in (plugins.devices(), plugins.sims()) if name in group]
+    if not entries:
+        plugins.device(name)
+    for entry in entries:
+        _describe(entry)
+    return 1 if any(entry.error for entry in entries) else 0
+
+
+def list_simulators() -> int:
+    """Print the simulators; return 0."""
+    _print_group("Simulators", plugins.sims())
+    return 0
+
+
+def _print_group(title: str, entries: Mapping[str, PluginEntry]) -> None:
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 1, 2))
+    table.add_column(no_wrap=True)
+    table.add_column()
+    for name, entry in entries.items():
+        table.add_row(Text(name, "bold cyan"), _summary(entry))
+    OUT.print(Text(f"{title}\n", "bold"))
+    OUT.print(table if entries else Text("  none installed", "dim"))
+    OUT.print()
+
+
+def _summary(entry: PluginEntry) -> RenderableType:
+    lines = Text.assemble(_status(entry), (f"  {_package(entry)}", "dim"))
+    if entry.error:
+        return lines.append_text(_trouble(entry))
+    if _is_device(entry):
+        sim = entry.plugin.sim
+        lines.append(f"  simulator: {sim}" if sim else "  no simulator", "dim")
+    lines.append(f"\n{sentence(entry.plugin.summary)}")
+    if entry.missing_libraries:
+        missing = MissingExtra(", ".join(entry.missing_libraries), entry.plugin.extra)
+        lines.append(f"\n{missing}", "yellow")
+    if _is_device(entry):
+        lines.append(f"\n{short_names(plugins.commands_of(entry.name))}", "dim")
+    return lines
+
+
+def _trouble(entry: PluginEntry) -> Text:
+    if isinstance(entry.error, MissingExtra):
+        return Text(f"\n{entry.error}", "yellow")
+    text = Text(f"\n{type(entry.error).__name__}: {entry.error}", "red")
+    return text.append(f"\nTraceback: crtk-driver list {entry.name}", "dim")
+
+
+def _is_device(entry: PluginEntry) -> bool:
+    return entry.entry_point.group == plugins.DEVICES
+
+
+def _package(entry: PluginEntry) -> str:
+    return f"{entry.distribution} {entry.version}".strip() or "unknown package"
+
+
+def _status(entry: PluginEntry) -> Text:
+    if isinstance(entry.error, MissingExtra) or entry.missing_libraries:
+        return Text("needs extra", "yellow")
+    return Text("broken", "bold red") if entry.error else Text("ok", "green")
+
+
+def short_names(commands: Mapping[str, Command]) -> str:
+    """Return the names in one line: ``measured_js/cp  servo_jp/jr  hold  free  local/measured_cp``."""
+    own = [(name, command.level) for name, command in commands.items() if "/" not in name]
+    parts: list[str] = []
+    for level, rows in groupby(own, key=lambda row: row[1]):
+        names = [name for name, _ in rows]
+        parts += names if level in (Level.STATE, Level.QUERY) else [_joined(level, names)]
+    return "  ".join([*parts, *(name for name in commands if "/" in name)])
+
+
+def _joined(level: Level, names: Iterable[str]) -> str:
+    return f"{level}_{'/'.join(name.removeprefix(f'{level}_') for name in names)}"
+
+
+def _describe(entry: PluginEntry) -> None:
+    kind = "device" if _is_device(entry) else "simulator"
+    heading = Text.assemble((entry.name, "bold cyan"), f"  {kind}  ", _status(entry))
+    OUT.print(heading.append(f"  {_package(entry)}  {entry.entry_point.value}", "dim"))
+    if entry.error:
+        OUT.print(Text(f"\n{entry.traceback}"), soft_wrap=True)
+        return
+    OUT.print(f"{sentence(entry.plugin.summary)}\n")
+    if _is_device(entry):
+        table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+        for column in ("command", "units", "what it is"):
+            table.add_column(column)
+        for name, command in plugins.commands_of(entry.name).items():
+            table.add_row(Text(name, "cyan"), command.units, command.summary)
+        OUT.print(table)
+        OUT.print()

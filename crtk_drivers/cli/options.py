@@ -1,0 +1,197 @@
+"""Options made from a configuration class: one for each scalar key, none of them typed twice.
+
+All of them arrive as text (flags as booleans) and are judged by `crtk_drivers.config.load`, so that a
+mistake reads the same in a file and on the command line.
+"""
+
+from __future__ import annotations
+
+import inspect
+import types
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any, get_args, get_origin
+
+import typer
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+
+from crtk_drivers.cli.terminal import plain
+from crtk_drivers.config import (
+    Layer,
+    annotation_of,
+    choices_of,
+    description_of,
+    setting_names,
+    typed_value,
+)
+
+Parameters = Sequence[inspect.Parameter]
+
+_PREFIX = "setting_"
+"""Before the parameter of a setting: a device may have a key with the name of one of our options."""
+
+FLAG = " "
+"""Metavar of a flag: it takes no value, and typer would call that ``<bool>``."""
+
+_METAVARS: Mapping[type, str] = types.MappingProxyType(
+    {float: "NUMBER", int: "INTEGER", str: "TEXT", Path: "FILE"}
+)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One scalar key of a configuration, as the command line sees it."""
+
+    name: str
+    annotation: Any
+    default: Any
+    description: str
+    choices: tuple[str, ...]
+
+    @property
+    def option(self) -> str:
+        """As it is typed: ``--open-timeout``."""
+        return "--" + self.name.replace("_", "-")
+
+    @property
+    def metavar(self) -> str:
+        """What its value is."""
+        if len(self.choices) in range(1, 6):
+            return "|".join(self.choices)
+        return _METAVARS.get(self.annotation, "VALUE")
+
+    @property
+    def help(self) -> str:
+        """Description and default, for rich."""
+        text = plain(self.description[:1].upper() + self.description[1:])
+        if len(self.choices) > 5:
+            text += plain(f" One of {', '.join(self.choices)}.")
+        if self.default in (None, ""):
+            return text
+        default = _text(self.default)
+        return f"{text} [dim]{plain(f'[default: {default}]')}[/dim]"
+
+
+def _text(default: Any) -> str:
+    if isinstance(default, bool):
+        return "yes" if default else "no"
+    return f"{default:g}" if isinstance(default, float) else str(default)
+
+
+def scalar_settings(model: type) -> Iterator[Setting]:
+    """Yield the keys of a configuration class or dataclass that hold one value."""
+    for name in setting_names(model):
+        annotation = annotation_of(model, (name,))
+        choices = choices_of(annotation) or _metadata_choices(model, name)
+        if choices or _is_scalar(annotation):
+            yield Setting(
+                name,
+                annotation,
+                _default(model, name),
+                description_of(model, (name,)),
+                tuple(map(str, choices)),
+            )
+
+
+def _is_scalar(annotation: Any) -> bool:
+    if get_origin(annotation) is not None:
+        return all(_is_scalar(part) for part in get_args(annotation)) and not isinstance(
+            get_origin(annotation), type
+        )
+    return isinstance(annotation, type) and issubclass(annotation, str | int | float | Path | Enum)
+
+
+def _metadata_choices(model: type, name: str) -> tuple[str, ...]:
+    fields: Mapping[str, Any] = getattr(model, "__dataclass_fields__", {})
+    return tuple(fields[name].metadata.get("choices", ())) if name in fields else ()
+
+
+def _default(model: type, name: str) -> Any:
+    if issubclass(model, BaseModel):
+        default = model.model_fields[name].default
+        return None if default is PydanticUndefined else default
+    fields: Mapping[str, Any] = getattr(model, "__dataclass_fields__", {})
+    default = fields[name].default
+    return None if default is MISSING else default
+
+
+def option(name: str, annotation: Any, default: Any, *names: str, **more: Any) -> inspect.Parameter:
+    """Return a parameter for `make_command`: an option with its names, help, panel, metavar."""
+    return inspect.Parameter(
+        name,
+        inspect.Parameter.KEYWORD_ONLY,
+        annotation=annotation,
+        default=typer.Option(default, *names, **more),
+    )
+
+
+def setting_options(
+    model: type, panel_of: Callable[[str], str], reserved: Collection[str] = ()
+) -> Parameters:
+    """Return one option for each scalar key of `model` that is not `reserved` for another option."""
+    parameters = []
+    for setting in scalar_settings(model):
+        if setting.option in reserved:
+            continue
+        is_flag = setting.annotation is bool
+        names = setting.option
+        if is_flag:
+            names += f"/--no-{setting.option.removeprefix('--')}"
+        parameters.append(
+            option(
+                _PREFIX + setting.name,
+                bool | None if is_flag else str | None,
+                None,
+                names,
+                help=setting.help,
+                metavar=FLAG if is_flag else setting.metavar,
+                rich_help_panel=panel_of(setting.name),
+            )
+        )
+    return parameters
+
+
+def given_settings(model: type, given: Mapping[str, Any]) -> Layer:
+    """Return the layer of the settings that were given as options of their own.
+
+    Args:
+        model: that `setting_options` was called with.
+        given: the arguments of the command's function.
+
+    Raises:
+        ConfigError: a value cannot be read.
+    """
+    values: dict[str, Any] = {}
+    places: dict[tuple[str | int, ...], str] = {}
+    for setting in scalar_settings(model):
+        value = given.get(_PREFIX + setting.name)
+        if value is None:
+            continue
+        if isinstance(value, str):
+            value = typed_value(model, (setting.name,), value, setting.option)
+        values[setting.name] = value
+        places[setting.name,] = setting.option
+    return Layer(values, "command line", places)
+
+
+def make_command(
+    name: str, run: Callable[..., Any], parameters: Parameters, *, help: str, panel: str
+) -> Any:
+    """Return the click command `name` that calls `run` with the parameters as keywords.
+
+    The type is that of whichever click the installed typer brings.
+    """
+
+    def function(**given: Any) -> Any:
+        return run(**given)
+
+    context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
+    signature = [context, *parameters]
+    function.__signature__ = inspect.Signature(signature)  # type: ignore[attr-defined]
+    function.__annotations__ = {each.name: each.annotation for each in signature}
+    app = typer.Typer(add_completion=False, rich_markup_mode="rich")
+    app.command(name=name, help=help, rich_help_panel=panel)(function)
+    return typer.main.get_command(app)

@@ -1,0 +1,87 @@
+"""A group of commands with one for each plugin, made when it is asked for.
+
+``crtk-driver ur`` imports the plugin ``ur`` and no other; only a list of commands imports them all. A
+plugin that cannot be loaded is still there, says so in the list, and raises its error when it is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import typer
+from typer.core import TyperGroup
+
+from crtk_drivers.cli.options import make_command
+from crtk_drivers.cli.terminal import plain
+from crtk_drivers.errors import CrtkError, MissingExtra
+from crtk_drivers.plugins import PluginEntry
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the plugins of a group come from, and what is made of them.
+
+    Attributes:
+        find: returns the plugins.
+        build: returns the command of a plugin, to be listed in a panel.
+        refuse: raises the error for a name that is neither a plugin nor a command.
+        panel: of the plugins' commands in the help.
+    """
+
+    find: Callable[[], Mapping[str, PluginEntry]]
+    build: Callable[[Any, str], Any]
+    refuse: Callable[[str], Any]
+    panel: str
+
+
+class PluginGroup(TyperGroup):
+    """Subclass it with the source of its plugins."""
+
+    source: ClassVar[Source]
+
+    @cached_property
+    def _plugins(self) -> Mapping[str, PluginEntry]:
+        return self.source.find()
+
+    def list_commands(self, ctx: typer.Context) -> list[str]:  # type: ignore[override]
+        """Return the plugins, then the other commands."""
+        own = super().list_commands(ctx)
+        plugins = [name for name in self._plugins if "@" not in name and name not in own]
+        return [*plugins, *own]
+
+    def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:  # type: ignore[override]
+        """Return the command, made of the plugin of that name if it is not one of the others."""
+        own = super().get_command(ctx, cmd_name)
+        if own is not None:
+            return own
+        entry = self._plugins.get(cmd_name)
+        if entry is None:
+            return None
+        if entry.error is not None:
+            return self._placeholder(entry, entry.error)
+        return self.source.build(entry.plugin, self.source.panel)
+
+    def resolve_command(self, ctx: typer.Context, args: list[str]) -> Any:  # type: ignore[override]
+        """Refuse an unknown name in our own words."""
+        name = args[0]
+        if not name.startswith("-") and self.get_command(ctx, name) is None:
+            self.source.refuse(name)
+        return super().resolve_command(ctx, args)
+
+    def _placeholder(self, entry: PluginEntry, error: BaseException) -> Any:
+        def run(**_: Any) -> None:
+            assert entry.plugin is None  # raises
+
+        needs = isinstance(error, MissingExtra)
+        text = error.remedy if isinstance(error, CrtkError) and needs else "See `crtk-driver list`."
+        what = "needs an extra" if needs else "broken"
+        return make_command(
+            entry.name,
+            run,
+            [],
+            help=f"[red]{what}:[/red] {plain(text)}",
+            panel=self.source.panel,
+        )

@@ -1,0 +1,30 @@
+"""``crtk-driver schema <device>``: its configuration as a JSON schema, or as a table for people."""
+
+from __future__ import annotations
+
+import json
+
+import typer
+
+from crtk_drivers import plugins
+from crtk_drivers.cli.terminal import OUT
+from crtk_drivers.config import with_node
+from crtk_drivers.config_reference import device_tables
+
+
+def print_schema(name: str, markdown: bool) -> int:
+    """Print it: coloured on a terminal, otherwise nothing but JSON or Markdown.
+
+    Raises:
+        PluginError, MissingExtra: see `crtk_drivers.plugins.device`.
+    """
+    plugin = plugins.device(name)
+    if markdown:
+        typer.echo(device_tables(plugin), nl=False)
+        return 0
+    text = json.dumps(with_node(plugin.config).model_json_schema(), indent=2, ensure_ascii=False)
+    if OUT.is_terminal:
+        OUT.print_json(text)
+    else:
+        typer.echo(text)
+    return 0

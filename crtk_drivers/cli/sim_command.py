@@ -1,0 +1,85 @@
+"""``crtk-driver sim <name>``: run a simulator alone, for any client."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+import typer
+from rich.table import Table
+
+from crtk_drivers import plugins, sims
+from crtk_drivers.cli.options import given_settings, make_command, setting_options
+from crtk_drivers.cli.plugin_group import PluginGroup, Source
+from crtk_drivers.cli.terminal import ERR, plain, sentence
+from crtk_drivers.errors import ConnectionLost
+from crtk_drivers.sims import RunningSim, SimPlugin
+
+_POLL = 0.2
+
+
+def build(plugin: SimPlugin, panel: str) -> Any:
+    """Return the command of a simulator."""
+    parameters = setting_options(plugin.Config, lambda _: f"Options of the {plugin.name} simulator")
+
+    def run(context: typer.Context, **given: Any) -> int:
+        return run_simulator(plugin, given)
+
+    help_text = f"{sentence(plugin.summary)}\n\nRuns until Ctrl-C, for any client of the device."
+    return make_command(plugin.name, run, parameters, help=help_text, panel=panel)
+
+
+def run_simulator(plugin: SimPlugin, given: Mapping[str, Any]) -> int:
+    """Start the simulator, tell where it is, and wait for a signal.
+
+    Raises:
+        ConfigError: an option has an impossible value.
+        ConnectionFailed: it did not start.
+        ConnectionLost: it ended by itself.
+    """
+    with _stop_signals() as stopped:
+        running = sims.start(plugin, given_settings(plugin.Config, given))
+        try:
+            _tell_ports(plugin, running)
+            while not stopped.wait(_POLL):
+                if not running.running:
+                    raise ConnectionLost(
+                        "the simulator has ended by itself", where=f"{plugin.name} {running.host}"
+                    )
+        finally:
+            running.stop()
+    return 0
+
+
+@contextmanager
+def _stop_signals() -> Iterator[threading.Event]:
+    stopped = threading.Event()
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        stopped.set()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _tell_ports(plugin: SimPlugin, running: RunningSim) -> None:
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 3, 0, 2))
+    for name, port in running.ports.items():
+        table.add_row(name.replace("_", " "), f"{running.host}:{port}", style=None)
+    ERR.print(f"[bold cyan]{plain(plugin.name)}[/] simulator running, process {running.pid}")
+    ERR.print(table)
+    ERR.print("[dim]Ctrl-C ends it.[/dim]")
+
+
+class SimGroup(PluginGroup):
+    """One command for each simulator."""
+
+    source = Source(plugins.sims, build, plugins.simulator, "Simulators")

@@ -1,0 +1,33 @@
+"""Where output goes: results to standard output, everything about the run to standard error."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.markup import escape
+from rich.text import Text
+
+from crtk_drivers.errors import CrtkError
+
+OUT = Console(highlight=False)
+ERR = Console(stderr=True, highlight=False)
+
+
+def print_error(error: CrtkError) -> None:
+    """Show an error without its traceback: where, what, and on a line of its own what to do."""
+    line = Text.assemble(("error: ", "bold red"))
+    if error.where:
+        line.append(f"{error.where}: ", style="bold")
+    line.append(error.message)
+    ERR.print(line, soft_wrap=True)
+    if error.remedy:
+        ERR.print(Text.assemble(("  fix: ", "bold green"), error.remedy), soft_wrap=True)
+
+
+def plain(text: str) -> str:
+    """Return `text` so that rich takes none of it for markup."""
+    return escape(text)
+
+
+def sentence(text: str) -> str:
+    """Return a plugin's summary, which may be written in any way, as a sentence without markup."""
+    return plain(f"{text[:1].upper()}{text[1:].rstrip('.')}.")
