@@ -153,6 +153,24 @@ def test_join_goes_on_in_the_tick_after_the_end_of_a_later_thread() -> None:
     assert steps(start(script, log), log, 3) == [[], ["short ends"], ["joined", "again"]]
 
 
+def test_a_function_that_joins_blocks_its_caller() -> None:
+    script = """
+    def f():
+      thread short():
+        sync()
+        log("short ends")
+      end
+      def wait_for(h):
+        join h
+        return "waited"
+      end
+      log(wait_for(run short()))
+    end
+    """
+    log: list[Any] = []
+    assert steps(start(script, log), log, 3) == [[], ["short ends"], ["waited"]]
+
+
 def test_a_thread_can_join_an_earlier_one_in_the_same_tick() -> None:
     script = """
     def f():
@@ -342,8 +360,10 @@ def test_stop_closes_what_builtins_hold_open() -> None:
     script = "def f():\n thread t():\n  hold(2)\n end\n run t()\n hold(1)\nend"
     runtime = start(script, [], Builtin("hold", hold, blocking=True))
     runtime.step()
+    held = list(runtime._threads.values())  # so that nobody but stop() closes them
     runtime.stop()
     assert closed == [1, 2]
+    assert len(held) == 2
     assert runtime.finished
     runtime.step()
     runtime.stop()
@@ -380,6 +400,21 @@ def test_a_builtin_may_stop_the_program_that_calls_it() -> None:
     assert log == ["up to the next wait"]
     assert runtime.finished
     assert sorted(ended) == [1, 2, 3, 4]
+
+
+def test_the_end_of_a_thread_may_stop_the_program() -> None:
+    ended: list[int] = []
+    script = "def f():\n thread t():\n end\n run t()\n run t()\n sleep(1)\nend"
+    runtime = start(script, [])
+
+    def stop(handle: int) -> None:
+        ended.append(handle)
+        runtime.stop()
+
+    runtime.on_thread_end = stop
+    runtime.step()
+    assert runtime.finished
+    assert sorted(ended) == [1, 2, 3]
 
 
 def test_an_error_stops_every_thread() -> None:

@@ -62,6 +62,7 @@ def test_names_out_of_reach(text: str, line: int, column: int, name: str) -> Non
         ("def f():\n x = ?\nend", 2, 6, " x = ?"),
         ('def f():\n log("open)\nend', 2, 6, ' log("open)'),
         ("def f():\n break\nend", 2, 2, " break"),
+        ('log("two\nlines" ?', 2, 8, 'lines" ?'),
         ("def f():\n while True:\n  def g():\n   break\n  end\n end\nend", 4, 4, "   break"),
         ("def f(a, a):\nend", 1, 10, "def f(a, a):"),
         ("def f(a):\nend", 1, 1, "def f(a):"),
