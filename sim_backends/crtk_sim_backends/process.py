@@ -212,7 +212,10 @@ def spawn(module: str, arguments: Sequence[str], timeout: float = 15.0) -> Runni
     command += ["--ready-fd", str(ready_write), "--parent-fd", str(life_read)]
     try:
         process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, pass_fds=(ready_write, life_read)
+            command,
+            stdin=subprocess.DEVNULL,
+            pass_fds=(ready_write, life_read),
+            start_new_session=True,  # Ctrl-C is for the client, which stops the simulator last
         )
     except OSError as error:
         os.close(ready_read)
