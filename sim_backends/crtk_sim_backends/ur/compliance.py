@@ -28,7 +28,7 @@ JOINT_DAMPING_PER_TORQUE: Final = 0.1  # N.m.s/rad for each N.m of the joint's t
 LINEAR_DAMPING: Final = 100.0  # N.s/m
 ANGULAR_DAMPING: Final = 5.0  # N.m.s/rad
 
-_STILL = 1e-6  # rad/s
+_STILL = 1e-4  # rad/s
 
 
 @dataclass(frozen=True)

@@ -397,6 +397,8 @@ class MotionLibrary:
         """Take the arm for this period. Raises ScriptRuntimeError when another thread has it."""
         controller = self._controller
         caller = controller.caller()
+        if caller[0].program.kind == "sec":
+            raise ScriptRuntimeError("A secondary program must not move the robot")
         if not self._arm.enabled:
             raise ScriptRuntimeError("The robot is not running: power it on and release the brakes")
         tick = controller.tick_count
