@@ -139,7 +139,8 @@ class Connection:
     """One accepted TCP connection: never blocks, passes everything through the hook of its port.
 
     `send` keeps what the peer does not take; `send_fresh` drops whole packages instead, for
-    streams in which only the newest counts. The owner calls `flush` regularly.
+    streams in which only the newest counts. The owner calls `flush` regularly, and `close` when
+    `closed` or `peer_closed` tell that the connection has come to its end.
     """
 
     RECEIVE_SIZE: Final = 65536
@@ -200,7 +201,7 @@ class Connection:
         return self._incoming.take_due(now) if self._incoming else []
 
     def send(self, data: bytes, now: float) -> None:
-        """Send `data`, keeping what the peer does not take; closes when the limit is exceeded."""
+        """Send `data`, keeping what the peer does not take; `closed` when that exceeds the limit."""
         if self.closed or not data:
             return
         if self.hook is None and not self._outgoing:
@@ -210,7 +211,7 @@ class Connection:
             self._outgoing.put(pieces, now)
             self.flush(now)
         if len(self._backlog) > self._limit:
-            self.close()
+            self.closed = True
 
     def send_fresh(self, package: bytes, now: float) -> bool:
         """Send a whole package, or drop it when the peer still owes the last. True when sent."""
@@ -242,7 +243,7 @@ class Connection:
         except (BlockingIOError, InterruptedError):
             sent = 0
         except OSError:
-            self.close()
+            self.closed = True
             return
         self.bytes_out += sent
         if sent == len(data):

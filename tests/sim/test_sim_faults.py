@@ -1,6 +1,7 @@
 """Fault files: what is accepted, what is refused with which words, and when faults are due."""
 
 import pytest
+
 from crtk_sim_backends.faults import (
     Action,
     Fault,
@@ -77,7 +78,7 @@ def test_a_wrong_file_is_refused_with_its_line(tmp_path):
 def test_a_file_that_is_no_list_is_refused(tmp_path, text):
     path = tmp_path / "faults.yaml"
     path.write_text(text)
-    with pytest.raises(FaultError, match="faults.yaml"):
+    with pytest.raises(FaultError, match=r"faults\.yaml"):
         read_faults(path, KINDS, EVENTS)
 
 

@@ -1,11 +1,13 @@
 """Script text is cut into the same programs and lines however the stream is split."""
 
+import itertools
 import random
 
 import pytest
-from crtk_sim_backends.ur.script_port import MAX_PROGRAM, ScriptCutter
 from hypothesis import given
 from hypothesis import strategies as st
+
+from crtk_sim_backends.ur.script_port import MAX_PROGRAM, ScriptCutter
 
 PROGRAM = """def prog():
   # an end in a comment, and a "quote
@@ -69,7 +71,7 @@ def test_a_stream_may_be_split_at_every_single_place():
 def test_a_stream_may_be_split_anywhere(places):
     data = STREAM.encode()
     bounds = [0, *sorted(places), len(data)]
-    pieces = [data[a:b] for a, b in zip(bounds, bounds[1:], strict=False)]
+    pieces = [data[a:b] for a, b in itertools.pairwise(bounds)]
     assert cut(pieces) == UNITS
 
 

@@ -4,9 +4,10 @@ import socket
 import time
 
 import pytest
-from crtk_sim_backends import wire
 from hypothesis import given
 from hypothesis import strategies as st
+
+from crtk_sim_backends import wire
 
 
 @pytest.fixture

@@ -1,18 +1,15 @@
-"""Script text on ports 30001 to 30003: cut out of the byte stream, and run.
+"""Script text on ports 30001 to 30003: cut out of the byte stream into units that can be run.
 
-A client sends programs (``def ... end``, ``sec ... end``), single statements, and the few plain
-commands of :data:`COMMANDS`. Nothing marks where a program ends but its own `end`, so the text is
-followed as it arrives. Source: UR "Remote Control Via TCP/IP", script manual.
+A client sends programs (``def ... end``, ``sec ... end``), single statements, and a few plain
+commands such as ``stop program``. Nothing marks where a program ends but its own `end`, so the text
+is followed as it arrives. Source: UR "Remote Control Via TCP/IP", script manual.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final
-
-if TYPE_CHECKING:
-    from crtk_sim_backends.ur.controller import Controller
+from collections.abc import Callable
+from typing import Final
 
 MAX_PROGRAM: Final = 1 << 22  # bytes; more without an end is not a program
 
@@ -70,68 +67,22 @@ def _blocks_opened(line: bytes) -> int:
     return opened
 
 
-COMMANDS: Final[Mapping[str, Callable[[Controller], object]]] = {
-    "stop program": lambda controller: controller.stop(),
-    "pause program": lambda controller: controller.pause(),
-    "resume program": lambda controller: controller.play(),
-    "run program": lambda controller: controller.play(),
-    "power on": lambda controller: controller.power_on(),
-    "power off": lambda controller: controller.power_off(),
-    "set robotmode run": lambda controller: controller.brake_release(),
-    "set unlock protective stop": lambda controller: controller.unlock_protective_stop(),
-    "unlock protective stop": lambda controller: controller.unlock_protective_stop(),
-    "close popup": lambda controller: controller.close_popup(),
-    "close safety popup": lambda controller: controller.close_popup(),
-}
-
-
 class ScriptSession:
-    """One client of a script port: bytes in, nothing out.
-
-    Args:
-        controller: runs the units.
-        refuse: called in place of running one when the port is read-only now.
-        writable: whether the port takes scripts at this moment.
-        note: called with every unit that is run.
-    """
+    """One client of a script port: bytes in, nothing out; `run` gets every unit."""
 
     ended = False
 
-    def __init__(
-        self,
-        controller: Controller,
-        writable: Callable[[], bool],
-        refuse: Callable[[], None],
-        note: Callable[[str], None],
-    ) -> None:
-        self._controller = controller
+    def __init__(self, run: Callable[[str], None]) -> None:
         self._cutter = ScriptCutter()
-        self._writable = writable
-        self._refuse = refuse
-        self._note = note
+        self._run = run
 
     def receive(self, data: bytes) -> bytes:
         """Take received bytes and run the units that they complete."""
-        self._run(self._cutter.feed(data))
+        for unit in self._cutter.feed(data):
+            self._run(unit)
         return b""
 
     def close(self) -> None:
         """Run the last line, which needs no line end when the client closes behind it."""
-        self._run(self._cutter.finish())
-
-    def _run(self, units: list[str]) -> None:
-        for unit in units:
-            if not self._writable():
-                self._refuse()
-                continue
-            self._note(unit)
-            run_unit(self._controller, unit)
-
-
-def run_unit(controller: Controller, unit: str) -> None:
-    """Run one unit that a :class:`ScriptCutter` returned."""
-    command = COMMANDS.get(" ".join(unit.split()).lower() if "\n" not in unit else "")
-    if command is not None:
-        command(controller)
-    else:
-        controller.run_script(unit)
+        for unit in self._cutter.finish():
+            self._run(unit)

@@ -11,23 +11,26 @@ import gc
 import logging
 import os
 import select
+import sys
 import time
 from collections import deque
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from crtk_sim_backends import wire
 from crtk_sim_backends.control import ControlSession
-from crtk_sim_backends.faults import Fault, FaultError, Timeline, check_fault, read_faults, unknown
+from crtk_sim_backends.faults import FaultError, read_faults
 from crtk_sim_backends.process import SimStartError, bind_somewhere, listen
 from crtk_sim_backends.ur import realtime
 from crtk_sim_backends.ur.config import SimConfig
 from crtk_sim_backends.ur.controller import Controller
 from crtk_sim_backends.ur.dashboard import GREETING, DashboardSession, Robot
-from crtk_sim_backends.ur.injection import ALL_PORTS, BEGIN, END, EVENTS, KINDS
-from crtk_sim_backends.ur.messages import ErrorMessage, KeyMessage, Message, ReportLevel
+from crtk_sim_backends.ur.fault_player import FaultPlayer
+from crtk_sim_backends.ur.injection import EVENTS, KINDS
+from crtk_sim_backends.ur.messages import ErrorMessage, KeyMessage, ReportLevel
 from crtk_sim_backends.ur.ports import Client, Mute, Port, Session
 from crtk_sim_backends.ur.primary import (
     STATE_PERIOD,
@@ -52,6 +55,8 @@ _CATCH_UP: Final = 5  # periods that may follow each other at once after a delay
 _WAKE_UPS: Final = 8  # times that data is handled on arrival in one period, then at its end
 _LAST_COMMANDS: Final = 20
 _WRITABLE: Final = ("primary", "secondary", "realtime")
+_LONG_SCRIPT: Final = 1000  # characters; a shorter one is compiled within a period
+_SWITCH_INTERVAL: Final = 1e-4  # s that the loop waits for the thread that compiles
 _REALTIME_PRIORITY: Final = 20
 
 
@@ -66,7 +71,6 @@ class Statistics:
     busy: float = 0.0  # s spent in periods, waiting excluded
     accepted: int = 0  # connections
     rtde_dropped: int = 0  # packages that slow RTDE clients did not get
-    scripts_refused: int = 0
 
 
 class UrServer:
@@ -88,10 +92,8 @@ class UrServer:
             faults = read_faults(Path(config.faults), KINDS, EVENTS) if config.faults else []
         except FaultError as error:
             raise SimStartError(str(error)) from error
-        self._timeline = Timeline(faults)
         self._parent_fd = parent_fd
         self._stopping = False
-        self._stalled = False
         self._epoch = time.monotonic()
         self._ports: dict[str, Port] = {}
         self.host, _ = bind_somewhere(config.host, self._bind)
@@ -107,6 +109,12 @@ class UrServer:
             remote=config.remote,
             extra_builtins=self._sockets.builtins,
         )
+        self.controller.program_ended = self._sockets.close_all
+        self._faults = FaultPlayer(
+            faults, self.controller, self._ports, (CONTROL,), self._disconnect
+        )
+        self._compiler = ThreadPoolExecutor(1, "script compiler")
+        self._compiling: deque[tuple[str, Future[None]]] = deque()
         self._period = self.controller.dt
         self._state_every = round(STATE_PERIOD / self._period)
         self._encoder = RobotStateEncoder(config.robot, config.software)
@@ -116,8 +124,6 @@ class UrServer:
         self._robot = Robot(
             self.controller, config.robot, config.software, config.serial_number, self.stop
         )
-        self._active: dict[tuple[object, ...], Fault] = {}
-        self._own_messages: list[Message] = []
         self._was_remote = self.controller.remote
         self._was_moving = False
         self._scripts: deque[dict[str, Any]] = deque(maxlen=_LAST_COMMANDS)
@@ -155,6 +161,7 @@ class UrServer:
 
     def close(self) -> None:
         """Close every socket."""
+        self._compiler.shutdown(cancel_futures=True)
         self._sockets.close_all()
         self._close_ports()
 
@@ -169,6 +176,7 @@ class UrServer:
         """Run in real time until :meth:`stop`, or until the parent process has died."""
         if self.config.realtime:
             _use_realtime_priority()
+        sys.setswitchinterval(_SWITCH_INTERVAL)
         gc.collect()
         gc.freeze()
         self._epoch = time.monotonic()
@@ -192,14 +200,15 @@ class UrServer:
 
     def step(self, now: float) -> None:
         """Advance one control period; `now` is the monotonic time, s. Called by :meth:`run`."""
-        self._play_faults(now)
-        if self._stalled:
+        if self._faults.play(now - self._epoch):
+            self._watch()
+        if self._faults.stalled:
             self._push(self._ports[CONTROL], now)
             return
         for port in self._ports.values():
             if not port.silent and port.clients:
                 self._push(port, now)
-        self._report(now)  # of what clients asked for, before a program can start anew
+        self._run_compiled_scripts()
         self.controller.tick()
         self.statistics.ticks += 1
         self._report(now)
@@ -238,7 +247,7 @@ class UrServer:
         """Collect the file descriptors that are read now."""
         self._by_fd = {}
         for port in self._ports.values():
-            if port.silent or (self._stalled and port.name != CONTROL):
+            if port.silent or (self._faults.stalled and port.name != CONTROL):
                 continue
             self._by_fd[port.listener.fileno()] = port
             for client in port.clients:
@@ -289,13 +298,7 @@ class UrServer:
                         "trace": self._trace_after,
                     }
                 )
-        writable = name in _WRITABLE
-        return ScriptSession(
-            self.controller,
-            lambda: writable and self.controller.remote,
-            self._refuse_script,
-            self._note_script,
-        )
+        return ScriptSession(self._run_script if name in _WRITABLE else self._refuse_script)
 
     def _process(self, port: Port, client: Client, now: float) -> None:
         connection = client.connection
@@ -329,13 +332,10 @@ class UrServer:
     def _report(self, now: float) -> None:
         """Pass the controller's messages on, and follow what they and its state mean here."""
         controller = self.controller
-        messages = [*controller.take_messages(), *self._own_messages]
-        self._own_messages.clear()
+        messages = controller.take_messages()
         for message in messages:
             if isinstance(message, KeyMessage):
                 started = message.title.endswith("STARTED")
-                if not started:
-                    self._sockets.close_all()
                 self._event("program_started" if started else "program_stopped", now)
         moving = any(controller.outputs["target_qd"])
         if moving is not self._was_moving:
@@ -350,7 +350,7 @@ class UrServer:
         self._was_remote = controller.remote
 
     def _event(self, name: str, now: float) -> None:
-        self._timeline.event(name, now - self._epoch)
+        self._faults.event(name, now - self._epoch)
 
     def _send_states(self, now: float) -> None:
         """Send the periodic packets of all ports but RTDE."""
@@ -395,79 +395,42 @@ class UrServer:
                 log.warning("closing RTDE connection %d: it does not read", client.number)
                 self._remove(port, client)
 
-    def _refuse_script(self) -> None:
-        self.statistics.scripts_refused += 1
-        self._own_messages.append(
-            ErrorMessage(SCRIPT_REFUSED, 0, ReportLevel.WARNING, "Port is read-only")
-        )
-
-    def _note_script(self, unit: str) -> None:
-        first_line = unit.partition("\n")[0]
-        self._scripts.append(
-            {"time": self.controller.time, "length": len(unit), "text": first_line[:200]}
-        )
-
-    # Faults
-
-    def _play_faults(self, now: float) -> None:
-        for action in self._timeline.due(now - self._epoch):
-            if action.begin:
-                log.info("fault %s begins: %s", action.fault.kind, dict(action.fault.parameters))
-                self._begin(action.fault)
-            else:
-                log.info("fault %s ends", action.fault.kind)
-                self._end(action.fault)
-
-    def _begin(self, fault: Fault) -> None:
-        if fault.kind == "stall":
-            self._stalled = True
-        elif fault.kind in BEGIN:
-            BEGIN[fault.kind](self.controller, fault.parameters)
-        for port in self._faulty_ports(fault):
-            port.begin(fault)
-            if fault.kind == "disconnect":
-                self._disconnect(port)
-        self._active[_place(fault)] = fault
-        if fault.kind == "disconnect" and fault.duration is None:
-            self._end(fault)
-        elif not KINDS[fault.kind].lasting:
-            del self._active[_place(fault)]
-        self._watch()
-
-    def _end(self, fault: Fault) -> None:
-        if self._active.get(_place(fault)) is not fault:
-            return  # another one of its kind took its place
-        del self._active[_place(fault)]
-        if fault.kind == "stall":
-            self._stalled = False
-        elif fault.kind in END:
-            END[fault.kind](self.controller, fault.parameters)
-        for port in self._faulty_ports(fault):
-            port.end(fault.kind)
-        self._watch()
-
-    def _faulty_ports(self, fault: Fault) -> list[Port]:
-        name = fault.parameters.get("port")
-        ports = [port for port in self._ports.values() if port.name != CONTROL]
-        return ports if name == ALL_PORTS else [port for port in ports if port.name == name]
+    # Scripts
 
     def _disconnect(self, port: Port) -> None:
         for client in list(port.clients):
             self._remove(port, client)
 
+    def _run_script(self, unit: str) -> None:
+        """Run a unit in its turn; a long one is compiled beside the loop before."""
+        first_line = unit.partition("\n")[0]
+        self._scripts.append(
+            {"time": self.controller.time, "length": len(unit), "text": first_line[:200]}
+        )
+        if len(unit) > _LONG_SCRIPT or self._compiling:
+            compiling = self._compiler.submit(self.controller.prepare_script, unit)
+            self._compiling.append((unit, compiling))
+        else:
+            self.controller.run_script(unit)
+
+    def _run_compiled_scripts(self) -> None:
+        while self._compiling and self._compiling[0][1].done():
+            unit, compiling = self._compiling.popleft()
+            compiling.result()
+            self.controller.run_script(unit)
+
+    def _refuse_script(self, unit: str) -> None:
+        text = "Script refused: this port is read-only"
+        self.controller.post(ErrorMessage(SCRIPT_REFUSED, 0, ReportLevel.WARNING, text))
+
     # Requests on the control socket
 
     def _inject(self, kind: str, parameters: dict[str, Any]) -> None:
-        fault = check_fault(KINDS, kind, parameters, "inject")
-        self._timeline.begin(fault, time.monotonic() - self._epoch)
+        self._faults.inject(kind, parameters, time.monotonic() - self._epoch)
 
     def _clear(self, kind: str | None = None) -> None:
-        if kind is not None and kind not in KINDS:
-            raise FaultError(unknown("kind of fault", kind, KINDS))
-        for fault in list(self._active.values()):
-            if kind in (None, fault.kind):
-                self._timeline.forget(fault.kind)
-                self._end(fault)
+        self._faults.clear(kind)
+        self._watch()
 
     def _outputs(self, names: list[str]) -> dict[str, Any]:
         outputs = self.controller.outputs
@@ -495,7 +458,7 @@ class UrServer:
             "input_packages": self._trace.count,
             "scripts": list(self._scripts),
             "dashboard_commands": list(self._dashboard_commands),
-            "faults": [{"kind": f.kind, **f.parameters} for f in self._active.values()],
+            "faults": [{"kind": fault.kind, **fault.parameters} for fault in self._faults.active],
             "outputs": dict(controller.outputs),
         }
 
@@ -511,11 +474,6 @@ class UrServer:
             }
             for client in port.clients
         ]
-
-
-def _place(fault: Fault) -> tuple[object, ...]:
-    """Where a fault is: at one place there is one of a kind."""
-    return fault.kind, fault.parameters.get("port"), fault.parameters.get("joint")
 
 
 def _use_realtime_priority() -> None:
