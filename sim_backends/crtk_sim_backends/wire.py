@@ -123,6 +123,11 @@ class _Lane:
         return len(self._pieces)
 
     def put(self, pieces: Pieces, now: float) -> None:
+        if pieces and self._pieces:
+            waiting, held = self._pieces[-1]
+            if waiting > now and waiting >= now + pieces[0][0]:
+                self._pieces[-1] = waiting, held + pieces[0][1]  # they arrive together
+                pieces = pieces[1:]
         earliest = self._pieces[-1][0] if self._pieces else now
         for seconds, data in pieces:
             earliest = max(earliest, now + seconds)

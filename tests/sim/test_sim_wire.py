@@ -109,3 +109,12 @@ def test_the_end_of_the_peer_is_noticed(pair):
     while not connection.peer_closed:
         assert time.monotonic() < deadline
         connection.read(now=0.0)
+
+
+def test_coalesced_data_leaves_as_one_piece(pair):
+    connection, peer = pair
+    connection.hook = wire.coalesce(1.0)
+    for n in range(10):
+        connection.send(bytes([n]) * 100, now=5.0 + n / 100)
+    connection.flush(now=6.1)
+    assert len(peer.recv(65536)) == 1000
