@@ -257,10 +257,19 @@ def load(model: type[Config], *layers: Layer) -> Config:
     merged: dict[str, Any] = {}
     for layer in layers:
         merged = _merged(merged, layer.values)
+    # pydantic itself lets a dataclass pass with keys that it does not have.
+    names = setting_names(model)
+    problems = (
+        []
+        if issubclass(model, BaseModel)
+        else [_unknown_key(model, (key,), layers) for key in merged if key not in names]
+    )
     try:
-        return TypeAdapter(model).validate_python(merged)
+        made = TypeAdapter(model).validate_python(merged)
     except ValidationError as error:
-        problems = [_problem(model, details, layers) for details in error.errors()]
+        problems += [_problem(model, details, layers) for details in error.errors()]
+    if not problems:
+        return made
     if len(problems) == 1:
         raise problems[0]
     raise ConfigError(
@@ -278,7 +287,6 @@ def _merged(below: Values, above: Values) -> dict[str, Any]:
     return merged
 
 
-_UNKNOWN_KEY = frozenset({"extra_forbidden", "unexpected_keyword_argument"})
 _MISSING = frozenset({"missing", "missing_argument", "missing_keyword_only_argument"})
 
 _EXPECTED = {
@@ -300,10 +308,8 @@ _EXPECTED = {
 
 def _problem(model: type, details: ErrorDetails, layers: Sequence[Layer]) -> ConfigError:
     key: Key = details["loc"]
-    if details["type"] in _UNKNOWN_KEY:
-        meant = _suggested_key(model, key)
-        remedy = f"Did you mean {meant!r}?" if meant else _known_keys(model, key)
-        return ConfigError(f"{dotted(key)}: unknown key", where=_place(layers, key), remedy=remedy)
+    if details["type"] == "extra_forbidden":
+        return _unknown_key(model, key, layers)
     if details["type"] in _MISSING:
         return ConfigError(
             f"{dotted(key)}: is required",
@@ -320,6 +326,12 @@ def _problem(model: type, details: ErrorDetails, layers: Sequence[Layer]) -> Con
     meant = _closest(str(details["input"]), choices)
     remedy = f"Did you mean {meant!r}?" if meant else description_of(model, key)
     return ConfigError(message, where=_place(layers, key), remedy=remedy)
+
+
+def _unknown_key(model: type, key: Key, layers: Sequence[Layer]) -> ConfigError:
+    meant = _suggested_key(model, key)
+    remedy = f"Did you mean {meant!r}?" if meant else _known_keys(model, key)
+    return ConfigError(f"{dotted(key)}: unknown key", where=_place(layers, key), remedy=remedy)
 
 
 def _short(value: Any) -> str:

@@ -27,6 +27,7 @@ from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra, PluginErro
 
 _USAGE_ERRORS = (ConfigError, PluginError, MissingExtra)
 _TOOLS = "Tools"
+_TOOL_NAMES = ("list", "schema", "check", "sim")
 
 
 class DeviceGroup(PluginGroup):
@@ -77,6 +78,7 @@ def _allow_only(names: str | None) -> None:
     "crtk-driver ur --sim --ns /ur5"
 )
 def _root(
+    context: typer.Context,
     show_version: Annotated[
         bool,
         typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
@@ -96,23 +98,29 @@ def _root(
     ] = False,
 ) -> None:
     """Bring robots, servos, drives and sensors up as CRTK devices, on ROS 2, with or without hardware."""
+    if context.obj.ros_args and context.invoked_subcommand in _TOOL_NAMES:
+        raise ConfigError(
+            "is for running a device",
+            where="--ros-args",
+            remedy=f"Leave it out: `{context.invoked_subcommand}` starts no node.",
+        )
 
 
 @app.command("list", rich_help_panel=_TOOLS)
 def _list(
     name: Annotated[str | None, typer.Argument(help="Show all that is known of one.")] = None,
-) -> int:
+) -> None:
     """List the devices and simulators, and whether they can be used."""
-    return list_plugins(name)
+    raise typer.Exit(list_plugins(name))
 
 
 @app.command("schema", rich_help_panel=_TOOLS)
 def _schema(
     name: Annotated[str, typer.Argument(help="Of the device.")],
     markdown: Annotated[bool, typer.Option("--markdown", help="As tables for people.")] = False,
-) -> int:
+) -> None:
     """Print the JSON schema of a device's configuration."""
-    return print_schema(name, markdown)
+    print_schema(name, markdown)
 
 
 @sim_app.callback()
@@ -121,9 +129,9 @@ def _sim() -> None:
 
 
 @sim_app.command("list", rich_help_panel=_TOOLS)
-def _sim_list() -> int:
+def _sim_list() -> None:
     """List the simulators."""
-    return list_simulators()
+    list_simulators()
 
 
 @check_app.callback()

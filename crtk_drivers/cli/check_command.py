@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import resource
 import time
 from collections.abc import Iterator, Mapping
@@ -77,6 +78,7 @@ def check_device(plugin: DevicePlugin, given: Mapping[str, Any]) -> int:
         ConfigError: the configuration cannot be used, so that there is nothing to check.
     """
     launch = launch_of(plugin, given)
+    logging.getLogger().addHandler(logging.NullHandler())  # the table tells it all
     with ERR.status(f"checking {plain(plugin.name)} ..."):
         findings = list(_findings(launch))
     OUT.print(_table(findings))

@@ -37,10 +37,9 @@ def list_plugins(name: str | None) -> int:
     return 1 if any(entry.error for entry in entries) else 0
 
 
-def list_simulators() -> int:
-    """Print the simulators; return 0."""
+def list_simulators() -> None:
+    """Print the simulators."""
     _print_group("Simulators", plugins.sims())
-    return 0
 
 
 def _print_group(title: str, entries: Mapping[str, PluginEntry]) -> None:

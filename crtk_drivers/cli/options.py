@@ -18,7 +18,7 @@ import typer
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from crtk_drivers.cli.terminal import plain
+from crtk_drivers.cli.terminal import plain, sentence
 from crtk_drivers.config import (
     Layer,
     annotation_of,
@@ -66,7 +66,7 @@ class Setting:
     @property
     def help(self) -> str:
         """Description and default, for rich."""
-        text = plain(self.description[:1].upper() + self.description[1:])
+        text = sentence(self.description)
         if len(self.choices) > 5:
             text += plain(f" One of {', '.join(self.choices)}.")
         if self.default in (None, ""):
@@ -178,15 +178,15 @@ def given_settings(model: type, given: Mapping[str, Any]) -> Layer:
 
 
 def make_command(
-    name: str, run: Callable[..., Any], parameters: Parameters, *, help: str, panel: str
+    name: str, run: Callable[..., int], parameters: Parameters, *, help: str, panel: str
 ) -> Any:
     """Return the click command `name` that calls `run` with the parameters as keywords.
 
-    The type is that of whichever click the installed typer brings.
+    What `run` returns is the exit code. The type is that of whichever click typer brings.
     """
 
-    def function(**given: Any) -> Any:
-        return run(**given)
+    def function(**given: Any) -> None:
+        raise typer.Exit(run(**given))
 
     context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
     signature = [context, *parameters]

@@ -72,8 +72,9 @@ class PluginGroup(TyperGroup):
         return super().resolve_command(ctx, args)
 
     def _placeholder(self, entry: PluginEntry, error: BaseException) -> Any:
-        def run(**_: Any) -> None:
+        def run(**_: Any) -> int:
             assert entry.plugin is None  # raises
+            return 1
 
         needs = isinstance(error, MissingExtra)
         text = error.remedy if isinstance(error, CrtkError) and needs else "See `crtk-driver list`."

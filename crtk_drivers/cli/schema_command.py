@@ -12,7 +12,7 @@ from crtk_drivers.config import with_node
 from crtk_drivers.config_reference import device_tables
 
 
-def print_schema(name: str, markdown: bool) -> int:
+def print_schema(name: str, markdown: bool) -> None:
     """Print it: coloured on a terminal, otherwise nothing but JSON or Markdown.
 
     Raises:
@@ -21,10 +21,9 @@ def print_schema(name: str, markdown: bool) -> int:
     plugin = plugins.device(name)
     if markdown:
         typer.echo(device_tables(plugin), nl=False)
-        return 0
+        return
     text = json.dumps(with_node(plugin.config).model_json_schema(), indent=2, ensure_ascii=False)
     if OUT.is_terminal:
         OUT.print_json(text)
     else:
         typer.echo(text)
-    return 0

@@ -20,7 +20,7 @@ def print_error(error: CrtkError) -> None:
     line.append(error.message)
     ERR.print(line, soft_wrap=True)
     if error.remedy:
-        ERR.print(Text.assemble(("  fix: ", "bold green"), error.remedy), soft_wrap=True)
+        ERR.print(Text.assemble(("  hint: ", "bold green"), error.remedy), soft_wrap=True)
 
 
 def plain(text: str) -> str:
