@@ -1,0 +1,86 @@
+"""Subscriptions: one for each command that the device offers, and for none besides.
+
+A callback converts, hands over to the engine, which checks everything, and returns; it never waits and
+touches no bus. What is refused is counted and told by the engine; nothing raises into the executor.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from crtk_drivers.commands import Command, Direction, Payload
+from crtk_drivers.engine import Engine
+from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.ros import qos
+from crtk_drivers.ros.messages import TYPES, stamp_ns, value_of
+from crtk_drivers.ros.names import Frames
+from crtk_drivers.ros.publishing import Throttle
+
+logger = logging.getLogger(__name__)
+
+FAILURE_INTERVAL = 2.0
+
+
+class CommandTopics:
+    """The subscriptions of one device."""
+
+    def __init__(self, node: Node, engine: Engine, frames: Frames) -> None:
+        self._engine = engine
+        self._frames = frames
+        self._failures = Throttle(FAILURE_INTERVAL)
+        self.subscriptions: dict[str, Subscription] = {
+            name: node.create_subscription(
+                TYPES[command.payload],
+                name,
+                self._guarded(name, self._handler(name, command)),
+                qos.of_command(command),
+                qos_overriding_options=qos.OVERRIDES,
+                event_callbacks=qos.subscription_events(name),
+            )
+            for name, command in engine.commands.items()
+            if command.direction is Direction.COMMANDED
+        }
+
+    def _handler(self, name: str, command: Command) -> Callable[[Any], None]:
+        if command.payload is Payload.TEXT:
+            return lambda message: self._engine.state_command(message.string)
+        if command.payload is Payload.EMPTY:
+            return lambda message: self._submit(name)
+        return lambda message: self._submit_value(name, message)
+
+    def _submit(self, name: str) -> None:
+        self._engine.submit(name)
+
+    def _submit_value(self, name: str, message: Any) -> None:
+        header = message.header
+        try:
+            value = value_of(message, self._frames.incoming(header.frame_id))
+        except ValueError as error:
+            refusal = CommandRefused(
+                name,
+                Reason.WRONG_SIZE,
+                str(error),
+                where=self._engine.where,
+                remedy="Let each vector be empty, or as long as the others.",
+            )
+            self._engine.report_refusal(refusal)
+            raise refusal from error
+        self._engine.submit(name, value, stamp_ns(header.stamp))
+
+    def _guarded(self, name: str, handle: Callable[[Any], None]) -> Callable[[Any], None]:
+        def receive(message: Any) -> None:
+            try:
+                handle(message)
+            except CommandRefused:
+                pass  # the engine has counted it and told its observers
+            except Exception:
+                if self._failures.passes(name, time.monotonic()):
+                    logger.exception("%s: %s failed", self._engine.where, name)
+
+        return receive

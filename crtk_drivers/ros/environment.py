@@ -1,0 +1,81 @@
+"""What must be true before rclpy is imported. No rclpy here."""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib.metadata import PackageNotFoundError, distribution
+from importlib.util import find_spec
+from pathlib import Path
+
+from crtk_drivers.errors import ConfigError, MissingExtra
+
+LIBRARIES = (
+    "rclpy",
+    "crtk_msgs",
+    "diagnostic_msgs",
+    "geometry_msgs",
+    "sensor_msgs",
+    "std_msgs",
+    "std_srvs",
+    "tf2_msgs",
+)
+WHEELS_RMW = "rmw_fastrtps_cpp"
+"""The only middleware that the rclpy wheels hold; it is linked in."""
+
+
+def check() -> None:
+    """Make sure that ROS 2 can be used by this process.
+
+    Raises:
+        MissingExtra: a library is missing.
+        ConfigError: the environment asks for what cannot work.
+    """
+    for library in LIBRARIES:
+        if find_spec(library) is None:
+            raise _missing(library)
+    if not _wheels_installed():
+        return
+    if _rclpy_is_sourced():
+        raise ConfigError(
+            "a sourced ROS 2 and the rclpy wheels are both in this environment, and their "
+            "libraries would be mixed at random",
+            remedy="Use one of them: `env -u PYTHONPATH -u LD_LIBRARY_PATH -u AMENT_PREFIX_PATH` "
+            "before the command, or an environment without the extra 'ros' (uv: --no-group ros).",
+        )
+    wanted = os.environ.get("RMW_IMPLEMENTATION", WHEELS_RMW)
+    if wanted != WHEELS_RMW:
+        raise ConfigError(
+            f"RMW_IMPLEMENTATION is {wanted}, and the rclpy wheels hold only {WHEELS_RMW}",
+            remedy="Run `unset RMW_IMPLEMENTATION`, or use a sourced ROS 2 installation.",
+        )
+
+
+def _missing(library: str) -> CrtkImportError:
+    if library != "rclpy" and not _wheels_installed():
+        return ConfigError(
+            f"this ROS 2 has no {library}",
+            remedy="Build it with colcon and source its workspace: the folder of that name lies in "
+            "the source tree of crtk-drivers."
+            if library == "crtk_msgs"
+            else f"Install it: apt install ros-jazzy-{library.replace('_', '-')}",
+        )
+    return MissingExtra(library, "ros")
+
+
+CrtkImportError = MissingExtra | ConfigError
+
+
+def _wheels_installed() -> bool:
+    try:
+        distribution("ros-rclpy")
+    except PackageNotFoundError:
+        return False
+    return True
+
+
+def _rclpy_is_sourced() -> bool:
+    spec = find_spec("rclpy")
+    if spec is None or spec.origin is None:
+        return False
+    return not Path(spec.origin).resolve().is_relative_to(Path(sys.prefix).resolve())

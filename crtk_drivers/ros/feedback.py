@@ -1,0 +1,184 @@
+"""``measured_*``, ``setpoint_*``, ``jacobian``, ``goal_*`` and /tf, from the engine's latest values.
+
+All messages of one cycle come from one sample and carry its stamp. Data that is not valid is published
+with stamp 0, as CRTK asks: the official client counts messages, and takes silence for a lost device.
+Nothing is stamped anew. A topic that nobody hears is skipped; the first message follows its first
+subscriber within one period.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from geometry_msgs.msg import TransformStamped
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from tf2_msgs.msg import TFMessage
+
+from crtk_drivers.commands import Command, Direction, Level, Payload
+from crtk_drivers.engine import Engine
+from crtk_drivers.ros import qos
+from crtk_drivers.ros.messages import TYPES, fill, fill_transform, set_stamp
+from crtk_drivers.ros.names import Frames
+from crtk_drivers.ros.publishing import Job, PublishingThread
+from crtk_drivers.samples import JointState, Pose, Stamp, Value
+
+COHERENCE_TRIES = 3
+"""A new sample may arrive while the values are collected; then they are collected again."""
+
+Values = Mapping[str, tuple[Value, Stamp] | None]
+
+
+@dataclass(slots=True)
+class _Topic:
+    """One publisher, with the message that it sends again and again."""
+
+    name: str
+    publisher: Publisher
+    message: Any
+    has_header: bool
+    frame: str | None
+
+    def send(self, value: Value | None, stamp: Stamp | None, frames: Frames) -> None:
+        if value is not None:
+            fill(self.message, value)
+        if self.has_header:
+            header = self.message.header
+            set_stamp(header.stamp, 0 if stamp is None else stamp.wall_ns)
+            if self.frame is not None:
+                header.frame_id = frames.outgoing(getattr(value, "frame_id", "") or self.frame)
+        elif value is None:
+            return  # a matrix cannot be marked as invalid
+        self.publisher.publish(self.message)
+
+
+def _topic(node: Node, engine: Engine, name: str, command: Command) -> _Topic:
+    publisher = node.create_publisher(
+        TYPES[command.payload],
+        name,
+        qos.of_feedback(command),
+        qos_overriding_options=qos.OVERRIDES,
+        event_callbacks=qos.publisher_events(name),
+    )
+    message = TYPES[command.payload]()
+    in_a_frame = command.payload in (Payload.POSE, Payload.TWIST, Payload.WRENCH)
+    if command.payload is Payload.JOINT_STATE and "/" not in name:
+        fill(message, JointState(name=engine.capabilities.joints))
+    return _Topic(
+        name,
+        publisher,
+        message,
+        command.payload is not Payload.MATRIX,
+        engine.capabilities.base_frame if in_a_frame else None,
+    )
+
+
+def coherent(engine: Engine, names: Iterable[str]) -> Values:
+    """Return the values of `names`, all of one sample."""
+    for _ in range(COHERENCE_TRIES):
+        values = {name: engine.feedback(name) for name in names}
+        stamps = {found[1].monotonic for found in values.values() if found is not None}
+        if len(stamps) <= 1:
+            break
+    return values
+
+
+class FeedbackTopics:
+    """Everything that is published continuously."""
+
+    def __init__(
+        self, node: Node, thread: PublishingThread, engine: Engine, frames: Frames
+    ) -> None:
+        self._engine = engine
+        self._frames = frames
+        self._joints = engine.capabilities.joints
+        self._topics = [
+            _topic(node, engine, name, command)
+            for name, command in engine.commands.items()
+            if command.direction is Direction.PUBLISHED
+            and command.level not in (Level.STATE, Level.GOAL)
+        ]
+        self.job: Job = thread.job("feedback", self._publish)
+
+    @property
+    def publishers(self) -> dict[str, Publisher]:
+        """By CRTK name."""
+        return {topic.name: topic.publisher for topic in self._topics}
+
+    def _publish(self) -> None:
+        heard = [t for t in self._topics if t.publisher.get_subscription_count() > 0]
+        values = coherent(self._engine, [topic.name for topic in heard])
+        for topic in heard:
+            found = values[topic.name]
+            if found is None:
+                topic.send(None, None, self._frames)
+            else:
+                topic.send(self._named(topic.name, found[0]), found[1], self._frames)
+
+    def _named(self, name: str, value: Value) -> Value:
+        if isinstance(value, JointState) and not value.name and "/" not in name:
+            return replace(value, name=self._joints)
+        return value
+
+
+class GoalTopics:
+    """The goals, latched, each published when it is accepted."""
+
+    def __init__(
+        self, node: Node, thread: PublishingThread, engine: Engine, frames: Frames
+    ) -> None:
+        self._engine = engine
+        self._frames = frames
+        self._topics = [
+            _topic(node, engine, name, command)
+            for name, command in engine.commands.items()
+            if command.level is Level.GOAL
+        ]
+        self.job: Job = thread.job("goals", self._publish)
+        self._published: dict[str, Value] = {}
+
+    @property
+    def publishers(self) -> dict[str, Publisher]:
+        """By CRTK name."""
+        return {topic.name: topic.publisher for topic in self._topics}
+
+    def _publish(self) -> None:
+        for topic in self._topics:
+            found = self._engine.goal(topic.name)
+            if found is not None and self._published.get(topic.name) is not found[0]:
+                self._published[topic.name] = found[0]
+                topic.send(*found, self._frames)
+
+
+class Transforms:
+    """``measured_cp`` on /tf, from the base frame to the tool frame. Never from ``local/``."""
+
+    def __init__(
+        self, node: Node, thread: PublishingThread, engine: Engine, frames: Frames
+    ) -> None:
+        self._engine = engine
+        self.job: Job = thread.job("tf", self._publish)
+        self._publisher: Publisher | None = None
+        if "measured_cp" in engine.commands:
+            self._publisher = node.create_publisher(TFMessage, "/tf", qos.TF)
+        self._transform = TransformStamped()
+        self._transform.header.frame_id = frames.outgoing(engine.capabilities.base_frame)
+        self._transform.child_frame_id = frames.outgoing(engine.capabilities.tool_frame)
+        self._message = TFMessage(transforms=[self._transform])
+        self._last_ns = 0
+
+    def _publish(self) -> None:
+        if self._publisher is None or self._publisher.get_subscription_count() == 0:
+            return
+        found = self._engine.feedback("measured_cp")
+        # Listeners complain of a stamp that comes twice, and cannot use one that is 0.
+        if found is None or found[1].wall_ns in (0, self._last_ns):
+            return
+        pose, stamp = found
+        assert isinstance(pose, Pose)
+        self._last_ns = stamp.wall_ns
+        set_stamp(self._transform.header.stamp, stamp.wall_ns)
+        fill_transform(self._transform, pose)
+        self._publisher.publish(self._message)

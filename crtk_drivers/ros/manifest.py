@@ -1,0 +1,110 @@
+"""The capability manifest: what a device can do, told on the wire.
+
+Published once, latched, as JSON in a std_msgs/String on ``~/crtk_capabilities``. Schema
+``crtk_capabilities/1``; lengths in m, angles in rad, times in s, rates in Hz; null is "not known":
+
+    schema          "crtk_capabilities/1"
+    crtk_version    of the message package
+    driver_version  of this package
+    device          {name, address}
+    commands        {CRTK name: {name on ROS, type, direction, level, units, summary}}
+    joints          [{name, lower, upper, velocity, acceleration, jerk, effort}], in the order of all vectors
+    tool            limits of the tool, or null
+    frames          {base, tool}: as they appear in messages and on /tf
+    rates           {io, publish, tf, heartbeat}
+    stop            {stream_timeout, on_stream_timeout, link_timeout, description}: what happens when the
+                    stream of commands, or this process, stops
+    command_limits  {clamp_servo, max_step, max_linear_step, max_command_age}
+    homing          whether `home` is needed before positions count
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from crtk_drivers.engine import Engine
+from crtk_drivers.ros.messages import TYPES
+from crtk_drivers.ros.names import Frames
+
+SCHEMA = "crtk_capabilities/1"
+CRTK_VERSION = "1.3.0"
+"""Of crtk_msgs, whose messages and names this node speaks."""
+
+
+def driver_version() -> str:
+    """Return the version of this package, ``unknown`` when it runs from a source tree."""
+    try:
+        return version("crtk-drivers")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def manifest(
+    engine: Engine, frames: Frames, rates: Mapping[str, float], ros_names: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return the manifest as plain data, ready for JSON.
+
+    Args:
+        rates: the node's rate parameters.
+        ros_names: the full topic or service of each CRTK name, after remapping.
+    """
+    capabilities, options = engine.capabilities, engine.options
+    tool = capabilities.cartesian_limits
+    commands = {
+        name: {
+            "name": ros_names[name],
+            "type": type_name(TYPES[command.payload]),
+            "direction": command.direction.value,
+            "level": command.level.value,
+            "units": command.units,
+            "summary": command.summary,
+        }
+        for name, command in engine.commands.items()
+    }
+    return {
+        "schema": SCHEMA,
+        "crtk_version": CRTK_VERSION,
+        "driver_version": driver_version(),
+        "device": {"name": engine.name, "address": engine.device.address},
+        "commands": commands,
+        "joints": [
+            {"name": name, **_finite(asdict(limits))}
+            for name, limits in zip(capabilities.joints, capabilities.limits, strict=True)
+        ],
+        "tool": None if tool is None else _finite(asdict(tool)),
+        "frames": {
+            "base": frames.outgoing(capabilities.base_frame),
+            "tool": frames.outgoing(capabilities.tool_frame),
+        },
+        "rates": {
+            "io": capabilities.rate,
+            "publish": rates["publish_rate"],
+            "tf": rates["tf_rate"],
+            "heartbeat": rates["heartbeat_rate"],
+        },
+        "stop": {
+            "stream_timeout": options.stream_timeout,
+            "on_stream_timeout": options.on_stream_timeout,
+            **_finite(asdict(capabilities.stop)),
+        },
+        "command_limits": _finite(asdict(options.limits)),
+        "homing": capabilities.needs_homing,
+    }
+
+
+def type_name(message_type: type) -> str:
+    """Return the ROS name of a message or service class: ``sensor_msgs/msg/JointState``."""
+    package, kind, *_ = message_type.__module__.split(".")
+    return f"{package}/{kind}/{message_type.__name__}"
+
+
+def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
+    # JSON has no infinity.
+    return {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value
+        for key, value in values.items()
+    }

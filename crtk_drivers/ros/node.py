@@ -1,0 +1,179 @@
+"""The ROS 2 node of one device: wires the parts of this package together."""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from crtk_drivers.config import NodeConfig
+from crtk_drivers.engine import Engine, Observer
+from crtk_drivers.errors import CommandRefused
+from crtk_drivers.ros import qos
+from crtk_drivers.ros.commands import CommandTopics
+from crtk_drivers.ros.diagnostics import Diagnostics
+from crtk_drivers.ros.feedback import FeedbackTopics, GoalTopics, Transforms
+from crtk_drivers.ros.graph import TypeConflicts
+from crtk_drivers.ros.manifest import manifest, type_name
+from crtk_drivers.ros.messages import TYPES
+from crtk_drivers.ros.names import Frames
+from crtk_drivers.ros.parameters import declare_frame_prefix, declare_rates
+from crtk_drivers.ros.publishing import PublishingThread, Throttle
+from crtk_drivers.ros.refusals import RefusalTopic
+from crtk_drivers.ros.rosout import RosoutHandler
+from crtk_drivers.ros.services import Services
+from crtk_drivers.ros.status import StatusTopic
+from crtk_drivers.samples import Stamp
+from crtk_drivers.state import Status
+
+logger = logging.getLogger(__name__)
+
+NODE_NAME = "crtk_driver"
+PUBLISHER_TIMEOUT = 0.4
+WARNING_INTERVAL = 2.0
+GRAPH_RATE = 1.0
+
+
+class _Listener(Observer):
+    """Hands what the engine tells over to the publishing thread."""
+
+    def __init__(
+        self, engine: Engine, status: StatusTopic, refusals: RefusalTopic, goals: GoalTopics
+    ) -> None:
+        self._where = engine.where
+        self._status = status
+        self._refusals = refusals
+        self._goals = goals
+        self._warnings = Throttle(WARNING_INTERVAL)
+
+    def status_changed(self, status: Status, stamp: Stamp) -> None:
+        self._status.announce(status, stamp)
+
+    def command_refused(self, refusal: CommandRefused) -> None:
+        self._refusals.add(refusal)
+
+    def goal_accepted(self, name: str) -> None:
+        self._goals.job.ask()
+
+    def warned(self, text: str) -> None:
+        # The kind is what precedes the first number: "servo_jp: elbow at".
+        if self._warnings.passes(_kind(text), time.monotonic()):
+            logger.warning("%s: %s", self._where, text)
+
+
+def _kind(text: str) -> str:
+    for index, character in enumerate(text):
+        if character.isdigit():
+            return text[:index]
+    return text
+
+
+class DriverNode:
+    """Serves one engine on ROS 2. Publishes nothing before `start`.
+
+    The rclpy node is its attribute `node`, not its base: the names of the two would collide.
+
+    Args:
+        engine: of the device.
+        namespace: of the node, for example ``/ur5``; ``-r __ns:=`` overrides it.
+        context: initialised.
+        config: initial values of the parameters.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        namespace: str,
+        context: Context,
+        config: NodeConfig | None = None,
+    ) -> None:
+        self.node = node = Node(
+            NODE_NAME, namespace=namespace, context=context, enable_rosout=False
+        )
+        self._engine = engine
+        self._thread = PublishingThread(f"publishing {engine.name}")
+        config = config or NodeConfig()
+        prefix = declare_frame_prefix(node, config)
+        self._frames = frames = Frames(prefix, engine.capabilities.base_frame)
+        self._rosout = RosoutHandler(node, self._thread)
+        self._status = StatusTopic(node, self._thread, engine.status)
+        self._refusals = RefusalTopic(node, self._thread)
+        self._feedback = FeedbackTopics(node, self._thread, engine, frames)
+        self._goals = GoalTopics(node, self._thread, engine, frames)
+        self._transforms = Transforms(node, self._thread, engine, frames)
+        self._commands = CommandTopics(node, engine, frames)
+        self._services = Services(node, engine, self._status.next_stamp)
+        self._ros_names = self._names_on_ros()
+        self._set_up_diagnostics()
+        self._set_up_manifest()
+        self._listener = _Listener(engine, self._status, self._refusals, self._goals)
+        jobs = {
+            "publish_rate": self._feedback.job,
+            "tf_rate": self._transforms.job,
+            "heartbeat_rate": self._status.job,
+            "diagnostics_rate": self._diagnostics_job,
+        }
+
+        def apply(name: str, rate: float) -> None:
+            self._rates[name] = rate
+            jobs[name].set_rate(rate)
+            self._manifest_job.ask()
+
+        declare_rates(node, config, apply)
+
+    def start(self) -> None:
+        """Begin to publish."""
+        self._engine.add_observer(self._listener)
+        self._status.announce(self._engine.status, Stamp.now())
+        logging.getLogger("crtk_drivers").addHandler(self._rosout)
+        self._thread.start()
+
+    def stop(self, timeout: float = PUBLISHER_TIMEOUT) -> bool:
+        """Publish what is still to be told and end; False if DDS still blocks after `timeout` s."""
+        logging.getLogger("crtk_drivers").removeHandler(self._rosout)
+        self._engine.remove_observer(self._listener)
+        return self._thread.stop(timeout)
+
+    def _names_on_ros(self) -> dict[str, str]:
+        endpoints = {
+            **self._feedback.publishers,
+            **self._goals.publishers,
+            **self._commands.subscriptions,
+            "operating_state": self._status.publisher,
+        }
+        names = {name: endpoint.topic_name for name, endpoint in endpoints.items()}
+        names |= {name: srv.service_name for name, srv in self._services.services.items()}
+        expected = {
+            endpoint.topic_name: type_name(TYPES[self._engine.commands[name].payload])
+            for name, endpoint in endpoints.items()
+        }
+        self._thread.job("graph", TypeConflicts(self.node, expected).check, GRAPH_RATE)
+        return names
+
+    def _set_up_diagnostics(self) -> None:
+        engine = self._engine
+        diagnostics = Diagnostics(
+            self.node.get_fully_qualified_name(), engine.where, engine.options.sample_timeout
+        )
+        publisher = self.node.create_publisher(DiagnosticArray, "/diagnostics", qos.DATA)
+        self._diagnostics_job = self._thread.job(
+            "diagnostics",
+            lambda: publisher.publish(
+                diagnostics.report(engine.status, engine.health(), time.time_ns())
+            ),
+        )
+
+    def _set_up_manifest(self) -> None:
+        publisher = self.node.create_publisher(String, "~/crtk_capabilities", qos.LATCHED)
+        self._rates: dict[str, float] = {}
+
+        def publish() -> None:
+            content = manifest(self._engine, self._frames, self._rates, self._ros_names)
+            publisher.publish(String(data=json.dumps(content, allow_nan=False)))
+
+        self._manifest_job = self._thread.job("manifest", publish)

@@ -1,0 +1,122 @@
+"""The publishing thread: everything that this node sends, it sends from here.
+
+A DDS writer can block for a third of a second (a stalled subscriber, Fast DDS's shared memory), so no
+I/O thread and no callback publishes. The thread keeps its own absolute clock; executor timers are not
+used. A job runs at its rate and whenever it is asked for.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from queue import Empty, SimpleQueue
+
+logger = logging.getLogger(__name__)
+
+FAILURE_INTERVAL = 2.0
+"""Seconds between two log records of a job that keeps failing."""
+
+
+LONGEST_WAIT = 3600.0
+
+
+class Throttle:
+    """Lets one event of a kind through in `interval` seconds."""
+
+    def __init__(self, interval: float) -> None:
+        self._interval = interval
+        self._passed: dict[object, float] = {}
+
+    def passes(self, kind: object, now: float) -> bool:
+        """Say whether an event of `kind` may pass at the monotonic time `now`, and remember it if so."""
+        if now - self._passed.get(kind, -math.inf) < self._interval:
+            return False
+        self._passed[kind] = now
+        return True
+
+
+class Job:
+    """Something to be published again and again. Made by `PublishingThread.job`."""
+
+    def __init__(self, name: str, run: Callable[[], None], wake: Callable[[], None]) -> None:
+        self.name = name
+        self.run = run
+        self.due = math.inf
+        self.wanted = False
+        self._wake = wake
+        self._period = math.inf
+
+    def set_rate(self, rate: float) -> None:
+        """Run `rate` times a second from now on; 0 means only when asked."""
+        self._period = 1.0 / rate if rate > 0.0 else math.inf
+        self.due = time.monotonic() + self._period
+        self._wake()
+
+    def ask(self) -> None:
+        """Run it as soon as possible. Never waits; may be called from any thread."""
+        if not self.wanted:
+            self.wanted = True
+            self._wake()
+
+    def advance(self, now: float) -> None:
+        """Set the next due time on the job's own grid; what was missed is skipped."""
+        if self.due <= now:
+            self.due += self._period * (1.0 + (now - self.due) // self._period)
+
+
+class PublishingThread:
+    """Runs jobs, one after the other. Not started by the constructor."""
+
+    def __init__(self, name: str) -> None:
+        self._jobs: list[Job] = []
+        self._wakes: SimpleQueue[None] = SimpleQueue()
+        self._failures = Throttle(FAILURE_INTERVAL)
+        self._stopping = False
+        self._thread = threading.Thread(target=self._loop, name=name, daemon=True)
+
+    def job(self, name: str, run: Callable[[], None], rate: float = 0.0) -> Job:
+        """Add a job; before `start`."""
+        job = Job(name, run, lambda: self._wakes.put(None))
+        job.set_rate(rate)
+        self._jobs.append(job)
+        return job
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self, timeout: float) -> bool:
+        """Run what was asked for, then end; return False if a writer still blocks after `timeout` seconds."""
+        self._stopping = True
+        self._wakes.put(None)
+        if self._thread.is_alive():
+            self._thread.join(timeout)
+        return not self._thread.is_alive()
+
+    def _loop(self) -> None:
+        while not self._stopping:
+            self._wait(min((job.due for job in self._jobs), default=math.inf))
+            for job in self._jobs:
+                now = time.monotonic()
+                if job.wanted or job.due <= now:
+                    job.wanted = False
+                    job.advance(now)
+                    self._run(job)
+        for job in self._jobs:
+            if job.wanted:
+                self._run(job)
+
+    def _wait(self, due: float) -> None:
+        with suppress(Empty):
+            self._wakes.get(timeout=min(max(0.0, due - time.monotonic()), LONGEST_WAIT))
+
+    def _run(self, job: Job) -> None:
+        try:
+            job.run()
+        except Exception:
+            if self._failures.passes(job, time.monotonic()):
+                logger.exception("publishing %s failed; it will be tried again", job.name)

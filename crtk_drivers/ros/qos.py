@@ -1,0 +1,101 @@
+"""Quality of service, as the official CRTK client and the reference implementation need it.
+
+Everything is RELIABLE: the client subscribes so, and a best-effort publisher would never match it.
+What the device *receives* is always VOLATILE: the client's ``state_command`` is latched, and a device
+that asked for latched messages would get an old ``enable`` replayed whenever it starts.
+
+Each of them can be overridden by parameters: ``-p qos_overrides./ur5/measured_js.publisher.depth:=1``.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSPolicyKind,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from crtk_drivers.commands import Command, Level
+
+logger = logging.getLogger(__name__)
+
+
+def _profile(depth: int, durability: DurabilityPolicy) -> QoSProfile:
+    return QoSProfile(
+        depth=depth,
+        history=HistoryPolicy.KEEP_LAST,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=durability,
+    )
+
+
+DATA = _profile(10, DurabilityPolicy.VOLATILE)
+OPERATING_STATE = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL)
+REFUSALS = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL)
+LATCHED = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+TF = _profile(100, DurabilityPolicy.VOLATILE)
+
+NEWEST = _profile(1, DurabilityPolicy.VOLATILE)
+"""For absolute commands: an older one is worth nothing."""
+EVERY = _profile(10, DurabilityPolicy.VOLATILE)
+"""For state_command, hold and free: each counts."""
+INCREMENTS = _profile(200, DurabilityPolicy.VOLATILE)
+"""For relative commands: a lost one is lost motion. 200 of them are 0.4 s at 500 Hz."""
+
+OVERRIDES = QoSOverridingOptions.with_default_policies()
+
+
+def of_command(command: Command) -> QoSProfile:
+    """Return the profile with which the device subscribes to `command`."""
+    if not command.is_motion:
+        return EVERY
+    return INCREMENTS if command.is_relative else NEWEST
+
+
+def of_feedback(command: Command) -> QoSProfile:
+    """Return the profile with which the device publishes `command`."""
+    return LATCHED if command.level is Level.GOAL else DATA
+
+
+_POLICY_NAMES = {kind.value: kind.name.lower() for kind in QoSPolicyKind}
+
+
+def publisher_events(topic: str) -> PublisherEventCallbacks:
+    """Return callbacks that log, once, that a subscriber of `topic` cannot be served."""
+    return PublisherEventCallbacks(
+        incompatible_qos=_OnceTold(
+            f"a subscriber of {topic} asks for another %s than is published, and gets nothing; "
+            "let it ask for reliable and volatile"
+        ),
+        use_default_callbacks=False,
+    )
+
+
+def subscription_events(topic: str) -> SubscriptionEventCallbacks:
+    """Return callbacks that log, once, that a publisher of `topic` cannot be heard."""
+    return SubscriptionEventCallbacks(
+        incompatible_qos=_OnceTold(
+            f"a publisher on {topic} offers another %s than is needed, and is not heard; "
+            "let it publish reliably"
+        ),
+        use_default_callbacks=False,
+    )
+
+
+class _OnceTold:
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._told = False
+
+    def __call__(self, event: Any) -> None:
+        if not self._told:
+            self._told = True
+            policy = _POLICY_NAMES.get(int(event.last_policy_kind), "quality of service")
+            logger.warning(self._text, policy)

@@ -1,0 +1,188 @@
+"""Running the node: ROS context, executor, signals, and the way out.
+
+The executor is rclpy's EventsExecutor, whose cost does not grow with the number of topics. Its `spin` hangs
+in some builds, so `spin_once` is called with a timeout instead.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from types import FrameType, TracebackType
+from typing import Self
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from crtk_drivers.config import NodeConfig
+from crtk_drivers.engine import Engine
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.ros.node import PUBLISHER_TIMEOUT, DriverNode
+from crtk_drivers.session import Session
+
+logger = logging.getLogger(__name__)
+
+SPIN_PERIOD = 0.1
+"""Longest time in s that a signal waits for the executor."""
+SWITCH_INTERVAL = 0.0005
+"""Seconds after which Python lets another thread run: at the default, I/O would be 4 ms late."""
+CLOSE_TIMEOUT = 1.0
+
+
+class Serving:
+    """A node, its ROS context and its executor. A context manager; `spin` in between.
+
+    Args:
+        engine, namespace, config: see `DriverNode`.
+        ros_args: what follows on the command line from ``--ros-args`` on, that word included.
+
+    Raises:
+        ConfigError: the ROS arguments cannot be used.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        namespace: str,
+        ros_args: Sequence[str] = (),
+        config: NodeConfig | None = None,
+    ) -> None:
+        self._context = Context()
+        try:
+            rclpy.init(
+                args=list(ros_args),
+                context=self._context,
+                signal_handler_options=SignalHandlerOptions.NO,
+            )
+        except Exception as error:
+            raise ConfigError(
+                f"ROS does not accept the arguments {' '.join(ros_args)}: {error}",
+                remedy="They are as for any ROS 2 node: --ros-args -r from:=to -p name:=value",
+            ) from error
+        try:
+            self.driver = DriverNode(engine, namespace, self._context, config)
+        except BaseException:
+            self._context.try_shutdown()
+            raise
+        self._executor = _executor(self._context)
+        self._executor.add_node(self.driver.node)
+
+    def spin(self, stop: threading.Event, idle: Callable[[], None] | None = None) -> None:
+        """Serve callbacks until `stop` is set or the context is shut down.
+
+        Args:
+            idle: called about ten times a second, from this thread.
+        """
+        called = 0.0
+        while not stop.is_set() and self._context.ok():
+            try:
+                self._executor.spin_once(timeout_sec=SPIN_PERIOD)
+            except ExternalShutdownException:
+                return
+            if idle is not None and time.monotonic() - called >= SPIN_PERIOD:
+                called = time.monotonic()
+                idle()
+
+    def __enter__(self) -> Self:
+        self.driver.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> bool:
+        """End everything; return False if a DDS writer still blocks, then nothing more can be done."""
+        if not self.driver.stop():
+            return False
+        self._executor.shutdown(timeout_sec=PUBLISHER_TIMEOUT)
+        self.driver.node.destroy_node()
+        self._context.try_shutdown()
+        return True
+
+
+def _executor(context: Context) -> Executor:
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
+
+
+def run(
+    session: Session,
+    namespace: str,
+    ros_args: Sequence[str] = (),
+    *,
+    config: NodeConfig | None = None,
+    idle: Callable[[], None] | None = None,
+) -> int:
+    """Serve a session on ROS 2 until SIGINT or SIGTERM; return the exit code.
+
+    The device is left holding, everything is closed within two seconds. To be called from the main thread.
+
+    Args:
+        session: not started; it is closed at the end.
+        namespace: checked by `crtk_drivers.ros.names.checked_namespace`.
+        ros_args: see `Serving`.
+        config: initial values of the node's parameters.
+        idle: called about ten times a second, for a status line.
+
+    Raises:
+        ConfigError: the ROS arguments cannot be used.
+    """
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    stop = threading.Event()
+    with _signals(stop):
+        try:
+            serving = Serving(session.engine, namespace, ros_args, config)
+        except BaseException:
+            session.close()
+            raise
+        serving.driver.start()
+        try:
+            session.start()
+            serving.spin(stop, idle)
+        finally:
+            # The device first: what comes after may take its time.
+            session.close(CLOSE_TIMEOUT)
+            if not serving.close():
+                _leave(0)
+    return 0
+
+
+@contextmanager
+def _signals(stop: threading.Event) -> Iterator[None]:
+    """Set `stop` at SIGINT and SIGTERM; a second SIGINT has its usual effect."""
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        stop.set()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _leave(code: int) -> None:
+    """End the process while a DDS writer blocks: its thread cannot be ended, nor DDS be closed."""
+    logger.warning("a DDS writer still blocks; leaving without closing ROS")
+    logging.shutdown()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
