@@ -46,6 +46,7 @@ from crtk_drivers.samples import (
     vector,
 )
 from crtk_drivers.session import Session, open_session
+from crtk_drivers.sims import RunningSim
 from crtk_drivers.state import OperatingState, StateCommand, Status, target_of
 
 DEFAULT_AGE = 0.1
@@ -135,6 +136,11 @@ class LocalDevice:
     def engine(self) -> Engine:
         """The engine behind this front."""
         return self._engine
+
+    @property
+    def sim(self) -> RunningSim | None:
+        """The simulator behind the device, to inject faults into; None for real hardware."""
+        return self._session.sim
 
     def health(self) -> Health:
         """Return the counters: rate, late cycles, refusals by reason, ..."""
