@@ -233,9 +233,18 @@ def test_external_force_shows_in_sensor_and_currents_and_can_be_zeroed(bench: Be
     assert apart(bench["actual_TCP_force"], (0, 0, -20, 0, 0, 0)) < 1e-9
     assert bench["tcp_force_scalar"] == pytest.approx(20)
     assert apart(bench["ft_raw_wrench"][:3], (0, 0, 20)) < 0.1  # the tool points down
-    assert apart(current, bench["actual_current"]) > 0.1
+    # The arm points along -x of the base: pushed down, the shoulder carries more.
+    assert abs(bench["actual_current"][1]) > abs(current[1]) + 0.1
     said(bench, "zero_ftsensor()")
     assert apart(bench["actual_TCP_force"], (0.0,) * 6) < 1e-9
+
+
+def test_a_force_at_a_long_tool_is_a_force_without_torque_there(bench: Bench) -> None:
+    said(bench, "set_tcp(p[0, 0, 0.3, 0, 0, 0])")
+    bench.controller.external_force([10, 0, 0, 0, 0, 0])
+    bench.ticks(1)
+    assert apart(bench["actual_TCP_force"], (10, 0, 0, 0, 0, 0)) < 1e-9
+    assert max(map(abs, bench["ft_raw_wrench"][3:])) == pytest.approx(3.0, abs=0.01)
 
 
 def test_payload_weight_is_in_the_raw_wrench_only(bench: Bench) -> None:

@@ -291,6 +291,15 @@ def test_freedrive_gives_way_and_its_end_holds(bench: Bench) -> None:
     assert bench["actual_q"] == pushed
 
 
+def test_a_move_after_freedrive_starts_where_the_arm_was_left(bench: Bench) -> None:
+    bench.start(f"freedrive_mode()\nsleep(1)\nend_freedrive_mode()\nsleep(1)\nmovej({GOAL})")
+    bench.controller.external_force([0, 20, 0, 0, 0, 0])
+    bench.seconds(0.9)
+    bench.controller.external_force([0] * 6)
+    bench.until(lambda: bench.controller.runtime_state == RuntimeState.STOPPED)
+    assert list(bench["target_q"]) == GOAL
+
+
 def test_freedrive_along_one_axis_moves_along_it_only(bench: Bench) -> None:
     bench.start("freedrive_mode(freeAxes=[0, 0, 1, 0, 0, 0])\nsleep(5)")
     bench.ticks(2)

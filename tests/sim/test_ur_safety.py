@@ -272,6 +272,15 @@ def test_watchdog_actions(bench: Bench, action: str, state: RuntimeState) -> Non
     assert bench.controller.runtime_state == state
 
 
+def test_a_pause_does_not_count_for_the_watchdog(bench: Bench) -> None:
+    bench.start(f'rtde_set_watchdog("input_int_register_0", 2, "stop")\n{FOREVER}')
+    bench.controller.pause()
+    bench.seconds(0.8)
+    bench.controller.play()
+    bench.seconds(0.3)
+    assert bench.controller.runtime_state == RuntimeState.PLAYING
+
+
 def test_loaded_program_plays_pauses_and_stops(bench: Bench) -> None:
     c = bench.controller
     assert not c.play()

@@ -20,8 +20,8 @@ Transform: TypeAlias = tuple[
 Matrix: TypeAlias = list[list[float]]
 
 IDENTITY: Transform = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-_REACH_TOLERANCE = 1e-9
-_SINGULAR_SINE = 1e-7
+_REACH_TOLERANCE = 1e-7  # of the cosine of the elbow; less than 0.1 um at the tool
+_SINGULAR_SINE = 1e-8
 
 
 def rotation_matrix(x: float, y: float, z: float) -> tuple[float, ...]:
@@ -411,16 +411,14 @@ class Kinematics:
         for q1 in (psi + phi, psi - phi):
             s1 = sin(q1)
             c1 = cos(q1)
-            c5 = (px * s1 - py * c1 - d4) / d6
-            if abs(c5) > 1.0 + _REACH_TOLERANCE:
-                continue
-            q5_positive = acos(max(-1.0, min(1.0, c5)))
+            # Sine and cosine of q5 from the orientation: exact even near the wrist singularity.
+            u = r4 * c1 - r1 * s1
+            v = r0 * s1 - r3 * c1
+            size = hypot(u, v)
+            q5_positive = atan2(size, r2 * s1 - r5 * c1)
             for q5 in (q5_positive, -q5_positive):
-                s5 = sin(q5)
-                if abs(s5) < _SINGULAR_SINE:
-                    q6 = wrist_3
-                else:
-                    q6 = atan2((-r1 * s1 + r4 * c1) / s5, (r0 * s1 - r3 * c1) / s5)
+                turn = atan2(u, v) if q5 > 0.0 else atan2(-u, -v)
+                q6 = turn if size > _SINGULAR_SINE else wrist_3
                 s6 = sin(q6)
                 c6 = cos(q6)
                 s234 = -(s6 * (c1 * r0 + s1 * r3) + c6 * (c1 * r1 + s1 * r4))
