@@ -368,14 +368,14 @@ def _closest(word: str, words: Iterable[str]) -> str:
 
 
 def _suggested_key(model: type, key: Key) -> str:
-    """Return the key that an unknown one was probably meant to be, by its table, else anywhere."""
+    """Return the key that was probably meant: that name elsewhere, or one like it here, or there."""
     last = str(key[-1])
-    siblings = setting_names(annotation_of(model, key[:-1]))
-    if meant := _closest(last, siblings):
+    elsewhere = {str(path[-1]): dotted(path) for path in _all_keys(model)}
+    if last in elsewhere:
+        return elsewhere[last]
+    if meant := _closest(last, setting_names(annotation_of(model, key[:-1]))):
         return dotted((*key[:-1], meant))
-    everywhere = {dotted(path): str(path[-1]) for path in _all_keys(model)}
-    meant = _closest(last, everywhere.values())
-    return next((path for path, name in everywhere.items() if meant and name == meant), "")
+    return elsewhere.get(_closest(last, elsewhere), "")
 
 
 def _known_keys(model: type, key: Key) -> str:

@@ -159,10 +159,14 @@ class PluginEntry:
         return plugin
 
     @property
-    def missing_libraries(self) -> tuple[str, ...]:
-        """The packages of its extra that are not installed, by name."""
-        dist, extra = self.entry_point.dist, getattr(self._loaded[0], "extra", "")
-        return tuple(_not_installed(dist, extra)) if dist and extra else ()
+    def missing(self) -> MissingExtra | None:
+        """What keeps it from running: a library of its extra, imported at once or only when used."""
+        plugin, error = self._loaded
+        if isinstance(error, MissingExtra):
+            return error
+        dist, extra = self.entry_point.dist, getattr(plugin, "extra", "")
+        packages = ", ".join(_not_installed(dist, extra)) if dist and extra else ""
+        return _missing_extra(packages, dist.name, extra) if dist and packages else None
 
 
 def devices() -> Mapping[str, PluginEntry]:
@@ -301,8 +305,14 @@ def _as_missing_extra(error: BaseException, dist: Distribution | None) -> Missin
     module = _normal(error.name.partition(".")[0])
     for package, extra in _extras(dist):
         if _normal(package) == module:
-            return MissingExtra(package, extra)
+            return _missing_extra(package, dist.name, extra)
     return None
+
+
+def _missing_extra(packages: str, owner: str, extra: str) -> MissingExtra:
+    error = MissingExtra(packages, extra)
+    error.remedy = f"Install it with: pip install '{owner}[{extra}]'"
+    return error
 
 
 def _normal(name: str) -> str:

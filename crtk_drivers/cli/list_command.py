@@ -12,7 +12,6 @@ from rich.text import Text
 from crtk_drivers import plugins
 from crtk_drivers.cli.terminal import OUT, sentence
 from crtk_drivers.commands import Command, Level
-from crtk_drivers.errors import MissingExtra
 from crtk_drivers.plugins import PluginEntry
 
 
@@ -61,17 +60,16 @@ def _summary(entry: PluginEntry) -> RenderableType:
         sim = entry.plugin.sim
         lines.append(f"  simulator: {sim}" if sim else "  no simulator", "dim")
     lines.append(f"\n{sentence(entry.plugin.summary)}")
-    if entry.missing_libraries:
-        missing = MissingExtra(", ".join(entry.missing_libraries), entry.plugin.extra)
-        lines.append(f"\n{missing}", "yellow")
+    if entry.missing:
+        lines.append(f"\n{entry.missing}", "yellow")
     if _is_device(entry):
         lines.append(f"\n{short_names(plugins.commands_of(entry.name))}", "dim")
     return lines
 
 
 def _trouble(entry: PluginEntry) -> Text:
-    if isinstance(entry.error, MissingExtra):
-        return Text(f"\n{entry.error}", "yellow")
+    if entry.missing:
+        return Text(f"\n{entry.missing}", "yellow")
     text = Text(f"\n{type(entry.error).__name__}: {entry.error}", "red")
     return text.append(f"\nTraceback: crtk-driver list {entry.name}", "dim")
 
@@ -85,7 +83,7 @@ def _package(entry: PluginEntry) -> str:
 
 
 def _status(entry: PluginEntry) -> Text:
-    if isinstance(entry.error, MissingExtra) or entry.missing_libraries:
+    if entry.missing:
         return Text("needs extra", "yellow")
     return Text("broken", "bold red") if entry.error else Text("ok", "green")
 

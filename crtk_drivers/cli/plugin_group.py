@@ -16,7 +16,6 @@ from typer.core import TyperGroup
 
 from crtk_drivers.cli.options import make_command
 from crtk_drivers.cli.terminal import plain
-from crtk_drivers.errors import CrtkError, MissingExtra
 from crtk_drivers.plugins import PluginEntry
 
 
@@ -61,7 +60,7 @@ class PluginGroup(TyperGroup):
         if entry is None:
             return None
         if entry.error is not None:
-            return self._placeholder(entry, entry.error)
+            return self._placeholder(entry)
         return self.source.build(entry.plugin, self.source.panel)
 
     def resolve_command(self, ctx: typer.Context, args: list[str]) -> Any:  # type: ignore[override]
@@ -71,18 +70,18 @@ class PluginGroup(TyperGroup):
             self.source.refuse(name)
         return super().resolve_command(ctx, args)
 
-    def _placeholder(self, entry: PluginEntry, error: BaseException) -> Any:
+    def _placeholder(self, entry: PluginEntry) -> Any:
         def run(**_: Any) -> int:
             assert entry.plugin is None  # raises
             return 1
 
-        needs = isinstance(error, MissingExtra)
-        text = error.remedy if isinstance(error, CrtkError) and needs else "See `crtk-driver list`."
-        what = "needs an extra" if needs else "broken"
+        text = "broken, see [bold]crtk-driver list[/bold]"
+        if entry.missing:
+            text = f"needs an extra: {plain(str(entry.missing))}"
         return make_command(
             entry.name,
             run,
             [],
-            help=f"[red]{what}:[/red] {plain(text)}",
+            help=f"[red]{text}[/red]",
             panel=self.source.panel,
         )

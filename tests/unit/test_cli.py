@@ -1,0 +1,356 @@
+"""The command line in this process: what it prints, and its exit codes."""
+
+import io
+import json
+import logging
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from crtk_drivers import config_reference, plugins
+from crtk_drivers.cli import main
+from crtk_drivers.cli.app import split_arguments
+from crtk_drivers.cli.list_command import short_names
+from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
+from crtk_drivers.cli.status_line import StatusLine, status_text
+from crtk_drivers.health import Health
+from crtk_drivers.state import OperatingState, Status
+
+ENTRY_POINTS = """
+[crtk_drivers.devices]
+loopback = crtk_drivers.testing.loopback:PLUGIN
+deaf = deaf_device:PLUGIN
+bad = no_such_module:PLUGIN
+[crtk_drivers.sims]
+ur = crtk_sim_backends.ur:SIM
+"""
+
+DEAF = """
+from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
+def create(config):
+    device = LoopbackDevice(config)
+    device.reachable = False
+    return device
+PLUGIN = DevicePlugin("deaf", "never answers", LoopbackConfig, create)
+"""
+
+
+@pytest.fixture(autouse=True)
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """This distribution as if installed, with two more devices."""
+    info = tmp_path / "crtk_drivers-9.8.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: crtk-drivers\nVersion: 9.8\n")
+    (info / "entry_points.txt").write_text(ENTRY_POINTS)
+    (tmp_path / "deaf_device.py").write_text(DEAF)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv(plugins.ONLY, "")
+    monkeypatch.setenv("COLUMNS", "200")
+    yield
+    sys.modules.pop("deaf_device", None)
+
+
+Capture = pytest.CaptureFixture[str]
+
+
+def refusal(capsys: Capture, *arguments: str) -> str:
+    """Run what must be refused as wrong usage and return the message."""
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "Traceback" not in captured.err
+    return captured.err
+
+
+def test_help_lists_devices_and_tools(capsys: Capture) -> None:
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    for part in ("loopback", "gantry", "bad", "broken, see crtk-driver list", "schema", "sim"):
+        assert part in text
+
+
+def test_every_scalar_key_of_a_device_is_an_option(capsys: Capture) -> None:
+    assert main(["loopback", "--help"]) == 0
+    text = capsys.readouterr().out
+    for option in ("--rate", "--no-needs-homing", "--open-timeout", "--set", "--ns", "--config"):
+        assert option in text
+    assert "Longest time to connect, in s. [default: 5]" in text
+    assert "hold|pause|fault" in text
+    assert "--sim " not in text
+
+
+def test_list(capsys: Capture) -> None:
+    assert main(["list"]) == 0
+    text = capsys.readouterr().out
+    assert re.search(r"loopback +ok +crtk-drivers 9\.8 +no simulator", text)
+    assert "servo_jp/jr/jv" in text
+    assert re.search(r"bad +broken", text)
+    assert "No module named 'no_such_module'" in text
+    assert re.search(r"Simulators\s+ur +ok", text)
+
+
+def test_list_of_one_shows_commands_or_the_traceback(capsys: Capture) -> None:
+    assert main(["list", "loopback"]) == 0
+    assert re.search(r"servo_jv +rad/s or m/s +direct real-time", capsys.readouterr().out)
+    assert main(["list", "bad"]) == 1
+    assert "Traceback (most recent call last)" in capsys.readouterr().out
+
+
+def test_short_names_keep_sub_namespaces_apart() -> None:
+    commands = plugins.commands_of("loopback")
+    chosen = {name: commands[name] for name in ("measured_js", "local/measured_cp", "hold")}
+    assert short_names(chosen) == "measured_js  hold  local/measured_cp"
+
+
+def test_schema_is_json_when_piped(capsys: Capture) -> None:
+    assert main(["schema", "loopback"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    assert schema["properties"]["rate"]["minimum"] == 1.0
+    assert main(["schema", "loopback", "--markdown"]) == 0
+    assert "| `rate` | number ≥ 1, ≤ 1000 | 100 |" in capsys.readouterr().out
+
+
+def test_the_reference_knows_when_it_is_out_of_date(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(plugins.ONLY, "loopback,ur")
+    file = tmp_path / "configuration.md"
+    assert config_reference.main(["--check", str(file)]) == 1
+    assert "out of date" in capsys.readouterr().err
+    assert config_reference.main([str(file)]) == 0
+    assert config_reference.main(["--check", str(file)]) == 0
+    text = file.read_text(encoding="utf-8")
+    for part in ("## Device `loopback`", "## Simulator `ur`", "| `control_port` | integer |"):
+        assert part in text
+    file.write_text(text + "by hand\n", encoding="utf-8")
+    assert config_reference.main(["--check", str(file)]) == 1
+
+
+def test_unknown_names_bring_a_suggestion(capsys: Capture) -> None:
+    assert "Did you mean 'loopback'?" in refusal(capsys, "lopback")
+    assert "Did you mean 'loopback'?" in refusal(capsys, "check", "lopback")
+    assert "Did you mean 'loopback'?" in refusal(capsys, "schema", "lopback")
+    assert "no simulator 'urr'" in refusal(capsys, "sim", "urr")
+
+
+def test_a_broken_plugin_is_refused_when_used(capsys: Capture) -> None:
+    assert "ModuleNotFoundError: No module named 'no_such_module'" in refusal(capsys, "bad")
+
+
+def test_only_the_allowed_plugins(capsys: Capture) -> None:
+    assert main(["--only", "loopback", "list"]) == 0
+    text = capsys.readouterr().out
+    assert "loopback" in text
+    assert "bad" not in text
+    assert "CRTK_DRIVERS_ONLY allows no others" in refusal(capsys, "--only", "loopback", "deaf")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--set", "limts.max_step=1"], "--set limts.max_step=1: limts: unknown key"),
+        (["--rate", "fast"], "--rate: rate: must be a number, not 'fast'"),
+        (["--config", "/no/such.yaml"], "/no/such.yaml: cannot be read: No such file"),
+        (["--ns", "demo/"], "hint: Try: --ns /demo"),
+        (["--ns", "/a b"], "hint: Try: --ns /a_b"),
+        (["--log-level", "loud"], "--log-level: 'loud' is not a log level"),
+    ],
+)
+def test_a_run_is_refused_before_anything_starts(
+    capsys: Capture, arguments: list[str], message: str
+) -> None:
+    assert message in refusal(capsys, "loopback", *arguments)
+
+
+def test_a_file_of_settings_is_overridden_by_options(tmp_path: Path, capsys: Capture) -> None:
+    file = tmp_path / "a.yaml"
+    file.write_text("rate: 20\nneeds_homing: yes\nnode:\n  tf_rate: -1\n")
+    message = refusal(capsys, "check", "loopback", "-c", str(file), "--rate", "0")
+    assert "2 mistakes" in message
+    assert "--rate: rate: must be greater than or equal to 1" in message
+    assert "a.yaml:4: node.tf_rate" in message
+
+
+def test_debug_shows_the_traceback(capsys: Capture) -> None:
+    assert main(["check", "loopback", "--rate", "0", "--debug"]) == 2
+    assert "Traceback (most recent call last)" in capsys.readouterr().err
+
+
+def test_ros_arguments_are_taken_as_they_are(capsys: Capture) -> None:
+    split = split_arguments(["ur", "--debug", "--ros-args", "-r", "__ns:=/a", "--debug"])
+    assert split.arguments == ["ur"]
+    assert split.ros_args == ["--ros-args", "-r", "__ns:=/a", "--debug"]
+    assert split.debug
+    assert "`list` starts no node" in refusal(capsys, "list", "--ros-args", "-r", "a:=b")
+
+
+def test_version(capsys: Capture) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == "crtk-drivers 9.8\n"
+
+
+def test_check_of_a_device_that_is_ready(capsys: Capture) -> None:
+    assert main(["check", "loopback", "--rate", "50"]) == 0
+    text = capsys.readouterr().out
+    for pattern in (
+        r"reachable +ok",
+        r"operating state +ok +DISABLED",
+        r"rate +\w+ +[\d.]+ Hz of 50 Hz over 1 s",
+        r"late cycles +\w+ +\d+ of \d+",
+        r"ROS 2 +\w+",
+        r"real-time priority +\w+",
+    ):
+        assert re.search(pattern, text), pattern
+    assert "\nready" in text
+
+
+def test_check_of_a_device_that_does_not_answer(capsys: Capture) -> None:
+    assert main(["check", "deaf", "--open-timeout", "0.1", "--sample-timeout", "0.1"]) == 1
+    captured = capsys.readouterr()
+    assert re.search(r"reachable +failed", captured.out)
+    assert "not ready: 1 of" in captured.out
+
+
+def test_importing_the_package_brings_neither_ros_nor_the_command_line() -> None:
+    code = (
+        "import sys, crtk_drivers; "
+        "print([m for m in ('rclpy', 'typer', 'rich', 'numpy') if m in sys.modules])"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=True
+    )
+    assert result.stdout == "[]\n"
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+def test_a_simulator_runs_until_it_is_told_to_stop(tmp_path: Path, end: signal.Signals) -> None:
+    code = "import sys; from crtk_drivers.cli import main; sys.exit(main(['sim', 'ur']))"
+    path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+    with process:
+        assert process.stderr is not None
+        lines = []
+        for line in process.stderr:
+            lines.append(line)
+            if "Ctrl-C" in line:
+                break
+        process.send_signal(end)
+        assert process.wait(10) == 0
+    assert re.search(r"rtde +127\.\d+\.\d+\.\d+:30004", "".join(lines))
+
+
+RUNNING = Health(
+    connected=True,
+    rate=498.0,
+    rate_expected=500.0,
+    late_cycles=3,
+    stream="servo_jp",
+    refusals={"servo_jp: not_finite": 2},
+    last_refusal="servo_jp refused (not_finite): position[0] is nan",
+)
+
+
+def test_the_status_line_tells_what_matters() -> None:
+    enabled = Status(OperatingState.ENABLED, is_homed=True)
+    text = status_text("ur /ur5", enabled, RUNNING).plain
+    assert text == (
+        "ur /ur5  ENABLED  rate 498/500 Hz  late 3  stream servo_jp  "
+        "2 refused, last: servo_jp refused (not_finite): position[0] is nan"
+    )
+    fault = Status(OperatingState.FAULT, is_homed=False, detail="protective stop")
+    assert status_text("a", fault, RUNNING).plain.startswith("a  FAULT not homed  rate")
+    assert status_text("a", fault, RUNNING).plain.endswith("protective stop")
+
+
+def test_the_status_line_is_live_on_a_terminal() -> None:
+    out = io.StringIO()
+    console = Console(file=out, force_terminal=True, width=60)
+    now = [0.0]
+    status = [Status()]
+    line = StatusLine(console, "arm", lambda: (status[0], RUNNING), live=True, clock=lambda: now[0])
+    with line:
+        line.update()
+        status[0] = Status(OperatingState.ENABLED)
+        line.update()
+        assert "ENABLED" not in out.getvalue()
+        now[0] = 1.0
+        line.update()
+        assert "ENABLED" in out.getvalue()
+    assert "…" in out.getvalue()
+
+
+def test_without_a_terminal_the_status_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    now = [0.0]
+    status = [Status()]
+    line = StatusLine(
+        Console(file=io.StringIO()),
+        "arm",
+        lambda: (status[0], RUNNING),
+        live=False,
+        clock=lambda: now[0],
+    )
+    with line:
+        for now[0] in (0.0, 1.0, 2.0):
+            line.update()
+        assert len(caplog.records) == 1
+        status[0] = Status(OperatingState.ENABLED)
+        line.update()
+        now[0] = 7.1
+        line.update()
+    assert [record.getMessage().split()[1] for record in caplog.records] == [
+        "DISABLED",
+        "ENABLED",
+        "ENABLED",
+    ]
+
+
+@pytest.fixture
+def root_logger() -> Iterator[None]:
+    root = logging.getLogger()
+    before = root.handlers[:], root.level
+    yield
+    root.handlers[:], _ = before
+    root.setLevel(before[1])
+    logging.captureWarnings(False)
+
+
+@pytest.mark.usefixtures("root_logger")
+def test_logs_as_json_are_one_object_a_line() -> None:
+    out = io.StringIO()
+    set_up_logging(Console(file=out, width=20), "info", LogFormat.JSON)
+    try:
+        raise ValueError("lost\nline")
+    except ValueError:
+        logging.getLogger("arm").exception("broken [bold]%s", "x" * 40, extra={"joint": 3})
+    logging.getLogger("arm").debug("not shown")
+    (line,) = out.getvalue().splitlines()
+    entry = json.loads(line)
+    assert (entry["level"], entry["logger"], entry["joint"]) == ("error", "arm", 3)
+    assert entry["message"] == "broken [bold]" + "x" * 40
+    assert "ValueError: lost" in entry["exception"]
+
+
+@pytest.mark.usefixtures("root_logger")
+def test_logs_as_text() -> None:
+    out = io.StringIO()
+    set_up_logging(Console(file=out, width=20), "warning", LogFormat.TEXT)
+    logging.getLogger("arm").warning("no [markup] here, and no wrapping of a long line")
+    logging.getLogger("arm").info("not shown")
+    assert re.fullmatch(
+        r"\d\d:\d\d:\d\d warning no \[markup\] here, and no wrapping of a long line\n",
+        out.getvalue(),
+    )
