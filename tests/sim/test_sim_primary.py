@@ -153,3 +153,14 @@ def test_clients_that_never_read_do_not_stop_the_controller(sim):
         reader.state()
         lazy.send(b'def late():\n  textmsg("alive")\nend\n')
         assert reader.message(0, 30) == b"alive"
+
+
+@pytest.mark.parametrize(("model", "version"), [("ur5", "3.15"), ("ur20", "10.9")])
+def test_a_motion_sent_as_text_moves_the_arm(model, version):
+    with SIM.spawn(model=model, version=version) as own, TcpClient(own.host, "secondary") as client:
+        start = own.control.outputs("actual_q")["actual_q"]
+        goal = [start[0] + 0.1, *start[1:]]
+        client.send(f"movej({goal}, a=5, v=2)\n".encode())
+        wait_until(
+            lambda: own.control.outputs("actual_q")["actual_q"] == pytest.approx(goal, abs=1e-3)
+        )
