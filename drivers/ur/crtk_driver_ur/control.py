@@ -42,8 +42,8 @@ Notice: TypeAlias = Reply | Event
 ALIVE_PERIOD = 0.1
 SILENCE_ALLOWED = 0.5
 """Seconds without a heartbeat, outside of a library call, after which the process counts as hung."""
-START_ALLOWED = 5.0
-"""Seconds for the interpreter of the process to start."""
+START_ALLOWED = 30.0
+"""Seconds for the interpreter of the process to start; a busy machine is no reason to start it again."""
 _ERROR_LINES = 20
 _NO_BEAT = Heartbeat(0, MotionKind.NONE, False, False, False, 0, 0.0)
 

@@ -202,12 +202,14 @@ class ControlProcess:
     def _carry_out_motion(self, command: MotionCommand | None) -> None:
         if command is None:
             return
-        if self._motion is None or self._upload is not None:
+        if self._motion is not None and self._upload is None:
+            self._motion.command(command, time.monotonic())
+        elif command.kind is MotionKind.STOP:
+            self._send(Event(EventKind.STOPPED, command.sequence))
+        else:
             text = "the control program is not running yet"
             error = CallError(command.kind.name.lower(), text, "Enable the arm first.")
             self._send(Event(EventKind.MOTION_FAILED, command.sequence, error))
-        else:
-            self._motion.command(command, time.monotonic())
 
     def _carry_out(self, request: Request) -> None:
         if request.name in DASHBOARD_METHODS:

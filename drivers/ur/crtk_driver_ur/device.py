@@ -41,6 +41,7 @@ from crtk_drivers.errors import (
     ConnectionFailed,
     ConnectionLost,
     DeviceFault,
+    MotionAborted,
     Reason,
     TransitionFailed,
 )
@@ -68,11 +69,25 @@ AT_REST = 1e-3
 CLOSE_TIMEOUT = 1.0
 """Seconds for the control process to stop the arm and end."""
 
-_MOVE_ENDS = {
-    EventKind.MOVE_DONE: MoveProgress.DONE,
-    EventKind.INTERRUPTED: MoveProgress.FAILED,
-    EventKind.MOTION_FAILED: MoveProgress.FAILED,
-    EventKind.PROGRAM_STOPPED: MoveProgress.FAILED,
+DEAD_AFTER = 0.1
+"""Seconds without a sample after which the control process is not asked to end, but killed."""
+
+RESTART_PERIOD = 1.0
+"""Seconds at least between two starts of the control process."""
+
+OTHER_PROGRAM_TIMEOUT = 1.0
+"""Seconds in which a program that is not ours must end: the watchdog ends one of a driver that died."""
+
+MODEL_TOLERANCE = 0.05
+"""m between the tool as the controller and as the model places it; calibration accounts for a few mm."""
+
+REMOTE_CONTROL_SINCE = (5, 6)
+"""PolyScope version from which on there is remote and local control (Dashboard Server manual)."""
+
+_MOVE_FAILURES = {
+    EventKind.INTERRUPTED: "another command took its place",
+    EventKind.MOTION_FAILED: "the controller did not carry it out",
+    EventKind.PROGRAM_STOPPED: "the control program was stopped on the controller",
 }
 
 _PROGRAM_STOPPED = Condition(
@@ -106,10 +121,15 @@ class UrDevice(Device):
         self._remote_asked = 0
         self._remote_asked_at = -math.inf
         self._stopped_at = -math.inf
+        self._started_at = -math.inf
+        self._has_local_control = False
+        self._connected_process = 0
+        self._program_runs = False
         self._in_control = False
         self._loss = ""
         self._motion = 0
         self._progress = MoveProgress.DONE
+        self._move_failure = ""
 
     # ------------------------------------------------------------------------------------ description
 
@@ -183,9 +203,7 @@ class UrDevice(Device):
             return found
         if self._loss:
             return Condition(OperatingState.FAULT, self._loss)
-        if state.runtime_state in (RuntimeState.STOPPING, RuntimeState.STOPPED):
-            return _PROGRAM_STOPPED
-        return found
+        return found if self._program_runs else _PROGRAM_STOPPED
 
     @property
     def counters(self) -> Mapping[str, float]:
@@ -215,17 +233,15 @@ class UrDevice(Device):
         stream.open(deadline)
         try:
             self._check_generation(stream)
-            if self._control.status.alive:
-                self._control.replace()
-            else:
-                self._control.start()
+            self._control.kill()
+            self._start_control()
         except BaseException:
             stream.close()
             raise
         self._stream, self._stream_lost = stream, False
+        version = stream.controller_version
+        self._has_local_control = (version.major, version.minor) >= REMOTE_CONTROL_SINCE
         self._state, self._remote, self._in_control, self._loss = None, None, False, ""
-        self._remote_asked = 0
-        self._replies.clear()
 
     def _check_generation(self, stream: RtdeStream) -> None:
         cb3_controller = stream.controller_version.major < 5
@@ -243,7 +259,9 @@ class UrDevice(Device):
         stream, self._stream = self._stream, None
         if stream is not None:
             stream.close()
-        if self._stream_lost:
+        state = self._state
+        silent = state is None or time.monotonic() - state.received > DEAD_AFTER
+        if self._stream_lost or silent:
             # Waiting for a library that lost its controller too would keep the caller.
             self._control.kill()
         self._control.close(CLOSE_TIMEOUT)
@@ -264,12 +282,24 @@ class UrDevice(Device):
         if state is None:
             return None
         before, self._state = self._state, state
+        if state.runtime_state in (RuntimeState.STOPPING, RuntimeState.STOPPED):
+            self._program_runs = False
+        elif self._program_runs and self._paused():
+            self._end_paused_program()
         if state.safety_mode == SafetyMode.PROTECTIVE_STOP and (
             before is None or before.safety_mode != SafetyMode.PROTECTIVE_STOP
         ):
             self._stopped_at = state.received
         self._follow_tool(state)
         return self._samples.make(state)
+
+    def _end_paused_program(self) -> None:
+        """End our program instead of leaving it paused: somebody could continue a motion unasked."""
+        self._program_runs = False
+        try:
+            self._control.request("stop_program")
+        except ConnectionLost as error:
+            logger.warning("%s", error)
 
     def _follow_tool(self, state: StateSample) -> None:
         """Compute with the controller's tool where the configuration names none."""
@@ -293,35 +323,57 @@ class UrDevice(Device):
 
     def _take_event(self, event: Event) -> None:
         error = event.error
-        if event.sequence == self._motion and event.kind in _MOVE_ENDS:
-            self._progress = _MOVE_ENDS[event.kind]
+        if event.sequence == self._motion:
+            if event.kind is EventKind.MOVE_DONE:
+                self._progress = MoveProgress.DONE
+            elif event.kind in _MOVE_FAILURES:
+                self._progress = MoveProgress.FAILED
+                self._move_failure = error.text or _MOVE_FAILURES[event.kind]
         if event.kind in (EventKind.PROCESS_DIED, EventKind.CONNECTION_LOST):
-            self._loss = f"{error.text}. {error.hint}"
+            self._loss = self._loss or f"{error.text}. {error.hint}"
+            logger.error("ur %s: %s", self.address, error.text)
         elif event.kind is EventKind.PROGRAM_STOPPED:
-            self._progress = MoveProgress.FAILED
+            self._program_runs = False
             self._remote_asked_at = -math.inf
         elif event.kind in (EventKind.MOTION_FAILED, EventKind.BAD_FRAME):
             logger.warning("ur %s: %s: %s %s", self.address, error.call, error.text, error.hint)
 
+    def _start_control(self) -> None:
+        self._control.start()
+        self._started_at = time.monotonic()
+        self._remote_asked = 0
+        self._program_runs = False
+        self._replies.clear()
+
+    @property
+    def _library_connected(self) -> bool:
+        """Whether the present control process has connected the library."""
+        status = self._control.status
+        return status.alive and status.starts == self._connected_process
+
     def _watch_control(self) -> None:
         """Replace a control process that died or hangs, and keep asking who has control."""
-        status = self._control.status
-        if not status.responsive:
-            if status.alive:
-                self._loss = (
-                    f"the control process has been silent for {status.silent_for:.2f} s"
-                    + (f" in {status.call}" if status.call else "")
-                    + "; it is replaced"
-                )
-            logger.error("ur %s: %s", self.address, self._loss or "the control process ended")
-            self._control.replace()
-            self._remote_asked = 0
-            return
         now = time.monotonic()
+        status = self._control.status
+        if status.alive and not status.responsive:
+            self._loss = (
+                f"the control process has been silent for {status.silent_for:.2f} s"
+                + (f" in {status.call}" if status.call else "")
+                + ". It is replaced; the arm has to be enabled again."
+            )
+            logger.error("ur %s: %s", self.address, self._loss)
+            self._control.kill()
+        if not self._control.status.alive:
+            if now > self._started_at + RESTART_PERIOD:
+                self._start_control()
+            return
         due = now - self._remote_asked_at > REMOTE_CHECK_PERIOD
-        if due and not self._remote_asked and self._model.generation is not CB3:
+        if due and not self._remote_asked and self._has_local_control:
             self._remote_asked_at = now
-            self._remote_asked = self._control.request("is_in_remote_control")
+            try:
+                self._remote_asked = self._control.request("is_in_remote_control")
+            except ConnectionLost as error:
+                logger.warning("%s", error)
 
     def _send(self, command: Callable[..., int], *arguments: Any) -> int:
         try:
@@ -356,7 +408,7 @@ class UrDevice(Device):
     def move(self, goal: Goal) -> None:
         """See the base class."""
         move = self._config.move
-        self._progress = MoveProgress.RUNNING
+        self._progress, self._move_failure = MoveProgress.RUNNING, ""
         if goal.joints is not None:
             self._motion = self._send(
                 self._control.move_joint,
@@ -375,6 +427,8 @@ class UrDevice(Device):
 
     def move_progress(self) -> MoveProgress:
         """See the base class."""
+        if self._progress is MoveProgress.FAILED:
+            raise MotionAborted(self._move_failure, where=f"ur {self.address}")
         return self._progress
 
     def free(self) -> Steps:
@@ -386,18 +440,18 @@ class UrDevice(Device):
 
     def enable(self) -> Steps:
         """Unlock a protective stop, power on, release the brakes, start the control program."""
-        yield from self._until(lambda: self._state is not None)
-        yield from self._require_remote("enable")
+        yield from self._begin("enable")
         yield from self._unlock()
-        self._require_safe()
+        self._require_free("enable")
         yield from self._power_up()
-        yield from self._start_program()
+        self._check_model()
+        yield from self._start_program("enable")
 
     def resume(self) -> Steps:
         """Take control again; the setpoint starts from where the arm is now."""
-        yield from self._require_remote("resume")
-        self._require_safe()
-        yield from self._start_program()
+        yield from self._begin("resume")
+        self._require_free("resume")
+        yield from self._start_program("resume")
 
     def pause(self) -> Steps:
         """Stop and keep the control program and the power."""
@@ -408,13 +462,31 @@ class UrDevice(Device):
     def disable(self) -> Steps:
         """Stop, end the control program, and switch the power off (if configured)."""
         self._in_control = False
-        if self._control.status.heartbeat.connected:
+        if self._program_runs:
             self.stop()
             yield from self._until(self._standing)
-            yield from self._ask("stop_script")
+            yield from self._stop_program()
         if self._config.power_off_on_disable and self._mode() > RobotMode.POWER_OFF:
+            if not self._library_connected and self._control.status.call:
+                # It may be busy connecting for many seconds, and the power is not to wait for that.
+                self._control.kill()
+                self._start_control()
             yield from self._ask("power_off")
             yield from self._until(lambda: self._mode() <= RobotMode.POWER_OFF)
+
+    def _stop_program(self) -> Steps:
+        try:
+            yield from self._ask("stop_script")
+        except TransitionFailed as error:
+            # Nothing feeds the controller's watchdog any more, and that ends the program.
+            logger.warning("%s", error)
+
+    def _begin(self, command: str) -> Steps:
+        """Forget what took control away, and see that it can be had again."""
+        self._in_control, self._loss = False, ""
+        yield from self._until(lambda: self._state is not None and self._control.status.alive)
+        yield from self._require_remote(command)
+        yield from self._until(lambda: not self._paused(), OTHER_PROGRAM_TIMEOUT)
 
     def _unlock(self) -> Steps:
         if self._safety() != SafetyMode.PROTECTIVE_STOP:
@@ -432,20 +504,45 @@ class UrDevice(Device):
             yield from self._ask("brake_release")
             yield from self._until(lambda: self._mode() == RobotMode.RUNNING, safe=True)
 
-    def _start_program(self) -> Steps:
-        beat = self._control.status.heartbeat
-        playing = self._state is not None and self._state.runtime_state == RuntimeState.PLAYING
-        if not beat.connected:
-            yield from self._answer("connect", self._send(self._control.connect))
-        elif not (beat.program_running and playing):
-            yield from self._answer("upload_script", self._send(self._control.upload_script))
+    def _start_program(self, command: str) -> Steps:
+        if not (self._library_connected and self._program_runs):
+            yield from self._require_no_program(command)
+            if self._library_connected:
+                yield from self._answer("upload_script", self._send(self._control.upload_script))
+            else:
+                yield from self._answer("connect", self._send(self._control.connect))
+                self._connected_process = self._control.status.starts
         yield from self._configure()
-        yield from self._until(
-            lambda: self._state is not None and self._state.runtime_state == RuntimeState.PLAYING,
-            safe=True,
-        )
-        self._loss = ""
-        self._in_control = True
+        yield from self._until(self._playing, safe=True)
+        self._program_runs = self._in_control = True
+
+    def _require_no_program(self, command: str) -> Steps:
+        """Leave a program alone that somebody else runs, for it may be moving the arm."""
+        yield from self._until(lambda: not self._playing(), OTHER_PROGRAM_TIMEOUT)
+        if self._playing():
+            raise CommandRefused(
+                "state_command",
+                Reason.LOCAL_CONTROL,
+                f"{command}: the controller is running another program",
+                where=f"ur {self.address}",
+                remedy="Stop that program, then send it again.",
+            )
+
+    def _check_model(self) -> None:
+        """Compare where the controller and the configured model have the tool."""
+        state = self._state
+        if state is None or state.tcp_offset is None:
+            return
+        kinematics = ArmKinematics(self._model, Transform.from_pose_vector(state.tcp_offset))
+        expected = kinematics.forward(list(state.actual_q)).position
+        distance = math.dist(expected, state.actual_TCP_pose[:3])
+        if distance > MODEL_TOLERANCE:
+            raise TransitionFailed(
+                f"this is no {self._model.name}: the controller has the tool {distance:.3f} m from "
+                "where that model has it",
+                where=f"ur {self.address}",
+                remedy="Set `model` to the arm that is connected.",
+            )
 
     def _configure(self) -> Steps:
         config = self._config
@@ -458,7 +555,7 @@ class UrDevice(Device):
             yield from self._ask("set_gravity", direction=list(config.gravity))
 
     def _require_remote(self, command: str) -> Steps:
-        if self._model.generation is CB3:
+        if not self._has_local_control:
             return
         reply = yield from self._ask("is_in_remote_control")
         self._remote = bool(reply)
@@ -469,6 +566,18 @@ class UrDevice(Device):
                 f"{command}: the teach pendant has control",
                 where=f"ur {self.address}",
                 remedy="Switch it to remote control (top right corner), then send it again.",
+            )
+
+    def _require_free(self, command: str) -> None:
+        """Refuse while a guard is open or somebody holds the arm; fail while it must be attended to."""
+        self._require_safe()
+        found = self.condition
+        if found.allows is OperatingState.PAUSED:
+            raise CommandRefused(
+                "state_command",
+                Reason.LOCAL_CONTROL,
+                f"{command}: {found.reason}",
+                where=f"ur {self.address}",
             )
 
     def _require_safe(self) -> None:
@@ -483,6 +592,7 @@ class UrDevice(Device):
 
     def _answer(self, name: str, sequence: int) -> Generator[None, None, Any]:
         """Wait for the answer to a request and return its value."""
+        self._replies.clear()
         starts = self._control.status.starts
         while sequence not in self._replies:
             if self._control.status.starts != starts:
@@ -501,12 +611,24 @@ class UrDevice(Device):
             )
         return reply.value
 
-    def _until(self, test: Callable[[], bool], *, safe: bool = False) -> Steps:
-        """Wait for `test`; with `safe`, give up when the safety system stops the arm meanwhile."""
-        while not test():
+    def _until(
+        self, test: Callable[[], bool], timeout: float = math.inf, *, safe: bool = False
+    ) -> Steps:
+        """Wait for `test`, at most `timeout` seconds; with `safe`, fail when a stop comes in between."""
+        deadline = time.monotonic() + timeout
+        while not test() and time.monotonic() < deadline:
             if safe:
                 self._require_safe()
             yield
+
+    def _playing(self) -> bool:
+        return self._state is not None and self._state.runtime_state == RuntimeState.PLAYING
+
+    def _paused(self) -> bool:
+        return self._state is not None and self._state.runtime_state in (
+            RuntimeState.PAUSING,
+            RuntimeState.PAUSED,
+        )
 
     def _standing(self) -> bool:
         return self._state is None or max(map(abs, self._state.target_qd)) < AT_REST

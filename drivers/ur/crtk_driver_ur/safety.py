@@ -179,7 +179,8 @@ TEACH_BUTTON = Condition(
     _PAUSED, "the freedrive button of the teach pendant is pressed. Let it go, then resume."
 )
 PROGRAM_PAUSED = Condition(
-    _PAUSED, "the program was paused on the teach pendant. Continue it there, then resume."
+    _PAUSED,
+    "the program was paused on the teach pendant. Stop it there if it has not ended, then resume.",
 )
 
 
