@@ -174,7 +174,7 @@ def device_tables(plugin: DevicePlugin) -> str:
     """Return the Markdown of one device: its own keys, those of every device, and the node's."""
     own = table_of(plugin.config, tuple(DeviceConfig.model_fields))
     return (
-        f"## `{plugin.name}`\n\n{plugin.summary}\n\n{own}\n"
+        f"## `{plugin.name}`\n\n{_sentence(plugin.summary)}\n\n{own}\n"
         f"### Keys of every device\n\n{table_of(DeviceConfig)}\n"
         f"### Table `node`\n\n{table_of(NodeConfig)}"
     )
@@ -185,20 +185,24 @@ def document() -> str:
     parts = [
         _HEAD,
         f"## Keys of every device\n\n{table_of(DeviceConfig)}",
-        f"## Table `node`: the ROS 2 node\n\nThey are the node's ROS parameters, and can be changed "
-        f"while it runs.\n\n{table_of(NodeConfig)}",
+        f"## Table `node`: the ROS 2 node\n\nThey are the node's ROS parameters; the rates can be "
+        f"changed while it runs.\n\n{table_of(NodeConfig)}",
     ]
     for entry in _own(plugins.devices()):
         device: DevicePlugin = entry.plugin
         keys = table_of(device.config, tuple(DeviceConfig.model_fields))
-        parts.append(f"## Device `{device.name}`\n\n{device.summary}\n\n{keys}")
+        parts.append(f"## Device `{device.name}`\n\n{_sentence(device.summary)}\n\n{keys}")
     for entry in _own(plugins.sims()):
         sim: SimPlugin = entry.plugin
         use = f"Options of `crtk-driver sim {sim.name}`, and of `--sim-set` beside `--sim`."
         parts.append(
-            f"## Simulator `{sim.name}`\n\n{sim.summary}\n\n{use}\n\n{table_of(sim.Config)}"
+            f"## Simulator `{sim.name}`\n\n{_sentence(sim.summary)}\n\n{use}\n\n{table_of(sim.Config)}"
         )
     return "\n".join(parts)
+
+
+def _sentence(summary: str) -> str:
+    return f"{summary[:1].upper()}{summary[1:].rstrip('.')}."
 
 
 def _own(entries: Mapping[str, PluginEntry]) -> Iterator[PluginEntry]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crtk_drivers import plugins
-from crtk_drivers.cli.options import Parameters, given_settings, option, setting_options
+from crtk_drivers.cli.options import FLAG, Parameters, given_settings, option, setting_options
 from crtk_drivers.config import (
     DeviceConfig,
     Layer,
@@ -68,6 +68,7 @@ def launch_options(plugin: DevicePlugin) -> Parameters:
             bool,
             False,
             "--sim",
+            metavar=FLAG,
             help="Start a simulator and connect to that: no hardware is needed.",
         )
     ]

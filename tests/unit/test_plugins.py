@@ -146,6 +146,7 @@ def test_a_stranger_cannot_take_a_name_of_ours(site: Site) -> None:
     assert found["arm"].distribution == "crtk-drivers"
     assert found["arm"].error is None
     assert "both bring" in str(found["arm@alien"].error)
+    assert "arm@crtk-drivers" not in found
     assert "alien" not in sys.modules
 
 
