@@ -1,0 +1,76 @@
+"""`crtk-driver loopback` as a process: comes up, honours ROS arguments, ends cleanly on a signal."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = pytest.mark.ros
+
+MAIN = "import sys; from crtk_drivers.cli import main; sys.exit(main())"
+ENTRY_POINT = "[crtk_drivers.devices]\nloopback = crtk_drivers.testing.loopback:PLUGIN\n"
+
+Start = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    """Start the command line with this distribution as if it were installed."""
+    info = tmp_path / "crtk_drivers-9.8.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: crtk-drivers\nVersion: 9.8\n")
+    (info / "entry_points.txt").write_text(ENTRY_POINT)
+    path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    started: list[subprocess.Popen[str]] = []
+
+    def run(*arguments: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [sys.executable, "-c", MAIN, *arguments],
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": path},
+        )
+        started.append(process)
+        return process
+
+    yield run
+    for process in started:
+        with process:
+            process.kill()
+
+
+def wait_for(process: subprocess.Popen[str], text: str) -> list[dict[str, str]]:
+    """Return the log records up to the first that holds `text`."""
+    assert process.stderr is not None
+    records = []
+    for line in process.stderr:
+        records.append(json.loads(line))
+        if text in records[-1]["message"]:
+            return records
+    raise AssertionError(f"{text!r} was never logged: {records}")
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+def test_it_runs_until_a_signal(start: Start, end: signal.Signals) -> None:
+    process = start("loopback", "--ns", "/demo", "--log-format", "json", "--rate", "50")
+    records = wait_for(process, "DISABLED")
+    assert "loopback /demo  DISABLED  rate" in records[-1]["message"]
+    process.send_signal(end)
+    assert process.wait(10) == 0
+    assert process.stderr is not None
+    rest = [json.loads(line) for line in process.stderr]
+    assert [record for record in rest if record["level"] in ("warning", "error")] == []
+
+
+def test_ros_arguments_reach_the_node(start: Start) -> None:
+    process = start("loopback", "--ros-args", "-p", "tf_rate:=fast")
+    _, text = process.communicate(timeout=20)
+    assert process.returncode == 2
+    assert "tf_rate" in text
+    assert "Traceback" not in text
