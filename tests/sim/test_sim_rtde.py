@@ -95,7 +95,7 @@ def test_variables_come_with_the_software_version(client):
 
 
 @pytest.mark.parametrize(
-    ("frequency", "ticks"), [(500, 1), (125, 4), (100, 5), (150, 3), (1, 500), (0.1, 500)]
+    ("frequency", "ticks"), [(500, 1), (125, 4), (100, 5), (180, 2), (1, 500), (0.1, 500)]
 )
 def test_packages_come_every_nth_period(client, frequency, ticks):
     assert client.setup_outputs("timestamp", frequency)[0] == 1

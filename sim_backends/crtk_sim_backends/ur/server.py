@@ -51,7 +51,8 @@ _SEND_BUFFER: Final = 65536  # bytes that the kernel keeps for one client
 _BACKLOG_LIMIT: Final = 1 << 18  # bytes of untaken replies that end a connection
 _SLOW_READER_LIMIT: Final = 5.0  # s without taking anything that end an RTDE connection
 _CLIENTS_PER_PORT: Final = 64
-_CATCH_UP: Final = 5  # periods that may follow each other at once after a delay
+_CATCH_UP_SPEED: Final = 2.0  # times real time, at which delayed periods are made up for
+_CATCH_UP_LIMIT: Final = 0.1  # s; after a longer delay the periods are left out
 _WAKE_UPS: Final = 8  # times that data is handled on arrival in one period, then at its end
 _LAST_COMMANDS: Final = 20
 _WRITABLE: Final = ("primary", "secondary", "realtime")
@@ -180,23 +181,25 @@ class UrServer:
         gc.collect()
         gc.freeze()
         self._epoch = time.monotonic()
-        deadline = self._epoch + self._period
+        due = wake = self._epoch + self._period
         while not self._stopping:
-            self._serve_until(deadline)
+            self._serve_until(wake)
             started = time.monotonic()
-            deadline = self._next_deadline(deadline, started)
+            due = self._next_due(due, started)
+            wake = max(due, started + self._period / _CATCH_UP_SPEED)
             self.step(started)
             self.statistics.busy += time.monotonic() - started
 
-    def _next_deadline(self, deadline: float, now: float) -> float:
-        late = now - deadline
+    def _next_due(self, due: float, started: float) -> float:
+        """When the period after the one that was `due` and has `started` is due."""
+        late = started - due
         self.statistics.worst_delay = max(self.statistics.worst_delay, late)
         if late > self._period:
             self.statistics.late += 1
-        if late > _CATCH_UP * self._period:
+        if late > _CATCH_UP_LIMIT:
             self.statistics.skipped += int(late / self._period)
-            return now + self._period
-        return deadline + self._period
+            due = started
+        return due + self._period
 
     def step(self, now: float) -> None:
         """Advance one control period; `now` is the monotonic time, s. Called by :meth:`run`."""
