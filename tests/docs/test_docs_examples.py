@@ -1,4 +1,4 @@
-"""Every Python block of the documentation and every script in examples/ runs as it stands.
+"""Every Python block of the documentation and every script directly in examples/ runs as it stands.
 
 The blocks of one page are one program, run from top to bottom. A block that needs hardware, or
 shows a fragment, is preceded by an HTML comment that begins with `not run:` and says why.
@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SCRIPTS = sorted(ROOT.glob("examples/**/*.py"))
+SCRIPTS = sorted(ROOT.glob("examples/*.py"))
 BLOCK = re.compile(r"^```python\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL)
 NOT_RUN = re.compile(r"<!-- not run:[^>]*-->\n+\Z")
 
