@@ -268,9 +268,15 @@ class ControlSupervisor:
         """
         return self._motion(MotionKind.MOVE_LINEAR, pose, speed, acceleration)
 
-    def freedrive(self) -> int:
-        """Let the arm be moved by hand, until `stop` or the next motion."""
-        return self._motion(MotionKind.FREEDRIVE, (0.0,) * 6)
+    def freedrive(self, *, teach_mode: bool = False) -> int:
+        """Let the arm be moved by hand, until `stop` or the next motion.
+
+        Args:
+            teach_mode: the way of controllers before PolyScope 5.10, whose control program does
+                nothing in answer to ur_rtde's freedriveMode.
+        """
+        kind = MotionKind.TEACH_MODE if teach_mode else MotionKind.FREEDRIVE
+        return self._motion(kind, (0.0,) * 6)
 
     def stop(self) -> int:
         """Stop any motion, smoothly, and hold. May be called from any thread."""

@@ -52,6 +52,7 @@ class MotionKind(IntEnum):
     MOVE_LINEAR = 5
     STOP = 6
     FREEDRIVE = 7
+    TEACH_MODE = 8
 
 
 class MotionCommand(NamedTuple):
@@ -66,6 +67,7 @@ class MotionCommand(NamedTuple):
     | MOVE_LINEAR     | pose: m, rotation vector    | speed, m/s           | acceleration, m/s²   |
     | STOP            | –                           | –                    | –                    |
     | FREEDRIVE       | –                           | –                    | –                    |
+    | TEACH_MODE      | –                           | –                    | –                    |
     """
 
     sequence: int

@@ -84,6 +84,9 @@ MODEL_TOLERANCE = 0.05
 REMOTE_CONTROL_SINCE = (5, 6)
 """PolyScope version from which on there is remote and local control (Dashboard Server manual)."""
 
+FREEDRIVE_SINCE = (5, 10)
+"""PolyScope version from which on ur_rtde's control program has freedrive; below it does nothing."""
+
 _MOVE_FAILURES = {
     EventKind.INTERRUPTED: "another command took its place",
     EventKind.MOTION_FAILED: "the controller did not carry it out",
@@ -123,6 +126,7 @@ class UrDevice(Device):
         self._stopped_at = -math.inf
         self._started_at = -math.inf
         self._has_local_control = False
+        self._has_freedrive = False
         self._connected_process = 0
         self._program_runs = False
         self._in_control = False
@@ -241,6 +245,7 @@ class UrDevice(Device):
         self._stream, self._stream_lost = stream, False
         version = stream.controller_version
         self._has_local_control = (version.major, version.minor) >= REMOTE_CONTROL_SINCE
+        self._has_freedrive = (version.major, version.minor) >= FREEDRIVE_SINCE
         self._state, self._remote, self._in_control, self._loss = None, None, False, ""
 
     def _check_generation(self, stream: RtdeStream) -> None:
@@ -433,7 +438,7 @@ class UrDevice(Device):
 
     def free(self) -> Steps:
         """See the base class."""
-        self._send(self._control.freedrive)
+        self._send(lambda: self._control.freedrive(teach_mode=not self._has_freedrive))
         yield
 
     # ------------------------------------------------------------------------------------- transitions

@@ -9,8 +9,9 @@ the blocking stop is called on an arm that stands.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from crtk_driver_ur.control_frames import (
@@ -27,6 +28,13 @@ __all__ = ["MotionOptions", "MotionSequencer"]
 STREAMED = frozenset({MotionKind.SERVO_JOINT, MotionKind.SPEED_JOINT, MotionKind.SPEED_CARTESIAN})
 """Kinds that are commanded again and again and change their target without a stop between."""
 MOVES = frozenset({MotionKind.MOVE_JOINT, MotionKind.MOVE_LINEAR})
+FREE: Mapping[MotionKind, tuple[str, str]] = MappingProxyType(
+    {
+        MotionKind.FREEDRIVE: ("freedriveMode", "endFreedriveMode"),
+        MotionKind.TEACH_MODE: ("teachMode", "endTeachMode"),
+    }
+)
+"""Kinds in which the arm gives way, with the library's methods that begin and end them."""
 
 STOP_TIMEOUT = 5.0
 """A move that has not stopped after so many seconds is reported."""
@@ -144,7 +152,7 @@ class MotionSequencer:
             MotionKind.SPEED_CARTESIAN: ("speedStop", (options.linear_deceleration,)),
             MotionKind.MOVE_JOINT: ("stopJ", (options.joint_deceleration, False)),
             MotionKind.MOVE_LINEAR: ("stopJ", (options.joint_deceleration, False)),
-            MotionKind.FREEDRIVE: ("endFreedriveMode", ()),
+            **{kind: (end, ()) for kind, (_, end) in FREE.items()},
         }
         if self.motion in stops:
             name, arguments = stops[self.motion]
@@ -178,7 +186,7 @@ class MotionSequencer:
             name = "moveJ" if kind is MotionKind.MOVE_JOINT else "moveL"
             self._calls.command(name, values, command.first, command.second, True)
         else:
-            self._calls.command("freedriveMode")
+            self._calls.command(FREE[kind][0])
         self._adopt(command, now)
 
     def _adopt(self, command: MotionCommand, now: float) -> None:
@@ -249,8 +257,8 @@ class MotionSequencer:
             self._calls.command("speedStop", options.joint_deceleration)
         elif self.motion is MotionKind.SPEED_CARTESIAN:
             self._calls.command("speedStop", options.linear_deceleration)
-        elif self.motion is MotionKind.FREEDRIVE:
-            self._calls.command("endFreedriveMode")
+        elif self.motion in FREE:
+            self._calls.command(FREE[self.motion][1])
         elif not self._operation_ended(now):
             if now > self._settling_since + STOP_TIMEOUT:
                 raise LibraryError(

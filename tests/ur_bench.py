@@ -1,0 +1,245 @@
+"""A UR driver in this process against a simulated controller in its own, and what tests ask of both."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+from crtk_driver_ur import PLUGIN
+from crtk_drivers.config import from_values, load
+from crtk_drivers.engine import Observer
+from crtk_drivers.errors import CommandRefused
+from crtk_drivers.front import LocalDevice
+from crtk_drivers.session import Session
+from crtk_drivers.state import OperatingState, Status
+from crtk_sim_backends.ur import SIM, RunningSim
+
+LONG = 30.0
+"""Seconds that anything may take on a busy machine before a test gives up."""
+
+PATIENT = {
+    "sample_timeout": 3.0,
+    "watchdog_frequency": 2.0,
+    "open_timeout": 10.0,
+    "move": {"joint_velocity": 2.0, "joint_acceleration": 6.0},
+}
+"""Configuration in which a busy machine is no fault, and moves are quick."""
+
+HOME = (0.0, -1.57, 1.57, -1.57, -1.57, 0.0)
+"""Where the simulated arm starts, rad."""
+
+IDLE_CODES = frozenset({0, 35})
+"""Values of the command register that ask for nothing: none, and the watchdog being set."""
+
+
+def eventually(test: Callable[[], object], what: str, timeout: float = LONG) -> Any:
+    """Return what `test` returns as soon as that is true."""
+    deadline = time.monotonic() + timeout
+    while not (found := test()):
+        if time.monotonic() > deadline:
+            pytest.fail(f"never: {what}")
+        time.sleep(0.005)
+    return found
+
+
+class Log(Observer):
+    """Everything that the driver told, in order."""
+
+    def __init__(self) -> None:
+        self.statuses: list[Status] = []
+        self.stamps: list[int] = []
+        self.refusals: list[CommandRefused] = []
+        self.warnings: list[str] = []
+
+    def status_changed(self, status, stamp) -> None:
+        self.statuses.append(status)
+        self.stamps.append(stamp.wall_ns)
+
+    def command_refused(self, refusal) -> None:
+        self.refusals.append(refusal)
+
+    def warned(self, text) -> None:
+        self.warnings.append(text)
+
+    @property
+    def states(self) -> list[str]:
+        """The operating states, without repetition."""
+        states: list[str] = []
+        for status in self.statuses:
+            if not states or states[-1] != status.state:
+                states.append(str(status.state))
+        return states
+
+
+class UrBench:
+    """The two of them."""
+
+    def __init__(self, sim: RunningSim, session: Session) -> None:
+        self.sim = sim
+        self.session = session
+        self.engine = session.engine
+        self.device: Any = session.engine.device
+        self.arm: Any = LocalDevice(session)
+        self.log = Log()
+        self.engine.add_observer(self.log)
+        self._control_pid = 0
+
+    # The driver
+
+    @property
+    def status(self) -> Status:
+        return self.engine.status
+
+    @property
+    def child(self) -> int:
+        """Process id of the control process."""
+        return int(self.device._control.status.pid)
+
+    def until_connected(self) -> None:
+        eventually(lambda: self.engine.connected and self.engine.has_sample, "connected")
+
+    def until_state(self, state: str, detail: str = "") -> Status:
+        def reached() -> Status | None:
+            status = self.engine.status
+            return status if status.state == state and detail in status.detail else None
+
+        try:
+            found: Status = eventually(reached, state)
+        except pytest.fail.Exception:
+            pytest.fail(f"never {state} ({detail}): {self.engine.status}; {self.log.states}")
+        return found
+
+    def enable(self) -> None:
+        """Enable, whatever was before."""
+        if self.status.state == OperatingState.PAUSED:
+            self.arm.resume(timeout=LONG)
+        self.arm.enable(timeout=LONG)
+
+    def reset(self) -> None:
+        """No fault, ENABLED, at rest, at HOME, and nothing said yet."""
+        self.sim.control.clear()
+        self.until_connected()
+        self.until_outputs(robot_mode=(3, 7))
+        if self.status.state != OperatingState.ENABLED:
+            self.enable()
+        self.arm.hold()
+        self.go_home()
+        self.log.__init__()  # type: ignore[misc]
+
+    def go_home(self) -> None:
+        assert self.arm.move_jp(HOME).wait(LONG)
+        self.until_still()
+
+    # The arm
+
+    def outputs(self, name: str) -> Any:
+        return self.sim.control.outputs(name)[name]
+
+    def until_outputs(self, **wanted: tuple[Any, ...]) -> None:
+        """Wait until each output has one of the values that are given for it."""
+        for name, values in wanted.items():
+            eventually(lambda n=name, v=values: self.outputs(n) in v, f"{name} in {values}")
+
+    def q(self) -> np.ndarray:
+        return np.array(self.outputs("actual_q"))
+
+    def stands(self) -> bool:
+        found = self.sim.control.outputs("target_qd", "actual_qd")
+        return max(map(abs, (*found["target_qd"], *found["actual_qd"]))) < 1e-3
+
+    def until_still(self) -> None:
+        eventually(self.stands, "the arm stands")
+
+    def until_moving(self, joint: int = 0, speed: float = 0.2) -> None:
+        eventually(lambda: abs(self.outputs("actual_qd")[joint]) > speed, f"joint {joint} moves")
+
+    def watch(self, seconds: float) -> float:
+        """Return the largest joint speed in rad/s that the controller wanted within `seconds`."""
+        fastest, end = 0.0, time.monotonic() + seconds
+        while time.monotonic() < end:
+            fastest = max(fastest, *map(abs, self.outputs("target_qd")))
+            time.sleep(0.01)
+        return fastest
+
+    @contextmanager
+    def nothing_moves(self) -> Iterator[None]:
+        """The arm must stand at the end where it stood at the beginning."""
+        before = self.q()
+        yield
+        assert self.watch(0.1) < 1e-3
+        np.testing.assert_allclose(self.q(), before, atol=1e-4)
+
+    # The wire
+
+    def mark(self) -> int:
+        """Return where the trace of received packages stands."""
+        return int(self.sim.control.status()["input_packages"])
+
+    def sent_since(self, mark: int) -> list[Mapping[str, Any]]:
+        """Return what the controller was asked to do since `mark`, without feeding of its watchdog."""
+        found: list[Mapping[str, Any]] = []
+        while part := self.sim.control.trace(after=mark):
+            mark = part[-1]["number"]
+            found += [
+                entry["values"]
+                for entry in part
+                if entry["values"].get("input_int_register_0", 0) not in IDLE_CODES
+            ]
+        return found
+
+    @contextmanager
+    def nothing_sent(self) -> Iterator[None]:
+        """No command may reach the controller within, and the arm must not move."""
+        with self.nothing_moves():
+            mark = self.mark()
+            yield
+            # Two round trips through the control process are behind whatever was on its way.
+            done = self.mark()
+            eventually(lambda: self.mark() > done + 10, "the watchdog is fed")
+        assert self.sent_since(mark) == []
+
+    @contextmanager
+    def refused(self, reason: str = "", command: str = "") -> Iterator[None]:
+        """The one command within must be refused, and told so, once."""
+        before = len(self.log.refusals)
+        with pytest.raises(CommandRefused) as caught:
+            yield
+        assert reason in str(caught.value.reason), caught.value
+        assert command in caught.value.command
+        assert caught.value.detail
+        assert [r.reason for r in self.log.refusals[before:]] == [caught.value.reason]
+
+
+@contextmanager
+def ur_bench(
+    config: Mapping[str, Any] | None = None, *, start: bool = True, **sim_options: Any
+) -> Iterator[UrBench]:
+    """A simulated controller and a driver that is connected to it."""
+    model = sim_options.setdefault("model", "ur5e")
+    with (
+        SIM.spawn(trace_size=2000, **sim_options) as sim,
+        driver_at(sim, {"model": model, **(config or {})}, start=start) as bench,
+    ):
+        yield bench
+
+
+@contextmanager
+def driver_at(
+    sim: RunningSim, config: Mapping[str, Any] | None = None, *, start: bool = True
+) -> Iterator[UrBench]:
+    """A driver for a simulated controller that runs already."""
+    values = {**PATIENT, "host": sim.host, **(config or {})}
+    session = Session(PLUGIN, load(PLUGIN.config, from_values(values)))
+    bench = UrBench(sim, session)
+    try:
+        if start:
+            session.start()
+            bench.until_connected()
+        yield bench
+    finally:
+        bench.arm.close()
