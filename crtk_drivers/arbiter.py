@@ -8,13 +8,14 @@ servo command do not alternate: the second is refused until the first has been s
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from crtk_drivers.commands import COMMANDS, Level
 from crtk_drivers.device import Goal, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.moves import Move
-from crtk_drivers.samples import EMPTY, Vector, empty, vector
+from crtk_drivers.samples import EMPTY, Value, Vector, empty, vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,7 +23,8 @@ class Order:
     """A command that passed its checks.
 
     A servo has a `setpoint`, or an `increment` (n,) to the joint setpoint; a move has its `goal` and the
-    joint position `joints` (n,) where the goal lies; hold and free have neither.
+    joint position `joints` (n,) where the goal lies and in `goals` what ``goal_*`` will say; hold and free
+    have neither.
     """
 
     name: str
@@ -30,6 +32,7 @@ class Order:
     increment: Vector = field(default_factory=empty)
     goal: Goal | None = None
     joints: Vector = field(default_factory=empty)
+    goals: Mapping[str, Value] = field(default_factory=dict)
     move: Move | None = None
 
     @property
@@ -67,6 +70,12 @@ class Arbiter:
             replaced = self._order.move if self._order is not None else None
             self._order = _combined(self._order, order)
         return replaced
+
+    @property
+    def move_waits(self) -> bool:
+        """Whether a move lies here that has not begun."""
+        order = self._order
+        return order is not None and order.move is not None
 
     def take(self) -> Order | None:
         """Return the newest order, once."""

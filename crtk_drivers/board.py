@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 
 from crtk_drivers.errors import CommandRefused
@@ -18,7 +19,10 @@ logger = logging.getLogger(__name__)
 
 
 class Observer:
-    """What a front wants to be told. Called from any thread, in order; must return at once."""
+    """What a front wants to be told. Called from any thread, in order; must return at once.
+
+    It is called under the lock of the board, and must not command the engine.
+    """
 
     def status_changed(self, status: Status, stamp: Stamp) -> None:
         """The operating state was announced; stamps increase strictly."""
@@ -35,6 +39,8 @@ class Observer:
 
 class StatusBoard:
     """Holds the status of one device and tells its observers. Thread-safe.
+
+    Nothing of the device is ever called under `lock`: whoever waits for it, waits for microseconds.
 
     Args:
         status: before anything happened.
@@ -71,7 +77,7 @@ class StatusBoard:
         """Change what is given, and announce it if that is a change. A new state drops the old detail."""
         with self.lock:
             old = self.status
-            if state is not None and detail is None:
+            if state not in (None, old.state) and detail is None:
                 detail = ""
             new = replace(
                 old,
@@ -93,8 +99,8 @@ class StatusBoard:
             now = Stamp.now()
             self._last_stamp_ns = max(now.wall_ns, self._last_stamp_ns + 1)
             stamp = Stamp(self._last_stamp_ns, now.monotonic)
-            for observer in self._observers:
-                observer.status_changed(self.status, stamp)
+            status = self.status
+            self._tell(lambda observer: observer.status_changed(status, stamp))
 
     def refused(self, refusal: CommandRefused) -> None:
         """Count and tell a refusal.
@@ -103,8 +109,7 @@ class StatusBoard:
         """
         self._health.refused(refusal)
         with self.lock:
-            for observer in self._observers:
-                observer.command_refused(refusal)
+            self._tell(lambda observer: observer.command_refused(refusal))
             if refusal.command.startswith("move_") and not self.status.is_busy:
                 self.update(busy=True)
                 self.update(busy=False)
@@ -112,12 +117,17 @@ class StatusBoard:
     def goal_accepted(self, name: str) -> None:
         """Tell that a goal has a new value."""
         with self.lock:
-            for observer in self._observers:
-                observer.goal_accepted(name)
+            self._tell(lambda observer: observer.goal_accepted(name))
 
     def warned(self, text: str) -> None:
         """Tell a warning."""
         logger.debug("%s: %s", self._where, text)
         with self.lock:
-            for observer in self._observers:
-                observer.warned(text)
+            self._tell(lambda observer: observer.warned(text))
+
+    def _tell(self, call: Callable[[Observer], None]) -> None:
+        for observer in tuple(self._observers):
+            try:
+                call(observer)
+            except Exception:
+                logger.exception("%s: an observer failed", self._where)

@@ -183,7 +183,7 @@ def find(name: str) -> Command:
     Raises:
         KeyError: there is no such CRTK name.
     """
-    space, _, base = name.rpartition("/")
-    if space and space not in SUB_NAMESPACES:
+    space, slash, base = name.rpartition("/")
+    if slash and space not in SUB_NAMESPACES:
         raise KeyError(name)
     return COMMANDS[base]

@@ -1,21 +1,24 @@
 """The contract between the core and a device: what a plugin implements, on one page.
 
 A `Device` is the hardware side only. It validates nothing, keeps no state machine and starts no
-thread: an `crtk_drivers.engine.Engine` drives it from the I/O thread of its bus and gives it
-setpoints that are already checked and limited. Two rules make that safe:
+thread: a `crtk_drivers.engine.Engine` drives it from the I/O thread of its bus and gives it
+setpoints that are already checked and limited. Three rules make that safe:
 
 * Only `read` may wait, and no longer than its deadline. Everything else returns at once.
-* Nothing moves because of `open`, `enable` or `resume`; only `write` and `move` move the hardware.
+* Nothing moves because of `open`, `enable` or `resume`; only `write`, `move` and `home` move the hardware.
+* The I/O thread alone calls a device, with two exceptions: `stop` comes from the watchdog's thread too, and
+  kinematics, which are pure functions of their arguments, from any.
 """
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from crtk_drivers.commands import Kind, Space
+from crtk_drivers.commands import Kind, Level, Space, find
 from crtk_drivers.errors import KinematicsError
 from crtk_drivers.samples import Array, Pose, Sample, Vector
 from crtk_drivers.state import OperatingState
@@ -57,7 +60,11 @@ _MODE_MEANING = {
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """Limits of one joint, in rad (m), rad/s, rad/s², rad/s³ and N·m (N)."""
+    """Limits of one joint, in rad (m), rad/s, rad/s², rad/s³ and N·m (N).
+
+    Raises:
+        ValueError: not a number, an empty range, or a rate that is not above zero.
+    """
 
     lower: float
     upper: float
@@ -66,10 +73,23 @@ class JointLimits:
     jerk: float
     effort: float
 
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper:
+            raise ValueError(f"a joint's lower limit {self.lower} is not below upper {self.upper}")
+        for name in ("velocity", "acceleration", "jerk"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"a joint's {name} limit is {getattr(self, name)}, not above 0")
+        if not self.effort >= 0.0:
+            raise ValueError(f"a joint's effort limit is {self.effort}, not a number from 0 up")
+
 
 @dataclass(frozen=True, slots=True)
 class CartesianLimits:
-    """Limits of the tool, in m/s, rad/s, m/s², rad/s², N and N·m."""
+    """Limits of the tool, in m/s, rad/s, m/s², rad/s², N and N·m.
+
+    Raises:
+        ValueError: not a number, or a velocity or acceleration that is not above zero.
+    """
 
     linear_velocity: float
     angular_velocity: float
@@ -77,6 +97,18 @@ class CartesianLimits:
     angular_acceleration: float
     force: float = 0.0
     torque: float = 0.0
+
+    def __post_init__(self) -> None:
+        moving = (
+            self.linear_velocity,
+            self.angular_velocity,
+            self.linear_acceleration,
+            self.angular_acceleration,
+        )
+        if not all(limit > 0.0 for limit in moving):
+            raise ValueError(f"Cartesian limits must be above 0, not {moving}")
+        if not (self.force >= 0.0 and self.torque >= 0.0):
+            raise ValueError(f"force and torque limits: {self.force}, {self.torque}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +126,9 @@ class StopPolicy:
 @dataclass(frozen=True, slots=True)
 class Capabilities:
     """What a device can do, declared once and before it is opened.
+
+    Raises:
+        ValueError: they contradict each other; said by the constructor.
 
     Attributes:
         joints: names, in the order of every joint vector; empty for a device without joints.
@@ -131,8 +166,39 @@ class Capabilities:
     def __post_init__(self) -> None:
         if len(self.limits) != len(self.joints):
             raise ValueError(f"{len(self.limits)} limits for {len(self.joints)} joints")
-        if not self.rate > 0.0:
-            raise ValueError(f"rate must be above zero, not {self.rate}")
+        if len(set(self.joints)) != len(self.joints) or not all(self.joints):
+            raise ValueError(f"joints need names of their own: {', '.join(map(repr, self.joints))}")
+        for name, value in (("rate", self.rate), ("transition_timeout", self.transition_timeout)):
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"{name} must be above zero and finite, not {value}")
+        self._check_measured()
+        self._check_motion()
+
+    def _check_measured(self) -> None:
+        for name in self.measured:
+            try:
+                level = find(name).level
+            except KeyError:
+                level = None
+            if level is not Level.MEASURED:
+                raise ValueError(f"measured: there is no feedback named {name!r}")
+            if name == "measured_js" and not self.joints:
+                raise ValueError("measured: measured_js without joints")
+
+    def _check_motion(self) -> None:
+        unknown = self.native_moves - {"move_jp", "move_cp"}
+        if unknown:
+            raise ValueError(f"native_moves: no such move: {', '.join(sorted(unknown))}")
+        in_joints = {mode for mode in self.modes if mode.space is Space.JOINT}
+        if (in_joints or self.native_moves) and "measured_js" not in self.measured:
+            raise ValueError("measured: motion in joint space needs measured_js")
+        cartesian = self.cartesian_limits
+        if Mode.CARTESIAN_VELOCITY in self.modes and cartesian is None:
+            raise ValueError("cartesian_limits: needed by CARTESIAN_VELOCITY")
+        if Mode.CARTESIAN_EFFORT in self.modes and not (
+            cartesian is not None and cartesian.force > 0.0 and cartesian.torque > 0.0
+        ):
+            raise ValueError("cartesian_limits: CARTESIAN_EFFORT needs force and torque above zero")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,12 +319,11 @@ class Device(ABC):
         yield from ()
 
     def disable(self) -> Steps:
-        """Power down."""
+        """Power down. Like `pause` and `home`, it begins after motion was stopped by `stop`."""
         yield from ()
 
     def pause(self) -> Steps:
         """Keep power, stop listening to setpoints."""
-        self.stop()
         yield from ()
 
     def resume(self) -> Steps:

@@ -7,6 +7,7 @@ watchdog's thread calls `alarm` when the I/O thread is late. What happens is tol
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable
@@ -25,11 +26,13 @@ from crtk_drivers.limits import CommandCheck, LimitPolicy, SetpointLimiter
 from crtk_drivers.moves import Move, Outcome
 from crtk_drivers.orders import OrderMaker
 from crtk_drivers.samples import EMPTY, Pose, Stamp, Value, Vector
-from crtk_drivers.state import OperatingState, Status, parse_command
+from crtk_drivers.state import HOMING_COMMANDS, OperatingState, Status, parse_command
 from crtk_drivers.transitions import Transitions
 from crtk_drivers.watchdog import Deadman
 
 __all__ = ["Engine", "EngineOptions", "Observer"]
+
+logger = logging.getLogger(__name__)
 
 _SEVERITY = {
     OperatingState.ENABLED: 0,
@@ -106,6 +109,7 @@ class Engine:
         self._arbiter = Arbiter(self.options.mode_switch_dwell, self.where)
         self._motion = MotionExecutor(
             device,
+            self.where,
             self._arbiter,
             limiter,
             self._feedback,
@@ -136,8 +140,9 @@ class Engine:
 
     @property
     def transition_ended(self) -> bool:
-        """Whether no state command is being carried out."""
-        return self._transitions.running is None
+        """Whether no state command is being carried out; `status` is then the one it ended in."""
+        with self._board.lock:
+            return self._transitions.running is None
 
     def add_observer(self, observer: Observer) -> None:
         """Tell `observer` from now on."""
@@ -201,14 +206,18 @@ class Engine:
             CommandRefused: nothing was sent and nothing changed. Counted, and told to the observers.
         """
         try:
-            order = self._order(self._require(name), value, stamp_ns)
+            command = self._require(name)
+            if name == "hold" and self._holds_anyway():
+                return None
+            order = self._order(command, value, stamp_ns)
             with self._board.lock:
                 self._require_enabled(name)
                 replaced = self._arbiter.put(order, self._clock())
                 if replaced is not None:
                     replaced.finish(Outcome.PREEMPTED, f"by {name}")
                 if order.goal is not None:
-                    for goal in self._feedback.accept_goal(order.goal, order.joints):
+                    self._feedback.accept_goals(order.goals)
+                    for goal in order.goals:
                         self._board.goal_accepted(goal)
                     self._board.update(busy=True)
         except CommandRefused as refusal:
@@ -236,6 +245,7 @@ class Engine:
                 )
             self._transitions.accept(command)
         except CommandRefused as refusal:
+            refusal.where = refusal.where or self.where
             self._board.refused(refusal)
             self._board.announce()
             raise
@@ -271,12 +281,12 @@ class Engine:
         sample = self.device.read(deadline)
         now = self._clock()
         if sample is not None:
-            self._sample_deadman.feed(now)
+            self._sample_deadman.feed(min(sample.stamp.monotonic, now))
             self._health.samples += 1
             self._feedback.take(sample)
-        elif self._sample_deadman.expired(now):
+        if self._sample_deadman.expired(now):
             raise ConnectionLost(
-                f"no sample for {self._sample_deadman.age(now):.3f} s",
+                f"the newest sample is {self._sample_deadman.age(now):.3f} s old",
                 where=self.where,
                 remedy="Is it on, and the network free? The driver connects again by itself.",
             )
@@ -286,28 +296,32 @@ class Engine:
         try:
             self._advance(now)
         except DeviceFault as fault:
-            self._fail(str(fault))
+            self._leave(OperatingState.FAULT, str(fault))
         self._health.cycle(now)
 
     def disconnect(self, reason: str) -> None:
         """Close the device after the link was lost; the state is FAULT until it is open again."""
-        self._connected = False
+        was_connected, self._connected = self._connected, False
         self._health.connected = False
-        self._health.reconnects += 1
+        self._health.reconnects += was_connected
         self._health.pause()
-        self._fail(reason)
         self._feedback.invalidate()
-        self.device.close()
+        try:
+            self._leave(OperatingState.FAULT, reason)
+        except DeviceError as error:
+            logger.warning("%s: could not be told to stop: %s", self.where, error)
+        finally:
+            self.device.close()
 
     def shut_down(self) -> None:
         """Stop, leave the hardware holding, and close."""
-        if self._connected:
+        try:
+            if self._connected:
+                self._leave(OperatingState.DISABLED, "shut down")
+        finally:
             self._connected = False
-            self._motion.end("the driver is shutting down")
-            if self.status.state is OperatingState.ENABLED:
-                self.device.stop()
-            self._board.update(OperatingState.DISABLED, "shut down")
-        self.device.close()
+            self._health.connected = False
+            self.device.close()
 
     # -------------------------------------------------------------------- for the watchdog's thread
 
@@ -315,9 +329,10 @@ class Engine:
         """Go to FAULT and stop the hardware, without waiting for an I/O thread that is late or dead."""
         self._alarm = reason
         self._transitions.cancel()
-        self._motion.abandon(reason)
         self._board.update(OperatingState.FAULT, reason, busy=False)
-        self.device.stop()
+        self._motion.abandon(reason)
+        if self._connected:
+            self.device.stop()
 
     # ---------------------------------------------------------------------------------------- inside
 
@@ -334,19 +349,17 @@ class Engine:
             ) from None
 
     def _require_enabled(self, name: str) -> None:
-        """Refuse unless ENABLED; `hold` is welcome always."""
-        if name == "hold":
-            return
-        running = self._transitions.running
+        """Refuse unless ENABLED, with no state command being carried out."""
+        with self._board.lock:
+            running, status = self._transitions.running, self.status
         if running is not None:
             raise CommandRefused(
                 name,
                 Reason.TRANSITION_RUNNING,
                 f"{running} is running",
                 where=self.where,
-                remedy="Wait until operating_state says that it is done.",
+                remedy="Wait until operating_state says that it is done, or send disable to end it.",
             )
-        status = self.status
         if status.state is not OperatingState.ENABLED:
             why = f" ({status.detail})" if status.detail else ""
             raise CommandRefused(
@@ -357,41 +370,46 @@ class Engine:
                 remedy=_WAY_TO_ENABLED[status.state],
             )
 
+    def _holds_anyway(self) -> bool:
+        """Whether `hold` has nothing to do: the device is there, and nothing of ours can move it."""
+        with self._board.lock:
+            idle = self._transitions.running is None
+            return self._connected and idle and self.status.state is not OperatingState.ENABLED
+
     def _order(self, command: Command, value: Value | None, stamp_ns: int) -> Order:
         self._require_enabled(command.name)
         if not command.is_motion:
             return Order(command.name)
         checked = self._check.check(command, value, stamp_ns, time.time_ns())
-        if checked.warning:
-            self._health.clamped += 1
-            self._board.warned(f"{command.name}: {checked.warning}")
-        return self._orders.make(command, checked.value)
+        return self._orders.make(command, checked)
 
     def _advance(self, now: float) -> None:
-        if self._transitions.running is None:
+        running = self._transitions.running
+        if running is None or running in HOMING_COMMANDS:
             self._follow_condition()
         self._transitions.step(now)
         if self.status.state is OperatingState.ENABLED and self._transitions.running is None:
             ended = self._motion.step(now)
             after = _AFTER_STREAM.get(self.options.on_stream_timeout)
             if ended and after is not None:
-                self._motion.end("the stream stopped")
-                self.device.stop()
                 limit = f"{self.options.stream_timeout:g} s"
-                self._board.update(after, f"{ended} stopped for more than {limit}")
+                self._leave(after, f"{ended} stopped for more than {limit}")
 
     def _follow_condition(self) -> None:
         condition = self.device.condition
-        state = self.status.state
-        if _SEVERITY[condition.allows] > _SEVERITY[state]:
-            if state is OperatingState.ENABLED:
-                self._motion.end(condition.reason)
-                self.device.stop()
-            self._board.update(condition.allows, condition.reason)
+        if _SEVERITY[condition.allows] > _SEVERITY[self.status.state]:
+            self._leave(condition.allows, condition.reason)
         elif self.capabilities.needs_homing:
             self._board.update(homed=self.device.is_homed)
 
-    def _fail(self, reason: str) -> None:
+    def _leave(self, state: OperatingState, reason: str) -> None:
+        """End whatever goes on and go to `state`; stop the hardware if it was ENABLED.
+
+        The state comes first: from then on no command is accepted that would not be ended here.
+        """
+        was_enabled = self.status.state is OperatingState.ENABLED
         self._transitions.cancel()
+        self._board.update(state, reason, busy=False)
         self._motion.end(reason)
-        self._board.update(OperatingState.FAULT, reason)
+        if was_enabled:
+            self.device.stop()

@@ -19,7 +19,8 @@ An error says what happened, on which device and address, and what to do next: `
 `remedy` are kept apart so that a log, a topic and a terminal can show them in their own way.
 
 Example: `arm.servo_jp([0.0] * 5)` on a UR raises
-`CommandRefused: servo_jp refused (wrong_size): 5 positions for 6 joints. Send one value per joint: ...`
+`CommandRefused: ur 192.168.1.10:30004: servo_jp refused (wrong_size): 5 values in position for 6 joints.
+Send one value for each of shoulder_pan_joint, ...`
 """
 
 from __future__ import annotations

@@ -17,8 +17,10 @@ from crtk_drivers.feedback import Feedback
 from crtk_drivers.health import HealthRecorder
 from crtk_drivers.limits import SetpointLimiter
 from crtk_drivers.motion import JointProfile
-from crtk_drivers.moves import MoveExecution, NativeMove, Outcome, ProfileMove
+from crtk_drivers.moves import Move, MoveExecution, NativeMove, Outcome, ProfileMove
+from crtk_drivers.procedures import close
 from crtk_drivers.samples import JointState, vector
+from crtk_drivers.state import OperatingState
 from crtk_drivers.watchdog import Deadman
 
 
@@ -27,6 +29,7 @@ class MotionExecutor:
 
     Args:
         device: written to.
+        where: the device, for messages.
         arbiter: where orders lie.
         limiter: the last gate before the wire.
         feedback: told what was sent.
@@ -38,6 +41,7 @@ class MotionExecutor:
     def __init__(
         self,
         device: Device,
+        where: str,
         arbiter: Arbiter,
         limiter: SetpointLimiter,
         feedback: Feedback,
@@ -46,6 +50,7 @@ class MotionExecutor:
         stream_timeout: float,
     ) -> None:
         self._device = device
+        self._where = where
         self._capabilities = device.capabilities
         self._arbiter = arbiter
         self._limiter = limiter
@@ -54,6 +59,7 @@ class MotionExecutor:
         self._health = health
         self._stream = Deadman(stream_timeout)
         self._move: MoveExecution | None = None
+        self._starting: Move | None = None
         self._freeing: Steps | None = None
         self._last_setpoint: Setpoint | None = None
 
@@ -78,109 +84,146 @@ class MotionExecutor:
             elif self._stream.expired(now):
                 return self._end_stream()
             elif self._last_setpoint is not None and self._capabilities.writes_every_cycle:
-                self._device.write(self._last_setpoint)
-        except CommandRefused as refusal:
-            self._board.refused(refusal)
-        except MotionAborted as error:
-            self._device.stop()
-            self._finish_move(Outcome.ABORTED, str(error))
-            self._board.warned(str(error))
+                self._write(self._last_setpoint)
+        except (CommandRefused, MotionAborted) as error:
+            self._interrupt(error)
         return ""
 
     def end(self, reason: str) -> None:
         """End all motion of ours because the device leaves ENABLED; the hardware is not told."""
         self.abandon(reason)
-        self._move = None
-        freeing, self._freeing = self._freeing, None
-        if freeing is not None:
-            freeing.close()
+        self._move = self._starting = None
         self._stream.disarm()
         self._health.stream = ""
         self._last_setpoint = None
+        self._feedback.hold()
         self._board.update(busy=False)
+        freeing, self._freeing = self._freeing, None
+        close(freeing, self._where)
 
     def abandon(self, reason: str) -> None:
         """Release those who wait for a move. From any thread."""
-        waiting, running = self._arbiter.clear(), self._move
-        for move in (waiting, running.move if running is not None else None):
+        running = self._move
+        moves = [self._arbiter.clear(), self._starting, running.move if running else None]
+        for move in moves:
             if move is not None:
                 move.finish(Outcome.ABORTED, reason)
 
     def _execute(self, order: Order, now: float) -> None:
         if order.is_servo:
-            setpoint = order.setpoint
-            if setpoint is None:
-                target = vector(self._feedback.reference_joints() + order.increment)
-                setpoint = Setpoint(Mode.JOINT_POSITION, target)
-            self._supersede(order.name)
-            self._write(order.name, setpoint)
-            self._stream.feed(now)
-            self._health.stream = order.name
+            self._servo(order, now)
             return
         self._stream.disarm()
         self._health.stream = ""
         self._last_setpoint = None
+        self._starting = order.move
         self._supersede(order.name)
         if order.move is not None:
             self._start_move(order, now)
+            self._starting = None
         elif order.name == "hold":
             self._device.stop()
             self._feedback.hold()
         else:
-            self._freeing = self._device.free()
             self._feedback.release()
+            self._freeing = self._device.free()
+
+    def _servo(self, order: Order, now: float) -> None:
+        setpoint = order.setpoint
+        if setpoint is None:
+            target = vector(self._feedback.reference_joints() + order.increment)
+            setpoint = Setpoint(Mode.JOINT_POSITION, target)
+        try:
+            limited = self._limit(order.name, setpoint, now)
+        except CommandRefused as refusal:
+            self._board.refused(refusal)  # and what was going on goes on
+            return
+        self._supersede(order.name)
+        self._send(limited)
+        self._stream.feed(now)
+        self._health.stream = order.name
 
     def _start_move(self, order: Order, now: float) -> None:
         assert order.goal is not None
         assert order.move is not None
         native = "move_jp" if order.goal.pose is None else "move_cp"
-        try:
-            if native in self._capabilities.native_moves:
-                self._feedback.follow_device()
-                self._move = NativeMove(order.move, self._device, order.goal)
-                return
-            start = self._feedback.joint_setpoint()
-            at_rest = vector(np.zeros(order.joints.size))
-            profile = JointProfile(
-                self._feedback.reference_joints(),
-                start.velocity if start.velocity.size else at_rest,
-                order.joints,
-                self._capabilities.limits,
-                order.goal.ratio,
-            )
-        except MotionAborted as error:
-            order.move.finish(Outcome.ABORTED, str(error))
-            raise
+        if native in self._capabilities.native_moves:
+            self._feedback.follow_device()
+            self._move = NativeMove(order.move, self._device, order.goal)
+            return
+        start = self._feedback.joint_setpoint()
+        at_rest = vector(np.zeros(order.joints.size))
+        profile = JointProfile(
+            self._feedback.reference_joints(),
+            start.velocity if start.velocity.size else at_rest,
+            order.joints,
+            self._capabilities.limits,
+            order.goal.ratio,
+        )
         period = 1.0 / self._capabilities.rate
         self._move = ProfileMove(order.move, profile, self._send_point, now, period)
 
-    def _send_point(self, name: str, point: JointState) -> None:
-        self._write(name, Setpoint(Mode.JOINT_POSITION, point.position))
+    def _send_point(self, name: str, point: JointState, now: float) -> None:
+        self._send(self._limit(name, Setpoint(Mode.JOINT_POSITION, point.position), now))
         self._feedback.trajectory(point)
 
-    def _write(self, name: str, setpoint: Setpoint) -> None:
-        limited = self._limiter.limit(name, setpoint, self._feedback.before(setpoint.mode))
-        self._device.write(limited)
+    def _limit(self, name: str, setpoint: Setpoint, now: float) -> Setpoint:
+        before = self._feedback.before(setpoint.mode)
+        limited = self._limiter.limit(name, setpoint, before, now)
+        if limited.warning:
+            self._health.clamped += 1
+            self._board.warned(f"{name}: {limited.warning}")
+        return limited.setpoint
+
+    def _send(self, setpoint: Setpoint) -> None:
+        self._write(setpoint)
         self._health.setpoints += 1
-        self._last_setpoint = limited
-        self._feedback.sent(limited)
+        self._last_setpoint = setpoint
+        self._feedback.sent(setpoint)
+
+    def _write(self, setpoint: Setpoint) -> None:
+        # The watchdog may have intervened since this cycle began.
+        if self._board.status.state is OperatingState.ENABLED:
+            self._device.write(setpoint)
 
     def _supersede(self, name: str) -> None:
         freeing, self._freeing = self._freeing, None
         if freeing is not None:
-            freeing.close()
+            close(freeing, self._where)
             self._device.stop()
         superseded, self._move = self._move, None
         if superseded is not None:
             superseded.move.finish(Outcome.PREEMPTED, f"by {name}")
-            if not name.startswith("move_"):
-                self._board.update(busy=False)
+        if not name.startswith("move_"):
+            self._not_busy()
 
     def _finish_move(self, outcome: Outcome, reason: str = "") -> None:
         finished, self._move = self._move, None
         if finished is not None:
             finished.move.finish(outcome, reason)
-        self._board.update(busy=False)
+        self._not_busy()
+
+    def _interrupt(self, error: CommandRefused | MotionAborted) -> None:
+        """What was going on cannot go on: stop, and release who waits for it."""
+        starting, self._starting = self._starting, None
+        if starting is not None:
+            starting.finish(Outcome.ABORTED, str(error))
+        name = "move" if self._move is None else self._move.move.name
+        self._finish_move(Outcome.ABORTED, str(error))
+        freeing, self._freeing = self._freeing, None
+        close(freeing, self._where)
+        if isinstance(error, CommandRefused):
+            self._board.refused(error)
+        else:
+            self._board.warned(f"{starting.name if starting else name}: {error}")
+        self._device.stop()
+        self._feedback.hold()
+
+    def _not_busy(self) -> None:
+        """Announce that no move is running, unless the next one has been accepted."""
+        with self._board.lock:
+            if self._board.status.is_busy and not self._arbiter.move_waits:
+                self._board.update(busy=False)
 
     def _end_stream(self) -> str:
         self._stream.disarm()

@@ -16,10 +16,13 @@ The contents of a setpoint depend on the command that made it:
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from crtk_drivers.commands import Space
-from crtk_drivers.device import Device, Goal, Mode, Setpoint
+from crtk_drivers.device import Device, Mode, Setpoint
 from crtk_drivers.samples import (
     EMPTY,
     JointState,
@@ -31,6 +34,7 @@ from crtk_drivers.samples import (
     Vector,
     empty,
     joint_state,
+    vector,
 )
 from crtk_drivers.state import OperatingState
 
@@ -74,9 +78,12 @@ class Feedback:
         if self._sample is not None:
             self._sample = replace(self._sample, stamp=Stamp(0, -math.inf))
 
-    def seed(self) -> None:
-        """The device was enabled: the setpoint is where it is."""
+    def seed(self, now: float) -> bool:
+        """The device was enabled: the setpoint is where it is. Return False if that is not known now."""
+        if self.sample_age(now) > self._stale_after:
+            return False
         self._active = _Active(None, JointState(position=self._measured().position))
+        return True
 
     def sent(self, setpoint: Setpoint) -> None:
         """A setpoint went out."""
@@ -96,34 +103,22 @@ class Feedback:
         self._active = _Active()
 
     def hold(self) -> None:
-        """Motion was stopped: the setpoint is what the hardware reports, or else the last one sent."""
-        active = self._active
-        keeps = active.mode is Mode.JOINT_POSITION and self._native("setpoint_js") is None
-        self._active = (
-            _Active(None, JointState(position=active.joints.position)) if keeps else _Active()
-        )
+        """Motion was stopped: the setpoint is what the hardware reports as its own.
+
+        If it reports none, a position that was sent is held, and anything else ends where it ends.
+        """
+        position = self._active.joints.position
+        keeps = position.size and self._native("setpoint_js") is None
+        self._active = _Active(None, JointState(position=position)) if keeps else _Active()
 
     def release(self) -> None:
         """The arm is free: there is no setpoint but where it is."""
         self._active = _Active()
 
-    def accept_goal(self, goal: Goal, joints: Vector) -> list[str]:
-        """Latch a goal and return the names under which it is known."""
+    def accept_goals(self, goals: Mapping[str, Value]) -> None:
+        """Latch what ``goal_*`` say from now on."""
         stamp = Stamp.now()
-        names = []
-        if joints.size:
-            self.goals["goal_js"] = (
-                JointState(position=joints, name=self._capabilities.joints),
-                stamp,
-            )
-            names.append("goal_js")
-        pose = goal.pose
-        if pose is None and self._capabilities.has_kinematics:
-            pose = self._device.forward_kinematics(joints)
-        if pose is not None:
-            self.goals["goal_cp"] = (pose, stamp)
-            names.append("goal_cp")
-        return names
+        self.goals.update({name: (value, stamp) for name, value in goals.items()})
 
     # -------------------------------------------------------------------------------------- read by
 
@@ -177,8 +172,15 @@ class Feedback:
         if mode is Mode.JOINT_POSITION:
             return self.reference_joints()
         if mode is Mode.CARTESIAN_POSITION:
-            return self._active.pose
+            return self._active.pose if self._active.pose.size else self._measured_pose()
         return EMPTY
+
+    def _measured_pose(self) -> Vector:
+        sample = self._sample
+        value = sample.values.get("measured_cp") if sample is not None else None
+        if not isinstance(value, Pose):
+            return EMPTY
+        return vector(np.concatenate((value.position, value.orientation)))
 
     def _measured(self) -> JointState:
         sample = self._sample

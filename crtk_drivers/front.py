@@ -10,6 +10,7 @@ it says which devices have it. Names and values are those of the topics.
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -49,11 +50,16 @@ from crtk_drivers.session import Session, open_session
 from crtk_drivers.sims import RunningSim
 from crtk_drivers.state import OperatingState, StateCommand, Status, target_of
 
+logger = logging.getLogger(__name__)
+
 DEFAULT_AGE = 0.1
 """Seconds that feedback may be old unless `age` says otherwise."""
 
 DEFAULT_WAIT = 1.0
 """Seconds to wait for fresh feedback unless `wait` says otherwise."""
+
+LOG_INTERVAL = 2.0
+"""Seconds in which a warning or refusal of one kind is logged once."""
 
 _POLL = 0.001
 
@@ -70,22 +76,59 @@ _PAYLOAD_HELP = {
 }
 
 
-class _StatusWatch(Observer):
-    """Lets a client's thread wait for a status, also one that lasted for an instant only."""
+class _Wait:
+    """A client's thread that waits for a status."""
 
-    def __init__(self, status: Status) -> None:
+    def __init__(self, test: Callable[[Status], bool]) -> None:
+        self.test = test
+        self.seen = threading.Event()
+
+
+class _StatusWatch(Observer):
+    """Lets a client's thread wait for a status, also one that lasts for an instant only.
+
+    It also logs warnings and refusals, each kind once in `LOG_INTERVAL`: those of the I/O thread
+    raise nowhere.
+    """
+
+    def __init__(self, status: Status, where: str) -> None:
         self.latest = status
-        self._changed = threading.Condition()
+        self._where = where
+        self._lock = threading.Lock()
+        self._waits: list[_Wait] = []
+        self._logged: dict[str, float] = {}
 
     def status_changed(self, status: Status, stamp: Stamp) -> None:
-        with self._changed:
+        with self._lock:
             self.latest = status
-            self._changed.notify_all()
+            for wait in self._waits:
+                if wait.test(status):
+                    wait.seen.set()
+
+    def command_refused(self, refusal: CommandRefused) -> None:
+        self._log(f"{refusal.command} {refusal.reason}", str(refusal))
+
+    def warned(self, text: str) -> None:
+        self._log(text.partition(":")[0], f"{self._where}: {text}")
+
+    def _log(self, kind: str, text: str) -> None:
+        now = time.monotonic()
+        if now - self._logged.get(kind, -LOG_INTERVAL) >= LOG_INTERVAL:
+            self._logged[kind] = now
+            logger.warning("%s", text)
 
     def wait_for(self, test: Callable[[Status], bool], timeout: float) -> bool:
         """Wait until `test` holds for an announced status; return whether it did in time."""
-        with self._changed:
-            return self._changed.wait_for(lambda: test(self.latest), timeout)
+        wait = _Wait(test)
+        with self._lock:
+            if test(self.latest):
+                return True
+            self._waits.append(wait)
+        try:
+            return wait.seen.wait(timeout)
+        finally:
+            with self._lock:
+                self._waits.remove(wait)
 
 
 class LocalDevice:
@@ -94,7 +137,7 @@ class LocalDevice:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._engine: Engine = session.engine
-        self._watch = _StatusWatch(self._engine.status)
+        self._watch = _StatusWatch(self._engine.status, self._engine.where)
         self._engine.add_observer(self._watch)
         for name, command in self._engine.commands.items():
             self._add(name, command)

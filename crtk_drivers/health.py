@@ -7,6 +7,7 @@ from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from crtk_drivers.commands import COMMANDS
 from crtk_drivers.errors import CommandRefused
 
 _RATE_WINDOW = 100
@@ -71,7 +72,8 @@ class HealthRecorder:
 
     def refused(self, refusal: CommandRefused) -> int:
         """Count a refusal and return how many of its kind there have been."""
-        key = f"{refusal.command}: {refusal.reason}"
+        known = refusal.command in COMMANDS  # any text may be submitted: the table must not grow
+        key = f"{refusal.command if known else 'unknown'}: {refusal.reason}"
         with self._lock:
             self._refusals[key] += 1
             self._last_refusal = str(refusal)

@@ -2,8 +2,8 @@
 
 Two stages. `CommandCheck.check` judges a command as it arrives, in the client's thread, and touches no
 bus: type, names, size, finite, quaternion, frame, age, range, reach. `SetpointLimiter.limit` judges the
-value that will really be sent, in the I/O thread, against the value sent before it: nothing that a
-conversion in between did (inverse kinematics, accumulation) can slip past.
+value that will really be sent, in the I/O thread, against the value sent before it and the time since:
+nothing that a conversion in between did (inverse kinematics, accumulation) can slip past.
 
 A refusal is a `CommandRefused` with a reason and a remedy; it changes nothing.
 """
@@ -11,7 +11,7 @@ A refusal is a `CommandRefused` with a reason and a remedy; it changes nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +33,9 @@ from crtk_drivers.samples import (
 
 QUATERNION_TOLERANCE = 1e-3
 """A norm further than this from one is refused; within it the quaternion is normalised."""
+
+_VELOCITY_TOLERANCE = 0.01
+"""By how much a stream of positions may exceed the velocity limits for ever: clocks and rounding differ."""
 
 FUTURE_TOLERANCE = 0.5
 """Seconds that a command's stamp may lie ahead of this machine's clock, if ages are checked."""
@@ -58,8 +61,10 @@ class LimitPolicy:
     Attributes:
         clamp_servo: a servo position out of range is clamped with a warning; otherwise refused.
         max_step: largest distance in rad (m) between two servo positions of one joint, as a time: a
-            joint may be asked to go as far as its velocity limit takes it in this many seconds.
-        max_linear_step: the same for the tool, in m, for hardware that takes poses.
+            joint may be asked to go as far as its velocity limit takes it in this many seconds. It is
+            also how far a stream may run ahead of its velocity limit before it is refused.
+        max_linear_step: the same for the tool, in m, for hardware that takes poses; it may turn as far
+            as its angular velocity limit takes it in `max_step`.
         max_command_age: in seconds; a command whose stamp is older is refused. None: not checked.
     """
 
@@ -67,14 +72,6 @@ class LimitPolicy:
     max_step: float = 0.1
     max_linear_step: float = 0.05
     max_command_age: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Checked:
-    """A command that passed: its value in declared order and unit length, and what was clamped."""
-
-    value: Value
-    warning: str = ""
 
 
 class CommandCheck:
@@ -91,12 +88,17 @@ class CommandCheck:
         self._upper = vector([limit.upper for limit in capabilities.limits])
         self._velocity = vector([limit.velocity for limit in capabilities.limits])
         self._effort = vector([limit.effort for limit in capabilities.limits])
-        self._cartesian = capabilities.cartesian_limits
+        cartesian = capabilities.cartesian_limits
+        self._twist_limits: tuple[float, ...] = ()
+        self._wrench_limits: tuple[float, ...] = ()
+        if cartesian is not None:
+            self._twist_limits = (cartesian.linear_velocity, cartesian.angular_velocity)
+            self._wrench_limits = (cartesian.force, cartesian.torque)
 
     def check(
         self, command: Command, value: Value | None, stamp_ns: int = 0, now_ns: int = 0
-    ) -> Checked:
-        """Return the value to execute.
+    ) -> Value:
+        """Return the value to execute: in declared order, its quaternion of unit length.
 
         Args:
             command: the row of the table.
@@ -119,14 +121,13 @@ class CommandCheck:
         if isinstance(value, JointState):
             return self._check_joints(command, value)
         if isinstance(value, Pose):
-            return Checked(self.check_pose(command, value))
+            return self.check_pose(command, value)
         if isinstance(value, Twist):
-            self._check_frame(command, value)
-            return self._check_twist(command, value)
+            parts = (("linear velocity", value.linear), ("angular velocity", value.angular))
+            return self._check_parts(command, value, parts, self._twist_limits)
         assert isinstance(value, Wrench)
-        self._check_frame(command, value)
-        self._check_finite(command, value.vector, "wrench")
-        return Checked(value)
+        parts = (("force", value.force), ("torque", value.torque))
+        return self._check_parts(command, value, parts, self._wrench_limits)
 
     def check_joints(self, command: Command, joints: Vector) -> Vector:
         """Return a joint position (n,) that is given as a bare vector, as kinematics queries do.
@@ -136,6 +137,17 @@ class CommandCheck:
         """
         self._check_size(command, joints, "position")
         self._check_finite(command, joints, "position")
+        return joints
+
+    def check_target(self, command: Command, joints: Vector) -> Vector:
+        """Return a joint position (n,) that was computed from the value of `command`.
+
+        Raises:
+            CommandRefused: it is none, or the goal of a move and out of range.
+        """
+        self.check_joints(command, joints)
+        if command.level is Level.MOVE:
+            self._check_range(command, joints)
         return joints
 
     def _refusal(
@@ -180,20 +192,19 @@ class CommandCheck:
                 "Send finite numbers.",
             )
 
-    def _check_joints(self, command: Command, value: JointState) -> Checked:
+    def _check_joints(self, command: Command, value: JointState) -> JointState:
         field = _FIELD_NAME[command.kind]
         values = joint_values(command.kind, value)
         self._check_size(command, values, field)
         values = self._in_declared_order(command, value.name, values)
         self._check_finite(command, values, field)
-        warning = ""
-        if command.kind is Kind.POSITION:
-            values, warning = self._check_range(command, values)
+        if command.level is Level.MOVE and command.kind is Kind.POSITION:
+            self._check_range(command, values)
         elif command.kind is Kind.VELOCITY:
             self._check_magnitude(command, values, self._velocity)
         elif command.kind is Kind.EFFORT:
             self._check_magnitude(command, values, self._effort)
-        return Checked(joint_state(command.kind, values), warning)
+        return joint_state(command.kind, values)
 
     def _check_size(self, command: Command, values: Vector, field: str) -> None:
         if values.size == 0:
@@ -225,18 +236,15 @@ class CommandCheck:
             ordered[self._index[name]] = number
         return vector(ordered)
 
-    def _check_range(self, command: Command, values: Vector) -> tuple[Vector, str]:
+    def _check_range(self, command: Command, values: Vector) -> None:
         outside = (values < self._lower) | (values > self._upper)
-        if not outside.any():
-            return values, ""
-        index = int(np.argmax(outside))
-        text = (
-            f"{self._joints[index]} at {values[index]:.4f} is outside "
-            f"[{self._lower[index]:.4f}, {self._upper[index]:.4f}]"
-        )
-        if command.level is Level.SERVO and self._policy.clamp_servo:
-            return vector(np.clip(values, self._lower, self._upper)), f"{text}: clamped"
-        raise self._refusal(command, Reason.OUT_OF_RANGE, text, "Stay within the limits.")
+        if outside.any():
+            index = int(np.argmax(outside))
+            text = (
+                f"{self._joints[index]} at {values[index]:.4f} is outside "
+                f"[{self._lower[index]:.4f}, {self._upper[index]:.4f}]"
+            )
+            raise self._refusal(command, Reason.OUT_OF_RANGE, text, "Stay within the limits.")
 
     def _check_magnitude(self, command: Command, values: Vector, limits: Vector) -> None:
         excess = np.abs(values) > limits
@@ -277,26 +285,50 @@ class CommandCheck:
             )
         return Pose(value.position, vector(value.orientation / norm), self._base_frame)
 
-    def _check_twist(self, command: Command, value: Twist) -> Checked:
-        self._check_finite(command, value.vector, "twist")
-        if self._cartesian is not None:
-            for name, part, limit in (
-                ("linear", value.linear, self._cartesian.linear_velocity),
-                ("angular", value.angular, self._cartesian.angular_velocity),
-            ):
-                size = float(np.linalg.norm(part))
-                if size > limit:
-                    raise self._refusal(
-                        command,
-                        Reason.OUT_OF_RANGE,
-                        f"{name} velocity {size:.4f} exceeds {limit:.4f}",
-                        "Stay within the limits.",
-                    )
-        return Checked(value)
+    def _check_parts(
+        self,
+        command: Command,
+        value: Twist | Wrench,
+        parts: Iterable[tuple[str, Vector]],
+        limits: tuple[float, ...],
+    ) -> Twist | Wrench:
+        """Check the two halves of a twist or wrench, each against the limit of its norm."""
+        self._check_frame(command, value)
+        for index, (name, part) in enumerate(parts):
+            if part.size != 3:
+                raise self._refusal(
+                    command,
+                    Reason.WRONG_SIZE,
+                    f"{part.size} values in {name}",
+                    "Send three values for x, y and z.",
+                )
+            self._check_finite(command, part, name)
+            size = float(np.linalg.norm(part))
+            if limits and size > limits[index]:
+                raise self._refusal(
+                    command,
+                    Reason.OUT_OF_RANGE,
+                    f"{name} {size:.4f} exceeds {limits[index]:.4f}",
+                    "Stay within the limits.",
+                )
+        return value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Limited:
+    """A setpoint that may be sent, and what was clamped."""
+
+    setpoint: Setpoint
+    warning: str = ""
 
 
 class SetpointLimiter:
-    """The second stage, for one device: the last gate before the wire."""
+    """The second stage, for one device: the last gate before the wire.
+
+    `judge` looks at one setpoint alone. `limit`, for the I/O thread only, also keeps the account of a
+    stream's velocity: a joint position may be as far away as the velocity limits allow in the time since
+    the last one, plus what was left of `LimitPolicy.max_step`.
+    """
 
     def __init__(self, capabilities: Capabilities, policy: LimitPolicy, where: str) -> None:
         self._joints = capabilities.joints
@@ -304,12 +336,12 @@ class SetpointLimiter:
         self._where = where
         self._lower = vector([limit.lower for limit in capabilities.limits])
         self._upper = vector([limit.upper for limit in capabilities.limits])
-        velocity = vector([limit.velocity for limit in capabilities.limits])
-        self._velocity = velocity
+        self._velocity = vector([limit.velocity for limit in capabilities.limits])
         self._effort = vector([limit.effort for limit in capabilities.limits])
-        self._max_step = velocity * policy.max_step
         self._cartesian = capabilities.cartesian_limits
-        self._judges: dict[Mode, Callable[[str, Vector, Vector], Vector]] = {
+        self._credit = policy.max_step
+        self._credited = -math.inf
+        self._judges: dict[Mode, Callable[[str, Vector, Vector], tuple[Vector, str]]] = {
             Mode.JOINT_POSITION: self._position,
             Mode.JOINT_VELOCITY: self._joint_velocity,
             Mode.JOINT_EFFORT: self._joint_effort,
@@ -318,7 +350,7 @@ class SetpointLimiter:
             Mode.CARTESIAN_EFFORT: self._wrench,
         }
 
-    def limit(self, name: str, setpoint: Setpoint, before: Vector) -> Setpoint:
+    def judge(self, name: str, setpoint: Setpoint, before: Vector) -> Limited:
         """Return the setpoint that may be sent.
 
         Positions are clamped to their range and refused when they jump; velocities, efforts and
@@ -331,40 +363,85 @@ class SetpointLimiter:
                 empty if unknown. Not used for velocities and efforts.
 
         Raises:
-            CommandRefused: not finite, or further than the largest step away.
+            CommandRefused: not finite, further than the largest step away, or out of range where
+                the policy is not to clamp.
         """
         if not np.isfinite(setpoint.values).all():
             raise self._refusal(
                 name, Reason.NOT_FINITE, "a value to be sent is not finite", "Please report this."
             )
-        return Setpoint(setpoint.mode, self._judges[setpoint.mode](name, setpoint.values, before))
+        values, warning = self._judges[setpoint.mode](name, setpoint.values, before)
+        return Limited(Setpoint(setpoint.mode, vector(values)), warning)
+
+    def limit(self, name: str, setpoint: Setpoint, before: Vector, now: float) -> Limited:
+        """Return the setpoint to send now; see `judge`.
+
+        Raises:
+            CommandRefused: as `judge`, or a stream of positions that is faster than the velocity limits.
+        """
+        limited = self.judge(name, setpoint, before)
+        if setpoint.mode is Mode.JOINT_POSITION and before.size:
+            self._spend(name, np.abs(limited.setpoint.values - before) / self._velocity, now)
+        return limited
+
+    def _spend(self, name: str, times: Vector, now: float) -> None:
+        """Take the time that the slowest joint needs from what has passed."""
+        earned = (now - self._credited) * (1.0 + _VELOCITY_TOLERANCE)
+        credit = min(self._policy.max_step, self._credit + earned)
+        index = int(np.argmax(times))
+        if times[index] > credit:
+            raise self._refusal(
+                name,
+                Reason.STEP_TOO_LARGE,
+                f"{self._joints[index]} would be faster than {self._velocity[index]:.4f}",
+                "Start from setpoint_js and stream more slowly, or use move_jp.",
+            )
+        self._credit, self._credited = credit - float(times[index]), now
 
     def _refusal(self, name: str, reason: Reason, message: str, remedy: str) -> CommandRefused:
         return CommandRefused(name, reason, message, where=self._where, remedy=remedy)
 
-    def _position(self, name: str, values: Vector, before: Vector) -> Vector:
-        values = np.clip(values, self._lower, self._upper)
+    def _position(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
+        values, warning = self._in_range(name, values, before)
         if before.size:
             step = np.abs(values - before)
-            excess = step > self._max_step
+            largest = self._velocity * self._policy.max_step
+            excess = step > largest
             if excess.any():
                 index = int(np.argmax(excess))
                 raise self._refusal(
                     name,
                     Reason.STEP_TOO_LARGE,
                     f"{self._joints[index]} would jump by {step[index]:.4f}, "
-                    f"more than {self._max_step[index]:.4f}",
+                    f"more than {largest[index]:.4f}",
                     "Start from setpoint_js and send smaller steps, or use move_jp.",
                 )
-        return values
+        return values, warning
 
-    def _joint_velocity(self, name: str, values: Vector, before: Vector) -> Vector:
-        return _scaled_into(values, self._velocity)
+    def _in_range(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
+        """Clamp; a joint that is out of its range already may stay or come back, not go further."""
+        lower, upper = self._lower, self._upper
+        if before.size:
+            lower, upper = np.minimum(lower, before), np.maximum(upper, before)
+        outside = (values < lower) | (values > upper)
+        if not outside.any():
+            return values, ""
+        index = int(np.argmax(outside))
+        text = (
+            f"{self._joints[index]} at {values[index]:.4f} is outside "
+            f"[{self._lower[index]:.4f}, {self._upper[index]:.4f}]"
+        )
+        if not self._policy.clamp_servo:
+            raise self._refusal(name, Reason.OUT_OF_RANGE, text, "Stay within the limits.")
+        return np.clip(values, lower, upper), f"{text}: clamped"
 
-    def _joint_effort(self, name: str, values: Vector, before: Vector) -> Vector:
-        return _scaled_into(values, self._effort)
+    def _joint_velocity(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
+        return _scaled_into(values, self._velocity), ""
 
-    def _pose(self, name: str, values: Vector, before: Vector) -> Vector:
+    def _joint_effort(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
+        return _scaled_into(values, self._effort), ""
+
+    def _pose(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
         if before.size:
             step = float(np.linalg.norm(values[:3] - before[:3]))
             if step > self._policy.max_linear_step:
@@ -375,29 +452,43 @@ class SetpointLimiter:
                     f"more than {self._policy.max_linear_step:.4f} m",
                     "Start from setpoint_cp and send smaller steps, or use move_cp.",
                 )
-        return values
+            self._check_turn(name, values[3:], before[3:])
+        return values, ""
 
-    def _twist(self, name: str, values: Vector, before: Vector) -> Vector:
+    def _check_turn(self, name: str, after: Vector, before: Vector) -> None:
         if self._cartesian is None:
-            return values
+            return
+        turn = 2.0 * math.acos(min(1.0, abs(float(np.dot(after, before)))))
+        largest = self._cartesian.angular_velocity * self._policy.max_step
+        if turn > largest:
+            raise self._refusal(
+                name,
+                Reason.STEP_TOO_LARGE,
+                f"the tool would turn by {turn:.4f} rad, more than {largest:.4f} rad",
+                "Start from setpoint_cp and send smaller steps, or use move_cp.",
+            )
+
+    def _twist(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
+        if self._cartesian is None:
+            return values, ""
         limit = self._cartesian
-        return _norms_into(values, limit.linear_velocity, limit.angular_velocity)
+        return _norms_into(values, limit.linear_velocity, limit.angular_velocity), ""
 
-    def _wrench(self, name: str, values: Vector, before: Vector) -> Vector:
+    def _wrench(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
         if self._cartesian is None:
-            return values
-        return _norms_into(values, self._cartesian.force, self._cartesian.torque)
+            return values, ""
+        return _norms_into(values, self._cartesian.force, self._cartesian.torque), ""
 
 
 def _scaled_into(values: Vector, limits: Vector) -> Vector:
+    """Scale a vector so that no element exceeds its limit; one whose limit is 0 becomes 0."""
+    allowed = np.where(limits > 0.0, values, 0.0)
     ratios = np.divide(np.abs(values), limits, out=np.zeros_like(values), where=limits > 0.0)
     largest = float(ratios.max(initial=0.0))
-    return values / largest if largest > 1.0 else values
+    return allowed / largest if largest > 1.0 else allowed
 
 
 def _norms_into(values: Vector, first: float, second: float) -> Vector:
-    ratio = max(
-        math.hypot(*values[:3]) / first if first > 0.0 else 0.0,
-        math.hypot(*values[3:]) / second if second > 0.0 else 0.0,
-    )
+    """Scale six values so that neither half has a norm above its limit."""
+    ratio = max(math.hypot(*values[:3]) / first, math.hypot(*values[3:]) / second)
     return values / ratio if ratio > 1.0 else values

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ruckig import InputParameter, Result, Ruckig, Trajectory
+from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from crtk_drivers.device import JointLimits
 from crtk_drivers.errors import MotionAborted
@@ -35,6 +35,14 @@ class JointProfile:
         limits: Sequence[JointLimits],
         ratio: float = 1.0,
     ) -> None:
+        if not position.size == velocity.size == goal.size == len(limits) > 0:
+            # ruckig would end the process.
+            raise MotionAborted(
+                f"no trajectory from {position.size} to {goal.size} joints, of {len(limits)}",
+                remedy="Does the device report measured_js? Please report this to its author.",
+            )
+        self._goal = vector(goal)
+        self._at_rest = vector([0.0] * goal.size)
         problem = InputParameter(position.size)
         problem.current_position = position.tolist()
         problem.current_velocity = velocity.tolist()
@@ -46,12 +54,17 @@ class JointProfile:
         problem.max_acceleration = [limit.acceleration * ratio for limit in limits]
         problem.max_jerk = [limit.jerk for limit in limits]
         self._trajectory = Trajectory(position.size)
-        result = Ruckig(position.size).calculate(problem, self._trajectory)
+        try:
+            result = Ruckig(position.size).calculate(problem, self._trajectory)
+        except RuckigError as error:
+            result, cause = Result.Error, error
+        else:
+            cause = None
         if result not in (Result.Working, Result.Finished):
             raise MotionAborted(
                 f"no trajectory to {goal.tolist()} within the limits ({result})",
                 remedy="Check velocity, acceleration and jerk limits in the configuration.",
-            )
+            ) from cause
 
     @property
     def duration(self) -> float:
@@ -60,5 +73,7 @@ class JointProfile:
 
     def at(self, time: float) -> tuple[Vector, Vector]:
         """Return position and velocity (n,) at `time` seconds after the start."""
-        position, velocity, _ = self._trajectory.at_time(min(time, self.duration))
+        if time >= self.duration:
+            return self._goal, self._at_rest  # ruckig's own end is off by its rounding
+        position, velocity, _ = self._trajectory.at_time(time)
         return vector(position), vector(velocity)

@@ -35,13 +35,15 @@ class Move:
         self.name = name
         self.outcome = Outcome.RUNNING
         self.reason = ""
+        self._lock = threading.Lock()
         self._ended = threading.Event()
 
     def finish(self, outcome: Outcome, reason: str = "") -> None:
         """Record the end; the first one counts."""
-        if not self._ended.is_set():
-            self.outcome, self.reason = outcome, reason
-            self._ended.set()
+        with self._lock:
+            if not self._ended.is_set():
+                self.outcome, self.reason = outcome, reason
+                self._ended.set()
 
     def wait(self, timeout: float | None = None, is_busy: bool = False) -> bool:
         """Wait until the move has ended, or with `is_busy` until it has started.
@@ -109,7 +111,7 @@ class ProfileMove(MoveExecution):
         self,
         move: Move,
         profile: JointProfile,
-        send: Callable[[str, JointState], None],
+        send: Callable[[str, JointState, float], None],
         now: float,
         period: float,
     ) -> None:
@@ -125,5 +127,5 @@ class ProfileMove(MoveExecution):
         self._time += min(now - self._last, self._longest)
         self._last = now
         position, velocity = self._profile.at(self._time)
-        self._send(self.move.name, JointState(position=position, velocity=velocity))
+        self._send(self.move.name, JointState(position=position, velocity=velocity), now)
         return self._time >= self._profile.duration

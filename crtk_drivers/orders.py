@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from crtk_drivers.arbiter import Order
-from crtk_drivers.commands import COMMANDS, Command, Level
+from crtk_drivers.commands import Command, Level
 from crtk_drivers.device import Device, Goal, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, KinematicsError, Reason
 from crtk_drivers.feedback import Feedback
@@ -46,6 +46,7 @@ class OrderMaker:
         feedback: Feedback,
     ) -> None:
         self._device = device
+        self._joints = device.capabilities.joints
         self._modes = device.capabilities.modes
         self._has_kinematics = device.capabilities.has_kinematics
         self._where = where
@@ -66,10 +67,13 @@ class OrderMaker:
     def _servo(self, command: Command, value: Value) -> Order:
         if command.is_relative:
             assert isinstance(value, JointState)
+            before = self._reference(command)
+            target = Setpoint(Mode.JOINT_POSITION, vector(before + value.position))
+            self._limiter.judge(command.name, target, before)
             return Order(command.name, increment=value.position)
         setpoint = self._setpoint(command, value)
-        before = self._feedback.before(setpoint.mode)
-        return Order(command.name, self._limiter.limit(command.name, setpoint, before))
+        self._limiter.judge(command.name, setpoint, self._feedback.before(setpoint.mode))
+        return Order(command.name, setpoint)
 
     def _setpoint(self, command: Command, value: Value) -> Setpoint:
         if isinstance(value, JointState):
@@ -82,26 +86,50 @@ class OrderMaker:
         if Mode.CARTESIAN_POSITION in self._modes:
             numbers = np.concatenate((value.position, value.orientation))
             return Setpoint(Mode.CARTESIAN_POSITION, vector(numbers))
-        return Setpoint(Mode.JOINT_POSITION, self._reach(command.name, value))
+        return Setpoint(Mode.JOINT_POSITION, self._reach(command, value))
 
     def _move(self, command: Command, value: Value) -> Order:
         name = command.name
         if isinstance(value, Pose):
-            joints = self._reach(name, value) if self._has_kinematics else EMPTY
-            return Order(name, goal=Goal(pose=value), joints=joints, move=Move(name))
+            joints = self._reach(command, value) if self._has_kinematics else EMPTY
+            return self._order_to(name, Goal(pose=value), joints)
         assert isinstance(value, JointState)
         target = value.position
         if command.is_relative:
-            target = vector(self._feedback.reference_joints() + target)
-            self._check.check(COMMANDS["move_jp"], JointState(position=target))
-        return Order(name, goal=Goal(joints=target), joints=target, move=Move(name))
+            target = vector(self._reference(command) + target)
+            self._check.check_target(command, target)
+        return self._order_to(name, Goal(joints=target), target)
 
-    def _reach(self, name: str, pose: Pose) -> Vector:
+    def _order_to(self, name: str, goal: Goal, joints: Vector) -> Order:
+        goals: dict[str, Value] = {}
+        if joints.size:
+            goals["goal_js"] = JointState(position=joints, name=self._joints)
+        if goal.pose is not None:
+            goals["goal_cp"] = goal.pose
+        elif self._has_kinematics:
+            goals["goal_cp"] = self._device.forward_kinematics(joints)
+        return Order(name, goal=goal, joints=joints, goals=goals, move=Move(name))
+
+    def _reference(self, command: Command) -> Vector:
+        """Return the joint position that an increment starts from."""
+        joints = self._feedback.reference_joints()
+        if joints.size != len(self._joints):
+            raise CommandRefused(
+                command.name,
+                Reason.NOT_CONNECTED,
+                "the device has not reported its joint positions",
+                where=self._where,
+                remedy="Wait for a valid measured_js.",
+            )
+        return joints
+
+    def _reach(self, command: Command, pose: Pose) -> Vector:
         try:
-            return self._device.inverse_kinematics(pose, self._feedback.reference_joints())
+            joints = self._device.inverse_kinematics(pose, self._reference(command))
+            return self._check.check_target(command, vector(joints))
         except KinematicsError as error:
             raise CommandRefused(
-                name,
+                command.name,
                 Reason.UNREACHABLE,
                 error.message,
                 where=self._where,

@@ -8,6 +8,7 @@ caught up. When a device is lost it is opened again with a growing delay, and it
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections import defaultdict
@@ -24,6 +25,9 @@ FIRST_RETRY = 0.25
 LONGEST_RETRY = 5.0
 WATCHDOG_PERIOD = 0.05
 STALL_LIMIT = 0.5
+"""Seconds, besides two periods, after which an I/O thread that does not come back counts as stuck."""
+NEIGHBOURLY_OPEN = 0.25
+"""Seconds that `open` may take while another device on the same bus is connected."""
 
 
 @dataclass(slots=True)
@@ -66,7 +70,7 @@ class BusThread:
         self._streamed = any(m.engine.capabilities.paced_by_stream for m in self._members)
         if self._streamed and len(self._members) > 1:
             raise ValueError(f"{bus}: a device that paces its stream cannot share its bus")
-        self._heartbeat = Deadman(STALL_LIMIT)
+        self._heartbeat = Deadman(STALL_LIMIT + 2.0 * self._period)
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"io {bus}", daemon=True)
 
@@ -95,9 +99,7 @@ class BusThread:
         if not self._thread.is_alive():
             return f"the I/O thread of {self.bus} has died"
         if self._heartbeat.expired(now):
-            return (
-                f"the I/O thread of {self.bus} has been stuck for {self._heartbeat.age(now):.2f} s"
-            )
+            return f"the I/O thread of {self.bus} is stuck"
         return ""
 
     def _run(self) -> None:
@@ -105,23 +107,25 @@ class BusThread:
             due = time.monotonic()
             while not self._stopping.is_set():
                 due = self._pace(due)
+                begin = max(due, time.monotonic())
+                deadline = begin + (2.0 if self._streamed else 0.5) * self._period
                 for member in self._members:
-                    self._serve(member, due)
+                    self._serve(member, deadline)
                 self._heartbeat.feed(time.monotonic())
         finally:
             for member in self._members:
                 self._shut_down(member)
 
     def _pace(self, due: float) -> float:
-        """Wait for the next cycle and return when its reading must be done."""
+        """Wait for the next cycle and return when it was due; a stream is waited for by its reader."""
         now = time.monotonic()
-        if not any(member.engine.connected for member in self._members):
+        if not self._anyone_connected():
             # Nobody to talk to: wait for the earliest attempt, or for the end.
             self._heartbeat.disarm()
             self._stopping.wait(min(m.reconnect.next_try for m in self._members) - now)
-            return time.monotonic() + self._period
+            return time.monotonic()
         if self._streamed:
-            return now + 2.0 * self._period
+            return now
         due += self._period
         if due < now - self._period:
             due = now
@@ -129,11 +133,14 @@ class BusThread:
             time.sleep(due - now)
         return due
 
-    def _serve(self, member: _Member, due: float) -> None:
+    def _anyone_connected(self) -> bool:
+        return any(member.engine.connected for member in self._members)
+
+    def _serve(self, member: _Member, deadline: float) -> None:
         engine = member.engine
         try:
             if engine.connected:
-                engine.cycle(due if self._streamed else due + 0.5 * self._period)
+                engine.cycle(deadline)
             elif time.monotonic() >= member.reconnect.next_try:
                 self._open(member)
         except DeviceError as error:
@@ -143,9 +150,12 @@ class BusThread:
             self._lost(member, f"unexpected {type(error).__name__}: {error}. Please report this.")
 
     def _open(self, member: _Member) -> None:
-        self._heartbeat.disarm()
+        # Those on the same bus that are connected must not be left alone for long.
+        limit = NEIGHBOURLY_OPEN if self._anyone_connected() else math.inf
+        deadline = time.monotonic() + min(member.open_timeout, limit)
+        self._heartbeat.feed(deadline)
         try:
-            member.engine.connect(time.monotonic() + member.open_timeout)
+            member.engine.connect(deadline)
         except ConnectionFailed as error:
             member.reconnect.failed(time.monotonic())
             logger.warning("%s; next attempt in %.2g s", error, member.reconnect.delay)
@@ -202,12 +212,16 @@ class Runtime:
         deadline = time.monotonic() + timeout
         for bus in self._buses:
             bus.stop()
-        stuck = [bus.bus for bus in self._buses if not bus.join(deadline)]
+        stuck = [bus for bus in self._buses if not bus.join(deadline)]
         self._stopping.set()
         self._watchdog.join(timeout)
+        for bus in stuck:
+            for engine in bus.engines:
+                self._alarm(engine, f"the I/O thread of {bus.bus} did not end")
         if stuck:
             raise DeviceError(
-                f"the I/O thread of {', '.join(stuck)} did not end in {timeout:g} s",
+                f"the I/O thread of {', '.join(bus.bus for bus in stuck)} "
+                f"did not end in {timeout:g} s",
                 remedy="The hardware's own watchdog stops it. Please report this.",
             )
 

@@ -1,14 +1,15 @@
 """Frozen values in SI units: what travels between a device, the core and its fronts.
 
-Every array is a read-only float64 array. Quaternions are ``x, y, z, w`` and of unit length. A value
-never carries a stamp of its own: the `Sample` (or setpoint) that holds it has one, so everything that
-was read together is stamped together.
+Every array is a read-only float64 array; a constructor copies what is not, so that nobody can change a
+value that has been checked. Quaternions are ``x, y, z, w`` and of unit length. A value never carries a
+stamp of its own: the `Sample` (or setpoint) that holds it has one, so everything that was read together is
+stamped together.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,7 +32,7 @@ def empty() -> Vector:
     return EMPTY
 
 
-def vector(values: ArrayLike | Iterable[float]) -> Vector:
+def vector(values: ArrayLike) -> Vector:
     """Return `values` as a read-only float64 array of one dimension.
 
     Raises:
@@ -42,6 +43,19 @@ def vector(values: ArrayLike | Iterable[float]) -> Vector:
         raise ValueError(f"expected a list of numbers, got an array of shape {array.shape}")
     array.setflags(write=False)
     return array
+
+
+def _freeze(value: object, *fields: str) -> None:
+    """Replace each of `fields` that is not a read-only vector by a copy that is one."""
+    for name in fields:
+        array = getattr(value, name)
+        if (
+            type(array) is not np.ndarray
+            or array.flags.writeable
+            or array.ndim != 1
+            or array.dtype != np.float64
+        ):
+            object.__setattr__(value, name, vector(array))
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +82,7 @@ class JointState:
     `position` rad or m, `velocity` rad/s or m/s, `effort` N·m or N; non-empty vectors have one size.
 
     Raises:
-        ValueError: vectors (or names) of different sizes.
+        TypeError, ValueError: not numbers, or vectors (or names) of different sizes.
     """
 
     position: Vector = field(default_factory=empty)
@@ -77,6 +91,7 @@ class JointState:
     name: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        _freeze(self, "position", "velocity", "effort")
         sizes = {v.size for v in (self.position, self.velocity, self.effort) if v.size}
         if self.name:
             sizes.add(len(self.name))
@@ -110,6 +125,9 @@ class Pose:
     orientation: Vector
     frame_id: str = ""
 
+    def __post_init__(self) -> None:
+        _freeze(self, "position", "orientation")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Twist:
@@ -118,6 +136,9 @@ class Twist:
     linear: Vector
     angular: Vector
     frame_id: str = ""
+
+    def __post_init__(self) -> None:
+        _freeze(self, "linear", "angular")
 
     @property
     def vector(self) -> Vector:
@@ -132,6 +153,9 @@ class Wrench:
     force: Vector
     torque: Vector
     frame_id: str = ""
+
+    def __post_init__(self) -> None:
+        _freeze(self, "force", "torque")
 
     @property
     def vector(self) -> Vector:

@@ -60,6 +60,9 @@ TRANSITIONS: Mapping[tuple[OperatingState, StateCommand], OperatingState] = Mapp
 HOMING_STATES = frozenset({OperatingState.ENABLED})
 """Where `home` is accepted: homing may move. `unhome` moves nothing and is accepted everywhere."""
 
+HOMING_COMMANDS = frozenset({StateCommand.HOME, StateCommand.UNHOME})
+"""They leave the operating state as it is."""
+
 
 @dataclass(frozen=True, slots=True)
 class Status:
@@ -86,7 +89,7 @@ def parse_command(text: str) -> StateCommand:
         raise CommandRefused(
             "state_command",
             Reason.UNKNOWN_COMMAND,
-            f"{text[:80]!r} is not a state command",
+            f"{str(text)[:80]!r} is not a state command",
             remedy=f"Valid, exactly as written: {', '.join(StateCommand)}.",
         ) from None
 
@@ -102,7 +105,8 @@ def target_of(state: OperatingState, command: StateCommand) -> OperatingState:
     try:
         return TRANSITIONS[state, command]
     except KeyError:
-        valid = [c for s, c in TRANSITIONS if s is state]
+        homing = [_C.HOME, _C.UNHOME] if state in HOMING_STATES else [_C.UNHOME]
+        valid = [*(c for s, c in TRANSITIONS if s is state), *homing]
         raise CommandRefused(
             "state_command",
             Reason.INVALID_TRANSITION,

@@ -34,4 +34,5 @@ class Deadman:
 
     def expired(self, now: float) -> bool:
         """Say whether it is armed and its deadline has passed."""
-        return self.armed and now - self._fed > self.timeout
+        fed = self._fed  # once: another thread may disarm it in between
+        return fed != -math.inf and now - fed > self.timeout
