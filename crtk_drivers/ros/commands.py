@@ -35,13 +35,12 @@ class CommandTopics:
         self._frames = frames
         self._failures = Throttle(FAILURE_INTERVAL)
         self.subscriptions: dict[str, Subscription] = {
-            name: node.create_subscription(
+            name: qos.subscription(
+                node,
                 TYPES[command.payload],
                 name,
                 self._guarded(name, self._handler(name, command)),
                 qos.of_command(command),
-                qos_overriding_options=qos.OVERRIDES,
-                event_callbacks=qos.subscription_events(name),
             )
             for name, command in engine.commands.items()
             if command.direction is Direction.COMMANDED

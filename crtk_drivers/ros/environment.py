@@ -34,7 +34,7 @@ def check() -> None:
     for library in LIBRARIES:
         if find_spec(library) is None:
             raise _missing(library)
-    if not _wheels_installed():
+    if not wheels_installed():
         return
     if _rclpy_is_sourced():
         raise ConfigError(
@@ -51,22 +51,19 @@ def check() -> None:
         )
 
 
-def _missing(library: str) -> CrtkImportError:
-    if library != "rclpy" and not _wheels_installed():
-        return ConfigError(
-            f"this ROS 2 has no {library}",
-            remedy="Build it with colcon and source its workspace: the folder of that name lies in "
-            "the source tree of crtk-drivers."
-            if library == "crtk_msgs"
-            else f"Install it: apt install ros-jazzy-{library.replace('_', '-')}",
-        )
+def _missing(library: str) -> MissingExtra | ConfigError:
+    if library != "rclpy" and not wheels_installed():
+        remedy = f"Install it: apt install ros-jazzy-{library.replace('_', '-')}"
+        if library == "crtk_msgs":
+            remedy = (
+                "Build the folder crtk_msgs of this project with colcon, and source the result."
+            )
+        return ConfigError(f"this ROS 2 has no {library}", remedy=remedy)
     return MissingExtra(library, "ros")
 
 
-CrtkImportError = MissingExtra | ConfigError
-
-
-def _wheels_installed() -> bool:
+def wheels_installed() -> bool:
+    """Whether ROS 2 comes from the wheels of the extra, not from a sourced installation."""
     try:
         distribution("ros-rclpy")
     except PackageNotFoundError:

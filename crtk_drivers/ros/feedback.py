@@ -55,13 +55,7 @@ class _Topic:
 
 
 def _topic(node: Node, engine: Engine, name: str, command: Command) -> _Topic:
-    publisher = node.create_publisher(
-        TYPES[command.payload],
-        name,
-        qos.of_feedback(command),
-        qos_overriding_options=qos.OVERRIDES,
-        event_callbacks=qos.publisher_events(name),
-    )
+    publisher = qos.publisher(node, TYPES[command.payload], name, qos.of_feedback(command))
     message = TYPES[command.payload]()
     in_a_frame = command.payload in (Payload.POSE, Payload.TWIST, Payload.WRENCH)
     if command.payload is Payload.JOINT_STATE and "/" not in name:
@@ -71,7 +65,7 @@ def _topic(node: Node, engine: Engine, name: str, command: Command) -> _Topic:
         publisher,
         message,
         command.payload is not Payload.MATRIX,
-        engine.capabilities.base_frame if in_a_frame else None,
+        name.rpartition("/")[0] or engine.capabilities.base_frame if in_a_frame else None,
     )
 
 
@@ -162,7 +156,7 @@ class Transforms:
         self.job: Job = thread.job("tf", self._publish)
         self._publisher: Publisher | None = None
         if "measured_cp" in engine.commands:
-            self._publisher = node.create_publisher(TFMessage, "/tf", qos.TF)
+            self._publisher = qos.publisher(node, TFMessage, "/tf", qos.TF)
         self._transform = TransformStamped()
         self._transform.header.frame_id = frames.outgoing(engine.capabilities.base_frame)
         self._transform.child_frame_id = frames.outgoing(engine.capabilities.tool_frame)

@@ -160,7 +160,7 @@ class DriverNode:
         diagnostics = Diagnostics(
             self.node.get_fully_qualified_name(), engine.where, engine.options.sample_timeout
         )
-        publisher = self.node.create_publisher(DiagnosticArray, "/diagnostics", qos.DATA)
+        publisher = qos.publisher(self.node, DiagnosticArray, "/diagnostics", qos.DATA)
         self._diagnostics_job = self._thread.job(
             "diagnostics",
             lambda: publisher.publish(
@@ -169,7 +169,7 @@ class DriverNode:
         )
 
     def _set_up_manifest(self) -> None:
-        publisher = self.node.create_publisher(String, "~/crtk_capabilities", qos.LATCHED)
+        publisher = qos.publisher(self.node, String, "~/crtk_capabilities", qos.LATCHED)
         self._rates: dict[str, float] = {}
 
         def publish() -> None:

@@ -10,9 +10,13 @@ Each of them can be overridden by parameters: ``-p qos_overrides./ur5/measured_j
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
+from copy import copy
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
@@ -21,6 +25,7 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
 
 from crtk_drivers.commands import Command, Level
 
@@ -39,6 +44,7 @@ def _profile(depth: int, durability: DurabilityPolicy) -> QoSProfile:
 DATA = _profile(10, DurabilityPolicy.VOLATILE)
 OPERATING_STATE = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL)
 REFUSALS = _profile(10, DurabilityPolicy.TRANSIENT_LOCAL)
+ROSOUT = _profile(1000, DurabilityPolicy.TRANSIENT_LOCAL)
 LATCHED = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
 TF = _profile(100, DurabilityPolicy.VOLATILE)
 
@@ -67,25 +73,40 @@ def of_feedback(command: Command) -> QoSProfile:
 _POLICY_NAMES = {kind.value: kind.name.lower() for kind in QoSPolicyKind}
 
 
-def publisher_events(topic: str) -> PublisherEventCallbacks:
-    """Return callbacks that log, once, that a subscriber of `topic` cannot be served."""
-    return PublisherEventCallbacks(
-        incompatible_qos=_OnceTold(
-            f"a subscriber of {topic} asks for another %s than is published, and gets nothing; "
-            "let it ask for reliable and volatile"
+def publisher(node: Node, kind: type, topic: str, profile: QoSProfile) -> Publisher:
+    """Create a publisher that parameters can override, and that says whom it cannot serve."""
+    unserved = _OnceTold(
+        f"a subscriber of {topic} asks for another %s than is published, and gets nothing; "
+        "let it ask for reliable and volatile"
+    )
+    return node.create_publisher(
+        kind,
+        topic,
+        copy(profile),  # rclpy writes the overrides into it
+        qos_overriding_options=OVERRIDES,
+        event_callbacks=PublisherEventCallbacks(
+            incompatible_qos=unserved, use_default_callbacks=False
         ),
-        use_default_callbacks=False,
     )
 
 
-def subscription_events(topic: str) -> SubscriptionEventCallbacks:
-    """Return callbacks that log, once, that a publisher of `topic` cannot be heard."""
-    return SubscriptionEventCallbacks(
-        incompatible_qos=_OnceTold(
-            f"a publisher on {topic} offers another %s than is needed, and is not heard; "
-            "let it publish reliably"
+def subscription(
+    node: Node, kind: type, topic: str, receive: Callable[[Any], None], profile: QoSProfile
+) -> Subscription:
+    """Create a subscription that parameters can override, and that says whom it cannot hear."""
+    unheard = _OnceTold(
+        f"a publisher on {topic} offers another %s than is needed, and is not heard; "
+        "let it publish reliably"
+    )
+    return node.create_subscription(
+        kind,
+        topic,
+        receive,
+        copy(profile),
+        qos_overriding_options=OVERRIDES,
+        event_callbacks=SubscriptionEventCallbacks(
+            incompatible_qos=unheard, use_default_callbacks=False
         ),
-        use_default_callbacks=False,
     )
 
 

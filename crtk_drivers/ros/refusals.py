@@ -43,13 +43,7 @@ class RefusalTopic:
     """The topic, and a counter for each command and reason."""
 
     def __init__(self, node: Node, thread: PublishingThread) -> None:
-        self._publisher = node.create_publisher(
-            String,
-            "refusals",
-            qos.REFUSALS,
-            qos_overriding_options=qos.OVERRIDES,
-            event_callbacks=qos.publisher_events("refusals"),
-        )
+        self._publisher = qos.publisher(node, String, "refusals", qos.REFUSALS)
         self._job = thread.job("refusals", self._publish, SWEEP_RATE)
         self._lock = threading.Lock()
         self._kinds: dict[tuple[str, Reason], _Kind] = {}

@@ -7,14 +7,13 @@ from collections import deque
 
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from crtk_drivers.ros import qos
 from crtk_drivers.ros.messages import set_stamp
 from crtk_drivers.ros.publishing import PublishingThread
 
 CAPACITY = 100
 """Records that wait at most; the oldest are dropped."""
-ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 _LEVELS = (
     (logging.CRITICAL, Log.FATAL),
@@ -29,7 +28,7 @@ class RosoutHandler(logging.Handler):
 
     def __init__(self, node: Node, thread: PublishingThread) -> None:
         super().__init__(logging.WARNING)
-        self._publisher = node.create_publisher(Log, "/rosout", ROSOUT)
+        self._publisher = qos.publisher(node, Log, "/rosout", qos.ROSOUT)
         self._name = node.get_fully_qualified_name().strip("/").replace("/", ".")
         self._records: deque[logging.LogRecord] = deque(maxlen=CAPACITY)
         self._job = thread.job("rosout", self._publish)

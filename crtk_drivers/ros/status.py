@@ -32,12 +32,8 @@ class StatusTopic:
     """The topic and what is still to be told on it."""
 
     def __init__(self, node: Node, thread: PublishingThread, status: Status) -> None:
-        self.publisher = node.create_publisher(
-            OperatingStateMessage,
-            "operating_state",
-            qos.OPERATING_STATE,
-            qos_overriding_options=qos.OVERRIDES,
-            event_callbacks=qos.publisher_events("operating_state"),
+        self.publisher = qos.publisher(
+            node, OperatingStateMessage, "operating_state", qos.OPERATING_STATE
         )
         self.job: Job = thread.job("operating_state", self._publish)
         self._message = OperatingStateMessage()

@@ -127,6 +127,12 @@ class LoopbackDevice(Device):
             stop=StopPolicy(0.0, "stops at once: it is only a model"),
         )
 
+    def go_to_zero(self) -> None:
+        """Put the plant at rest at zero, between two tests."""
+        self._target = None
+        self._position = np.zeros(len(JOINTS))
+        self._velocity = np.zeros(len(JOINTS))
+
     @property
     def capabilities(self) -> Capabilities:
         return self._capabilities

@@ -1,0 +1,67 @@
+"""A node whose publishers let go of Python's global lock while they are inside DDS.
+
+rclpy's own `publish` keeps the lock. A DDS writer can block for a third of a second, and then every thread
+of the process stands still, the I/O threads first. Here a message is serialised with the lock held, which
+touches no writer, and handed to rcl by ctypes, which releases the lock for the time of the call.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.serialization import serialize_message
+
+
+class _SerializedMessage(ctypes.Structure):
+    """``rcutils_uint8_array_t`` (rcutils/types/uint8_array.h); rcl only reads it."""
+
+    _fields_ = (
+        ("buffer", ctypes.c_char_p),
+        ("length", ctypes.c_size_t),
+        ("capacity", ctypes.c_size_t),
+        ("allocator", ctypes.c_void_p * 5),
+    )
+
+
+class _ErrorText(ctypes.Structure):
+    """``rcutils_error_string_t`` (rcutils/error_handling.h)."""
+
+    _fields_ = (("text", ctypes.c_char * 1024),)
+
+
+# Both are in this process already: rclpy is linked with them.
+_rcutils = ctypes.CDLL("librcutils.so")
+_rcutils.rcutils_get_error_string.restype = _ErrorText
+_publish = ctypes.CDLL("librcl.so").rcl_publish_serialized_message
+_publish.argtypes = (ctypes.c_void_p, ctypes.POINTER(_SerializedMessage), ctypes.c_void_p)
+_publish.restype = ctypes.c_int
+
+
+class UnlockedPublisher(Publisher):  # type: ignore[misc]  # rclpy has no types
+    """A publisher that does not stop other threads. Made by `UnlockedNode`."""
+
+    def publish(self, msg: Any) -> None:
+        """Send a message.
+
+        Raises:
+            RuntimeError: DDS refused it, with its reason.
+        """
+        data = serialize_message(msg)
+        wire = _SerializedMessage(data, len(data), len(data))
+        with self.handle:
+            failed = _publish(self.handle.pointer, ctypes.byref(wire), None)
+        if failed:
+            text = _rcutils.rcutils_get_error_string().text.decode(errors="replace")
+            _rcutils.rcutils_reset_error()
+            raise RuntimeError(f"DDS did not take a message: {text}")
+
+
+class UnlockedNode(Node):  # type: ignore[misc]  # rclpy has no types
+    """A node that makes such publishers, those of rclpy's own topics included."""
+
+    def create_publisher(self, *args: Any, **options: Any) -> Publisher:
+        """See rclpy."""
+        return super().create_publisher(*args, **options, publisher_class=UnlockedPublisher)
