@@ -8,7 +8,6 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
-from rclpy.node import Node
 from std_msgs.msg import String
 
 from crtk_drivers.config import NodeConfig
@@ -28,6 +27,7 @@ from crtk_drivers.ros.refusals import RefusalTopic
 from crtk_drivers.ros.rosout import RosoutHandler
 from crtk_drivers.ros.services import Services
 from crtk_drivers.ros.status import StatusTopic
+from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import Stamp
 from crtk_drivers.state import Status
 
@@ -92,7 +92,7 @@ class DriverNode:
         context: Context,
         config: NodeConfig | None = None,
     ) -> None:
-        self.node = node = Node(
+        self.node = node = UnlockedNode(
             NODE_NAME, namespace=namespace, context=context, enable_rosout=False
         )
         self._engine = engine
