@@ -57,8 +57,9 @@ HARDWARE_JOINT_ACCELERATION = 40.0
 HARDWARE_JOINT_JERK = 1000.0
 """rad/s³; the controller publishes no limit, and its own profiles have none."""
 
-UNLOCK_AFTER = 5.0
-"""Seconds that a protective stop must last before the controller unlocks it (Dashboard Server manual)."""
+UNLOCK_AFTER = 5.1
+"""Seconds on the controller's clock that a protective stop lasts before it is unlocked: the controller
+refuses before 5 s (Dashboard Server manual)."""
 
 REMOTE_CHECK_PERIOD = 0.5
 """Seconds between two questions whether the teach pendant has control."""
@@ -123,6 +124,7 @@ class UrDevice(Device):
         self._remote: bool | None = None
         self._remote_asked = 0
         self._remote_asked_at = -math.inf
+        self._was_local = False
         self._stopped_at = -math.inf
         self._started_at = -math.inf
         self._has_local_control = False
@@ -294,7 +296,7 @@ class UrDevice(Device):
         if state.safety_mode == SafetyMode.PROTECTIVE_STOP and (
             before is None or before.safety_mode != SafetyMode.PROTECTIVE_STOP
         ):
-            self._stopped_at = state.received
+            self._stopped_at = state.timestamp
         self._follow_tool(state)
         return self._samples.make(state)
 
@@ -321,6 +323,7 @@ class UrDevice(Device):
             if notice.sequence == self._remote_asked:
                 self._remote_asked = 0
                 self._remote = None if notice.error is not None else bool(notice.value)
+                self._was_local |= self._remote is False
             else:
                 self._replies[notice.sequence] = notice
             return
@@ -496,7 +499,11 @@ class UrDevice(Device):
     def _unlock(self) -> Steps:
         if self._safety() != SafetyMode.PROTECTIVE_STOP:
             return
-        yield from self._until(lambda: time.monotonic() > self._stopped_at + UNLOCK_AFTER)
+        yield from self._until(
+            lambda: (
+                self._state is not None and self._state.timestamp > self._stopped_at + UNLOCK_AFTER
+            )
+        )
         yield from self._ask("close_safety_popup")
         yield from self._ask("unlock_protective_stop")
         yield from self._until(lambda: self._safety() != SafetyMode.PROTECTIVE_STOP)
@@ -512,14 +519,33 @@ class UrDevice(Device):
     def _start_program(self, command: str) -> Steps:
         if not (self._library_connected and self._program_runs):
             yield from self._require_no_program(command)
-            if self._library_connected:
-                yield from self._answer("upload_script", self._send(self._control.upload_script))
-            else:
-                yield from self._answer("connect", self._send(self._control.connect))
-                self._connected_process = self._control.status.starts
+            uploaded = yield from self._upload()
+            if not uploaded:
+                yield from self._connect()
         yield from self._configure()
         yield from self._until(self._playing, safe=True)
         self._program_runs = self._in_control = True
+
+    def _upload(self) -> Generator[None, None, bool]:
+        """Start the control program again; False if the library cannot do it any more."""
+        # A switch to local control closes the port for programs, and the library never opens it again.
+        if not self._library_connected or self._was_local:
+            return False
+        try:
+            yield from self._answer("upload_script", self._send(self._control.upload_script))
+        except TransitionFailed as error:
+            logger.warning("%s", error)
+            return False
+        return True
+
+    def _connect(self) -> Steps:
+        """Connect the library, in a new process if the present one has connected it before."""
+        if self._connected_process == self._control.status.starts:
+            self._control.kill()
+            self._start_control()
+        self._require_safe()
+        yield from self._answer("connect", self._send(self._control.connect))
+        self._connected_process, self._was_local = self._control.status.starts, False
 
     def _require_no_program(self, command: str) -> Steps:
         """Leave a program alone that somebody else runs, for it may be moving the arm."""
@@ -564,6 +590,7 @@ class UrDevice(Device):
             return
         reply = yield from self._ask("is_in_remote_control")
         self._remote = bool(reply)
+        self._was_local |= not self._remote
         if not self._remote:
             raise CommandRefused(
                 "state_command",

@@ -24,6 +24,8 @@ __all__ = ["ArmKinematics", "IkFailure", "InverseKinematicsError"]
 TURN = 2.0 * math.pi
 REACH_TOLERANCE = 1e-10
 """How far, in metres, a pose may lie outside the workspace and still be placed on its edge."""
+LIMIT_TOLERANCE = 1e-10
+"""How far, in rad, rounding may put a joint beyond its limit; it is then put on the limit."""
 WRIST_SINGULAR_SINE = 5e-10
 """Below this |sin q5| only q4 ± q6 is determined; keeping q6 then costs less than 1e-9 rad."""
 
@@ -203,13 +205,13 @@ class ArmKinematics:
         turned = []
         for angle, near, lower, upper in zip(q, reference, self._lower, self._upper, strict=True):
             value = angle + TURN * round((near - angle) / TURN)
-            if value > upper:
-                value -= TURN * math.ceil((value - upper) / TURN)
-            elif value < lower:
-                value += TURN * math.ceil((lower - value) / TURN)
-            if not lower <= value <= upper:
+            if value > upper + LIMIT_TOLERANCE:
+                value -= TURN * math.ceil((value - upper - LIMIT_TOLERANCE) / TURN)
+            elif value < lower - LIMIT_TOLERANCE:
+                value += TURN * math.ceil((lower - value - LIMIT_TOLERANCE) / TURN)
+            if not lower - LIMIT_TOLERANCE <= value <= upper + LIMIT_TOLERANCE:
                 return None
-            turned.append(value)
+            turned.append(min(max(value, lower), upper))
         q1, q2, q3, q4, q5, q6 = turned
         return q1, q2, q3, q4, q5, q6
 

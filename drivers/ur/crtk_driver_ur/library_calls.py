@@ -28,6 +28,7 @@ HINTS = (
         "The control program did not start: see that the arm is powered, its brakes released, no "
         "stop active and the robot in remote control, then enable again.",
     ),
+    ("could not connect", "Check the address, and that the controller has finished starting."),
     ("refused", "Check the address, and that the controller has finished starting."),
     ("imeout", "The controller does not answer: check the network and the controller."),
     ("canceled", "The controller does not answer: check the network and the controller."),

@@ -145,6 +145,7 @@ class RtdeStream:
         self._clock = clock
         self._where = f"RTDE {host}:{port}"
         self._busy = threading.Lock()
+        self._waking = threading.Lock()
         self._closing = threading.Event()
         self._socket: socket.socket | None = None
         self._wake = -1
@@ -154,6 +155,7 @@ class RtdeStream:
         self._missing: tuple[str, ...] = ()
         self._controller_version = ControllerVersion(0, 0, 0, 0)
         self._frequency = 0.0
+        self._early: list[DataPackage] = []
         self._timestamp: float | None = None
         self._malformed_row = 0
         self._counters = StreamCounters()
@@ -207,6 +209,10 @@ class RtdeStream:
                 self._connect(deadline)
                 self._negotiate(deadline)
                 started = True
+            except ConnectionLost as error:
+                raise ConnectionFailed(
+                    f"while connecting: {error.message}", where=error.where, remedy=error.remedy
+                ) from error
             finally:
                 if not started:
                     self._release()
@@ -224,7 +230,7 @@ class RtdeStream:
             if self._socket is None:
                 raise self._closed()
             while True:
-                if not self._wait(select.POLLIN, deadline):
+                if not self._early and not self._wait(select.POLLIN, deadline):
                     return None
                 newest, count = self._read_packages()
                 if newest is not None:
@@ -237,9 +243,9 @@ class RtdeStream:
     def close(self) -> None:
         """Close the connection; a waiting `receive` ends. May be called twice, from any thread."""
         self._closing.set()
-        wake = self._wake
-        if wake >= 0:
-            os.eventfd_write(wake, 1)
+        with self._waking:
+            if self._wake >= 0:
+                os.eventfd_write(self._wake, 1)
         with self._busy:
             self._release()
 
@@ -247,9 +253,10 @@ class RtdeStream:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
-        if self._wake >= 0:
-            wake, self._wake = self._wake, -1
-            os.close(wake)
+        with self._waking:
+            if self._wake >= 0:
+                os.close(self._wake)
+                self._wake = -1
 
     def _closed(self) -> ConnectionLost:
         return ConnectionLost("the stream is closed", where=self._where, remedy="Open a new one.")
@@ -375,8 +382,10 @@ class RtdeStream:
                     remedy="Check that this is a UR controller that has finished starting; "
                     "restart it if it stays silent.",
                 )
-            for message in self._read():
+            messages = iter(self._read())
+            for message in messages:
                 if isinstance(message, kind):
+                    self._early = [data for data in messages if isinstance(data, DataPackage)]
                     return message
                 if not isinstance(message, TextMessage | DataPackage):
                     raise ProtocolError(
@@ -450,7 +459,8 @@ class RtdeStream:
 
     def _read_packages(self) -> tuple[DataPackage | None, int]:
         """Return the newest data package that has arrived, and how many there were."""
-        packages = [message for message in self._read() if isinstance(message, DataPackage)]
+        packages, self._early = self._early, []
+        packages += [message for message in self._read() if isinstance(message, DataPackage)]
         return (packages[-1] if packages else None), len(packages)
 
     def _sample(self, package: DataPackage, count: int) -> StateSample | None:

@@ -1,0 +1,418 @@
+"""The state stream against the simulated controller, and against peers that misbehave."""
+
+import math
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from crtk_driver_ur.rtde.stream import OPTIONAL_OUTPUTS, RtdeStream, StateSample
+from crtk_driver_ur.rtde.variables import OUTPUTS
+from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
+from crtk_sim_backends.ur import SIM
+
+LONG = 5.0
+"""Deadline for what has to happen; it never passes unless something is broken."""
+
+
+def soon(seconds: float = LONG) -> float:
+    return time.monotonic() + seconds
+
+
+@contextmanager
+def opened(host: str, **options) -> Iterator[RtdeStream]:
+    stream = RtdeStream(host, **options)
+    try:
+        stream.open(soon())
+        yield stream
+    finally:
+        stream.close()
+
+
+def next_sample(stream: RtdeStream) -> StateSample:
+    sample = stream.receive(soon())
+    assert sample is not None
+    return sample
+
+
+def receive_until_broken(stream: RtdeStream) -> None:
+    deadline = soon()
+    while time.monotonic() < deadline:
+        stream.receive(deadline)
+
+
+@pytest.fixture(scope="module")
+def sim():
+    with SIM.spawn(model="ur5e", version="5.12.4") as running:
+        yield running
+
+
+# Against the simulated controller
+
+
+@pytest.mark.parametrize(
+    ("model", "version", "rate"), [("ur5e", "5.12.4", 500.0), ("ur5", "3.15.8", 125.0)]
+)
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_streams_the_state_of_the_arm(model, version, rate, protocol):
+    with (
+        SIM.spawn(model=model, version=version) as controller,
+        opened(controller.host, protocol_version=protocol) as stream,
+    ):
+        assert stream.frequency == rate
+        assert stream.protocol_version == protocol
+        assert str(stream.controller_version).startswith(version)
+        assert set(stream.missing) <= OPTIONAL_OUTPUTS
+        sample = next_sample(stream)
+        truth = controller.control.outputs("actual_q", "robot_mode", "safety_mode")
+        assert sample.actual_q == pytest.approx(truth["actual_q"], abs=1e-3)
+        assert (sample.robot_mode, sample.safety_mode) == (7, 1)
+        later = next_sample(stream)
+        assert later.timestamp > sample.timestamp
+        assert later.received >= sample.received
+
+
+def test_optional_variable_that_the_controller_lacks_is_none(sim):
+    with opened(sim.host) as stream:
+        sample = next_sample(stream)
+        assert "actual_current_as_torque" in stream.missing
+        assert sample.actual_current_as_torque is None
+        assert sample.tcp_offset is not None
+
+
+def test_newer_controller_reports_torque():
+    with SIM.spawn(model="ur5e", version="5.23.0") as new, opened(new.host) as stream:
+        assert stream.missing == ()
+        assert len(next_sample(stream).actual_current_as_torque) == 6
+
+
+def test_lower_frequency(sim):
+    with opened(sim.host, frequency=100.0) as stream:
+        assert stream.frequency == 100.0
+        first, second = next_sample(stream), next_sample(stream)
+        steps = (second.timestamp - first.timestamp) * 100.0
+        assert steps == pytest.approx(1 + second.lost + second.skipped, abs=1e-6)
+
+
+def test_every_controller_cycle_is_accounted_for(sim):
+    with opened(sim.host) as stream:
+        first = next_sample(stream)
+        time.sleep(0.1)
+        late = next_sample(stream)
+        assert late.skipped > 10
+        cycles = round((late.timestamp - first.timestamp) * stream.frequency)
+        assert cycles == 1 + late.skipped + late.lost
+        assert stream.counters.skipped >= late.skipped
+        assert stream.counters.received == 2 + stream.counters.skipped
+
+
+def test_split_packages_are_put_together(sim):
+    sim.control.inject("split", port="rtde", size=7, direction="out")
+    try:
+        with opened(sim.host) as stream:
+            for _ in range(20):
+                next_sample(stream)
+            assert stream.counters.malformed == 0
+    finally:
+        sim.control.clear("split")
+
+
+def test_corrupt_bytes_end_in_a_protocol_error_or_are_counted(sim):
+    with opened(sim.host) as stream:
+        sim.control.inject("corrupt", port="rtde", every=1, direction="out")
+        try:
+            with pytest.raises((ProtocolError, ConnectionLost)) as caught:
+                receive_until_broken(stream)
+            assert f"{sim.host}:30004" in str(caught.value)
+        finally:
+            sim.control.clear("corrupt")
+
+
+def test_silence_ends_at_the_deadline_without_blocking(sim):
+    with opened(sim.host) as stream:
+        next_sample(stream)
+        sim.control.inject("silence", port="rtde")
+        try:
+            while stream.receive(soon(0.1)) is not None:
+                pass
+            before = time.monotonic()
+            assert stream.receive(before + 0.05) is None
+            assert time.monotonic() >= before + 0.05
+        finally:
+            sim.control.clear("silence")
+        assert next_sample(stream).timestamp > 0
+
+
+def test_closed_by_the_controller(sim):
+    with opened(sim.host) as stream:
+        next_sample(stream)
+        sim.control.inject("disconnect", port="rtde", duration=LONG)
+        try:
+            with pytest.raises(ConnectionLost) as caught:
+                receive_until_broken(stream)
+            with pytest.raises(ConnectionFailed, match="while connecting"):
+                RtdeStream(sim.host).open(soon())
+        finally:
+            sim.control.clear("disconnect")
+        assert caught.value.where == f"RTDE {sim.host}:30004"
+        assert caught.value.remedy
+
+
+def test_controller_that_is_killed():
+    with SIM.spawn(model="ur5e") as doomed, opened(doomed.host) as stream:
+        next_sample(stream)
+        doomed.kill()
+        with pytest.raises(ConnectionLost):
+            receive_until_broken(stream)
+
+
+def test_accepts_but_never_answers(sim):
+    sim.control.inject("no_answer", port="rtde")
+    try:
+        stream = RtdeStream(sim.host)
+        with pytest.raises(ConnectionFailed, match="protocol version is not answered") as caught:
+            stream.open(soon(0.3))
+        assert f"{sim.host}:30004" in str(caught.value)
+        stream.close()
+    finally:
+        sim.control.clear("no_answer")
+
+
+def test_nobody_listens():
+    stream = RtdeStream("127.0.0.1", port=1)
+    with pytest.raises(ConnectionFailed, match=r"127\.0\.0\.1:1: cannot connect: .*refused"):
+        stream.open(soon())
+    stream.close()
+
+
+def test_name_that_cannot_be_resolved():
+    stream = RtdeStream("no such host")
+    with pytest.raises(ConnectionFailed, match="cannot be resolved"):
+        stream.open(soon())
+    stream.close()
+
+
+def test_close_from_another_thread_ends_a_waiting_receive(sim):
+    stream = RtdeStream(sim.host)
+    stream.open(soon())
+    sim.control.inject("silence", port="rtde")
+    try:
+        while stream.receive(soon(0.05)) is not None:
+            pass
+        caught: list[Exception] = []
+
+        def wait() -> None:
+            try:
+                stream.receive(soon(60.0))
+            except ConnectionLost as error:
+                caught.append(error)
+
+        thread = threading.Thread(target=wait)
+        thread.start()
+        stream.close()
+        thread.join(LONG)
+        assert not thread.is_alive()
+        assert len(caught) == 1
+        stream.close()
+    finally:
+        sim.control.clear("silence")
+
+
+def test_a_stream_is_used_once(sim):
+    stream = RtdeStream(sim.host)
+    stream.open(soon())
+    stream.close()
+    with pytest.raises(RuntimeError, match="make a new one"):
+        stream.open(soon())
+    with pytest.raises(ConnectionLost, match="closed"):
+        stream.receive(soon(0.1))
+
+
+# Against a peer written here from the protocol guide, that sends what no controller should
+
+
+def state_package(timestamp: float) -> bytes:
+    codes = {"DOUBLE": "d", "VECTOR6D": "6d", "INT32": "i", "UINT32": "I"}
+    body = struct.pack(">d", timestamp)
+    for name, kind in list(OUTPUTS.items())[1:]:
+        layout = struct.Struct(">" + codes[kind])
+        body += bytes(layout.size)
+        assert name
+    return struct.pack(">HBB", 4 + len(body), ord("U"), 1) + body
+
+
+ACCEPT = {
+    ord("V"): b"\x00\x04V\x01",
+    ord("v"): b"\x00\x13v" + struct.pack(">IIII", 5, 23, 0, 0),
+    ord("S"): b"\x00\x04S\x01",
+}
+
+
+def setup_reply(types: str, recipe: int = 1) -> bytes:
+    return struct.pack(">HBB", 4 + len(types), ord("O"), recipe) + types.encode()
+
+
+GOOD_SETUP = setup_reply(",".join(OUTPUTS.values()))
+
+
+@contextmanager
+def peer(answers: dict[int, bytes]) -> Iterator[tuple[int, Callable[[bytes], None]]]:
+    """Listen on a free port and answer requests by their type.
+
+    Yields the port, and a function that sends bytes to the client once it has started.
+    """
+    listener = socket.create_server(("127.0.0.1", 0))
+    started = threading.Event()
+    connections: list[socket.socket] = []
+
+    def serve() -> None:
+        connection, _ = listener.accept()
+        connections.append(connection)
+        with connection:
+            data = b""
+            while chunk := connection.recv(4096):
+                data += chunk
+                while len(data) >= 3:
+                    size, kind = struct.unpack(">HB", data[:3])
+                    data = data[size:]
+                    connection.sendall(answers[kind])
+                    if kind == ord("S"):
+                        started.set()
+
+    def send(data: bytes) -> None:
+        assert started.wait(LONG)
+        connections[0].sendall(data)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield listener.getsockname()[1], send
+    finally:
+        thread.join(LONG)
+        listener.close()
+        assert not thread.is_alive()
+
+
+@contextmanager
+def talking() -> Iterator[tuple[RtdeStream, Callable[[bytes], None]]]:
+    with (
+        peer({**ACCEPT, ord("O"): GOOD_SETUP}) as (port, send),
+        opened("127.0.0.1", port=port) as stream,
+    ):
+        yield stream, send
+
+
+def test_lost_packages_are_counted_from_the_controllers_clock():
+    with talking() as (stream, send):
+        send(state_package(1.0))
+        assert next_sample(stream).lost == 0
+        send(state_package(1.008))
+        assert next_sample(stream).lost == 3
+        assert (stream.counters.lost, stream.counters.gaps) == (3, 1)
+
+
+def test_of_packages_that_came_together_the_newest_is_returned():
+    with talking() as (stream, send):
+        send(state_package(1.0) + state_package(1.002) + state_package(1.004))
+        sample = next_sample(stream)
+        while sample.timestamp < 1.004:
+            sample = next_sample(stream)
+        assert stream.counters.received == 3
+        assert stream.counters.lost == 0
+
+
+def test_controller_that_starts_again_is_noticed():
+    with talking() as (stream, send):
+        send(state_package(100.0))
+        assert not next_sample(stream).restarted
+        send(state_package(0.002))
+        assert next_sample(stream).restarted
+        assert (stream.counters.restarts, stream.counters.lost) == (1, 0)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "counter"), [(1.0, "repeated"), (math.nan, "malformed"), (math.inf, "malformed")]
+)
+def test_package_with_an_old_or_impossible_stamp_is_no_sample(stamp, counter):
+    with talking() as (stream, send):
+        send(state_package(1.0))
+        assert next_sample(stream).timestamp == 1.0
+        send(state_package(stamp))
+        assert stream.receive(soon(0.1)) is None
+        assert getattr(stream.counters, counter) == 1
+        send(state_package(1.004))
+        assert next_sample(stream).timestamp == 1.004
+
+
+def test_text_and_a_broken_package_do_not_disturb(caplog):
+    body = b"\x05hallo" + b"\x03ctl" + b"\x02"
+    text = struct.pack(">HB", 3 + len(body), ord("M")) + body
+    with talking() as (stream, send), caplog.at_level("INFO"):
+        send(text + b"\x00\x04X\x00" + state_package(1.0))
+        assert next_sample(stream).timestamp == 1.0
+        assert (stream.counters.texts, stream.counters.malformed) == (1, 1)
+    assert "ctl: hallo" in caplog.text
+
+
+def test_three_broken_packages_in_a_row_end_the_stream():
+    with talking() as (stream, send):
+        send(b"\x00\x04X\x00" * 3)
+        with pytest.raises(ProtocolError, match="3 broken packages in a row"):
+            stream.receive(soon())
+
+
+def test_impossible_size_ends_the_stream():
+    with talking() as (stream, send):
+        send(b"\xff\xff\x55\x01")
+        with pytest.raises(ProtocolError, match="claims 65535 bytes"):
+            stream.receive(soon())
+
+
+@pytest.mark.parametrize(
+    ("answers", "error", "words"),
+    [
+        ({ord("S"): b"\x00\x04S\x00"}, ConnectionFailed, "refuses to start"),
+        (
+            {ord("O"): setup_reply(",".join(["NOT_FOUND"] * len(OUTPUTS)), 0)},
+            ConnectionFailed,
+            "lacks .*actual_q",
+        ),
+        (
+            {ord("O"): setup_reply(",".join(["IN_USE", *list(OUTPUTS.values())[1:]]), 0)},
+            ConnectionFailed,
+            r"timestamp \(IN_USE\)",
+        ),
+        ({ord("O"): setup_reply("DOUBLE")}, ProtocolError, "1 types in the answer"),
+        (
+            {ord("O"): setup_reply(",".join(["INT32", *list(OUTPUTS.values())[1:]]))},
+            ProtocolError,
+            "timestamp is announced as INT32",
+        ),
+        ({ord("V"): b"HTTP/1.1 400 Bad Request\r\n"}, ProtocolError, "claims"),
+        ({ord("v"): b"\x00\x04P\x01"}, ProtocolError, "controller version is StateReply"),
+    ],
+)
+def test_wrong_answers_are_explained(answers, error, words):
+    with peer({**ACCEPT, ord("O"): GOOD_SETUP, **answers}) as (port, _):
+        stream = RtdeStream("127.0.0.1", port=port)
+        with pytest.raises(error, match=words) as caught:
+            stream.open(soon())
+        stream.close()
+    assert f"127.0.0.1:{port}" in str(caught.value)
+    assert caught.value.remedy
+
+
+def test_version_2_is_not_insisted_on():
+    answers = {**ACCEPT, ord("V"): b"\x00\x04V\x00"}
+    types = ",".join(OUTPUTS.values()).encode()
+    answers[ord("O")] = struct.pack(">HB", 3 + len(types), ord("O")) + types
+    body = state_package(2.0)[4:]
+
+    with peer(answers) as (port, send), opened("127.0.0.1", port=port) as stream:
+        send(struct.pack(">HB", 3 + len(body), ord("U")) + body)
+        assert stream.protocol_version == 1
+        assert next_sample(stream).timestamp == 2.0
