@@ -1,0 +1,73 @@
+"""How figures are summed up and printed; nothing here knows what is measured."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rich.console import Console
+from rich.table import Table
+
+WIDTH = 110
+
+
+def options(description: str, **numbers: tuple[float, str]) -> argparse.Namespace:
+    """Parse the command line of a figure: each number has a default and a text."""
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    for name, (default, text) in numbers.items():
+        parser.add_argument(
+            f"--{name}", type=type(default), default=default, help=f"{text} (default: {default})"
+        )
+    return parser.parse_args()
+
+
+def spread(values: ArrayLike, scale: float = 1.0, digits: int = 0) -> list[str]:
+    """Return p50, p99 and maximum of `values` times `scale`, as text."""
+    array = np.asarray(values, dtype=float) * scale
+    if array.size == 0:
+        return ["-"] * 3
+    found = (np.median(array), np.percentile(array, 99), array.max())
+    return [f"{value:.{digits}f}" for value in found]
+
+
+def ratio(ours: float, theirs: float) -> str:
+    """Return how many times `theirs` goes into `ours`, as text."""
+    return f"{ours / theirs:.2f}" if theirs else "-"
+
+
+def machine() -> str:
+    """Return the line that says where a figure comes from."""
+    models = (
+        line.partition(":")[2].strip()
+        for line in Path("/proc/cpuinfo").read_text().splitlines()
+        if line.startswith("model name")
+    )
+    load = os.getloadavg()[0]
+    return (
+        f"{next(models, platform.processor())}, {os.cpu_count()} cores, Linux {platform.release()}, "
+        f"Python {platform.python_version()}, load {load:.1f}"
+    )
+
+
+def show(
+    title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], notes: Sequence[str] = ()
+) -> None:
+    """Print a table, the notes under it, and the machine."""
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for index, column in enumerate(columns):
+        table.add_column(column, justify="right" if index else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    console = Console(width=WIDTH, highlight=False)
+    console.print()
+    console.print(table)
+    for note in notes:
+        console.print(note, soft_wrap=True)
+    console.print(f"machine: {machine()}", soft_wrap=True)
