@@ -269,7 +269,8 @@ class ControlProcess:
         return None
 
     def _upload_script(self, request: Request) -> object:
-        calls, _ = self._interface()
+        calls, motion = self._interface()
+        motion.clear_command()
         calls.blocking("reuploadScript", allowed=UPLOAD_ALLOWANCE)
         self._upload = (request, time.monotonic() + PROGRAM_START_TIMEOUT)
         return _LATER

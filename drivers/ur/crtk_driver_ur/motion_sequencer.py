@@ -159,6 +159,14 @@ class MotionSequencer:
             self._calls.call(name, *arguments)
         self.motion = MotionKind.NONE
 
+    def clear_command(self) -> None:
+        """Take the last command of a stream out of the controller's register.
+
+        It stays there when the control program ends, and the next one would carry it out at once.
+        While no program runs, ur_rtde's answer to a kick of the watchdog is to clear it, and False.
+        """
+        self._calls.call("kickWatchdog")
+
     def program_restarted(self) -> None:
         """A new control program runs: nothing of the old one is left."""
         self.motion = MotionKind.NONE
@@ -291,6 +299,7 @@ class MotionSequencer:
         """Whether the control program runs; its end is reported once."""
         running = bool(self._calls.read("isProgramRunning"))
         if self._program_ran and not running:
+            self.clear_command()
             if self._pending is not None:
                 self._report(Event(EventKind.INTERRUPTED, self._pending.sequence))
             self.motion = MotionKind.NONE

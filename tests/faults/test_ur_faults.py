@@ -1,0 +1,533 @@
+"""Faults of a UR arm, its network and its driver: what state follows, and that nothing moves.
+
+The faults are those of the table F1 to F20 in the documentation that concern this driver.
+"""
+
+import math
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ur_bench import HOME, LONG, UrBench, driver_at, eventually, ur_bench
+
+from crtk_drivers.errors import CommandRefused, DeviceError, MotionAborted, TransitionFailed
+from crtk_sim_backends.ur import SIM
+
+RUNNING = 7
+PLAYING = 2
+FAR = [2.5, *HOME[1:]]
+SAMPLE_TIMEOUT = 1.0
+CONFIG = {"sample_timeout": SAMPLE_TIMEOUT, "open_timeout": 2.0}
+
+
+@pytest.fixture(scope="module")
+def shared():
+    with ur_bench(CONFIG) as bench:
+        yield bench
+
+
+@pytest.fixture
+def bench(shared: UrBench) -> UrBench:
+    shared.reset()
+    return shared
+
+
+def dashboard(bench: UrBench, command: str) -> str:
+    with socket.create_connection((bench.sim.host, 29999), LONG) as peer:
+        lines = peer.makefile("rw", newline="\n")
+        lines.readline()
+        lines.write(f"{command}\n")
+        lines.flush()
+        return lines.readline().strip()
+
+
+def restart_safety(bench: UrBench) -> None:
+    assert dashboard(bench, "restart safety") == "Restarting safety"
+
+
+def start_moving(bench: UrBench):
+    move = bench.arm.move_jp(FAR)
+    bench.until_moving()
+    return move
+
+
+def start_streaming(bench: UrBench) -> None:
+    deadline = time.monotonic() + LONG
+    while abs(bench.outputs("actual_qd")[0]) < 0.2:
+        assert time.monotonic() < deadline, "never: the arm follows the stream"
+        bench.arm.servo_jr([0.004, 0.0, 0.0, 0.0, 0.0, 0.0])
+        time.sleep(0.005)
+
+
+def assert_enables_at_rest(bench: UrBench) -> None:
+    """Enable (or resume) must work, move nothing, and start from where the arm is."""
+    with bench.nothing_moves():
+        bench.enable()
+        np.testing.assert_allclose(bench.arm.setpoint_jp(), bench.q(), atol=1e-3)
+    assert bench.outputs("runtime_state") == PLAYING
+    assert bench.arm.move_jr([-0.1, 0.0, 0.0, 0.0, 0.0, 0.0]).wait(LONG)
+
+
+# F12, F13, F14: the robot stops by itself, or somebody at the teach pendant takes over.
+
+
+@dataclass(frozen=True)
+class RobotFault:
+    """Something that happens to the robot while it moves, and what must follow.
+
+    `state` and `detail` are expected at once; `premature` says whether the state command that leads
+    back is refused while the fault lasts; `repair` is what a person does besides removing the cause.
+    """
+
+    kind: str
+    state: str
+    detail: str
+    parameters: dict = field(default_factory=dict)
+    premature: bool = False
+    repair: object = None
+
+
+ROBOT_FAULTS = (
+    RobotFault("protective_stop", "FAULT", "protective stop"),
+    RobotFault("freeze_joint", "FAULT", "protective stop", {"joint": 0}),
+    RobotFault("emergency_stop", "FAULT", "emergency stop", premature=True),
+    RobotFault("safeguard_stop", "PAUSED", "safeguard", premature=True),
+    RobotFault("local_control", "PAUSED", "teach pendant has control", premature=True),
+    RobotFault("stop_program", "PAUSED", "control program was stopped"),
+    RobotFault("pause_program", "PAUSED", "program was paused"),
+    RobotFault("script_error", "PAUSED", "control program was stopped"),
+    RobotFault("violation", "FAULT", "safety violation", repair=restart_safety),
+    RobotFault("safety_fault", "FAULT", "safety fault", repair=restart_safety),
+    RobotFault("power_loss", "DISABLED", "no power"),
+)
+
+
+@pytest.mark.parametrize("fault", ROBOT_FAULTS, ids=lambda fault: fault.kind)
+def test_robot_fault_under_motion(bench, fault):
+    move = start_moving(bench)
+    bench.sim.control.inject(fault.kind, **fault.parameters)
+    status = bench.until_state(fault.state, fault.detail)
+    assert not status.is_busy
+    with pytest.raises(MotionAborted, match="aborted"):
+        move.wait(LONG)
+    bench.until_still()
+    assert bench.q()[0] < FAR[0] - 0.1
+    with bench.refused("not_enabled", "move_jp"):
+        bench.arm.move_jp(HOME)
+    if fault.premature or fault.repair:
+        with (
+            bench.nothing_moves(),
+            pytest.raises((TransitionFailed, CommandRefused), match=fault.detail),
+        ):
+            bench.enable()
+        assert bench.status.state == fault.state
+    with bench.nothing_moves():
+        bench.sim.control.clear()
+        if fault.repair:
+            fault.repair(bench)
+        assert bench.watch(0.3) < 1e-3, "nothing moves because the fault is gone"
+        assert bench.status.state == fault.state, "only a command leads back"
+    assert_enables_at_rest(bench)
+    assert fault.state in bench.log.states
+
+
+def test_a_stream_is_cut_off_by_a_protective_stop(bench):
+    start_streaming(bench)
+    bench.sim.control.inject("protective_stop")
+    bench.until_state("FAULT", "protective stop")
+    bench.until_still()
+    with bench.refused("not_enabled", "servo_jr"):
+        bench.arm.servo_jr([0.001] * 6)
+    bench.arm.disable(timeout=LONG)
+    assert bench.status.state == "DISABLED"
+    with bench.nothing_moves():
+        bench.enable()
+
+
+@pytest.mark.parametrize(
+    ("servo", "value"),
+    [
+        ("servo_jr", [0.004, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        ("servo_jv", [0.5, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        ("servo_cv", [0.0, 0.2, 0.0, 0.0, 0.0, 0.5]),
+    ],
+)
+def test_nothing_of_a_stream_is_carried_out_by_the_next_program(bench, servo, value):
+    deadline = time.monotonic() + LONG
+    while np.abs(bench.outputs("actual_qd")).max() < 0.2:
+        assert time.monotonic() < deadline, "never: the arm follows the stream"
+        getattr(bench.arm, servo)(value)
+        time.sleep(0.005)
+    bench.sim.control.inject("stop_program")
+    bench.until_state("PAUSED", "control program was stopped")
+    bench.until_still()
+    with bench.nothing_moves():
+        bench.arm.resume(timeout=LONG)
+        assert bench.watch(0.3) < 1e-3
+
+
+# F1, F2, F5: the network.
+
+
+@dataclass(frozen=True)
+class LinkFault:
+    """Something that happens to the connections while the arm moves; `detail` of the FAULT."""
+
+    kind: str
+    detail: str
+    parameters: dict = field(default_factory=dict)
+
+
+LINK_FAULTS = {
+    "F1 closed by the controller": LinkFault("disconnect", "closed", {"port": "rtde"}),
+    "F1 closed, and closed again for a while": LinkFault(
+        "disconnect", "closed", {"port": "all", "duration": 1.5}
+    ),
+    "F2 silent": LinkFault("silence", "", {"port": "rtde", "duration": 3.0}),
+    "F2 the controller hangs": LinkFault("stall", "", {"duration": 3.0}),
+    "F5 corrupt": LinkFault(
+        "corrupt", "", {"port": "rtde", "every": 1, "direction": "out", "duration": 1.5}
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", LINK_FAULTS.values(), ids=LINK_FAULTS)
+def test_link_fault_under_motion(bench, fault):
+    move = start_moving(bench)
+    _, stamp = bench.arm.measured_js(extra=True)
+    assert stamp > 0.0
+    bench.sim.control.inject(fault.kind, **fault.parameters)
+    bench.until_state("FAULT", fault.detail)
+    with pytest.raises(MotionAborted, match="aborted"):
+        move.wait(LONG)
+    eventually(lambda: not bench.engine.connected, "the link is given up")
+    if bench.status.state == "FAULT" and not bench.engine.connected:
+        _, stamp = bench.arm.measured_js(age=0, extra=True)
+        assert stamp == 0.0 or bench.engine.connected, "old data is not stamped as fresh"
+    bench.until_connected()
+    bench.until_state("DISABLED")
+    bench.sim.control.clear()
+    bench.until_still()
+    assert bench.q()[0] < FAR[0] - 0.1
+    with bench.nothing_moves():
+        assert bench.watch(0.3) < 1e-3
+        with bench.refused("not_enabled", "move_jp"):
+            bench.arm.move_jp(HOME)
+    eventually(lambda: bench.arm.measured_js(extra=True)[1] > 0.0, "valid again")
+    assert_enables_at_rest(bench)
+
+
+def test_f1_every_command_says_that_there_is_no_connection(bench):
+    bench.sim.control.inject("disconnect", port="rtde", duration=60.0)
+    bench.until_state("FAULT")
+    eventually(lambda: not bench.engine.connected, "the link is given up")
+    with bench.refused("not_connected", "state_command"):
+        bench.arm.enable()
+    with bench.refused("not_enabled", "move_jp"):
+        bench.arm.move_jp(HOME)
+    assert "connected" in str(bench.log.refusals[-2])
+    bench.sim.control.clear()
+    bench.until_state("DISABLED")
+    assert bench.arm.health().reconnects >= 1
+
+
+def test_f3_a_peer_that_never_answers_is_told_and_tried_again():
+    with ur_bench({"open_timeout": 0.5}, start=False) as bench:
+        bench.sim.control.inject("no_answer", port="rtde")
+        bench.session.start()
+        status = bench.until_state("FAULT", "is not answered")
+        assert f"{bench.sim.host}:30004" in status.detail
+        assert "Check" in status.detail, "what to do"
+        with bench.refused("not_connected", "state_command"):
+            bench.arm.enable()
+        bench.sim.control.clear()
+        bench.until_state("DISABLED")
+
+
+def test_f3_a_controller_that_comes_later_is_found():
+    with SIM.spawn() as sim:
+        host = sim.host
+        sim.kill()
+        with driver_at(sim, start=False) as bench:
+            bench.session.start()
+            status = bench.until_state("FAULT", "cannot connect")
+            assert f"{host}:30004" in status.detail
+            with SIM.spawn(host=host) as second:
+                bench.sim = second
+                bench.until_state("DISABLED")
+                bench.enable()
+
+
+@pytest.mark.parametrize("size", [1, 7, 64])
+def test_f4_packages_in_pieces_are_the_same_packages(bench, size):
+    bench.sim.control.inject("split", port="rtde", size=size, direction="out")
+    before = bench.arm.health().device
+    samples = bench.arm.health().samples
+    eventually(lambda: bench.arm.health().samples > samples + 50, "samples go on")
+    np.testing.assert_allclose(bench.arm.measured_jp(), bench.q(), atol=1e-4)
+    assert bench.arm.health().device["packages malformed"] == before["packages malformed"]
+    assert bench.status.state == "ENABLED"
+    assert bench.arm.move_jp([0.1, *HOME[1:]]).wait(LONG)
+
+
+def test_a_lump_of_packages_is_no_burst_of_commands(bench):
+    bench.sim.control.inject("coalesce", port="rtde", seconds=0.05, direction="out")
+    assert bench.arm.move_jp([0.2, *HOME[1:]]).wait(LONG)
+    assert bench.status.state == "ENABLED"
+    assert bench.arm.health().device["packages skipped"] > 0
+
+
+def test_a_silent_dashboard_fails_enable_and_not_the_driver(bench):
+    bench.arm.disable(timeout=LONG)
+    bench.sim.control.inject("silence", port="dashboard")
+    with bench.nothing_moves(), pytest.raises(TransitionFailed):
+        bench.arm.enable(timeout=LONG)
+    bench.until_state("FAULT")
+    assert bench.engine.connected
+    bench.sim.control.clear()
+    assert_enables_at_rest(bench)
+
+
+# F16: processes that die or freeze. What stops the arm then is the controller's own watchdog.
+
+
+def travel_after_death(bench: UrBench, speed: float) -> float:
+    """The farthest that the arm may go after the driver died, rad.
+
+    It goes on for the declared time, then it stops as the controller does; the same again for the time
+    between looking and killing.
+    """
+    link_timeout = bench.engine.capabilities.stop.link_timeout
+    return 2.0 * speed * link_timeout + speed * speed / (2.0 * 2.0)
+
+
+@pytest.mark.parametrize("moving", [start_moving, start_streaming])
+def test_f16_killed_control_process(bench, moving):
+    move = moving(bench)
+    before, child = bench.q()[0], bench.child
+    speed = max(bench.outputs("target_qd")[0], 2.0 if move else 1.0)
+    os.kill(child, signal.SIGKILL)
+    status = bench.until_state("FAULT", "the control process")
+    assert "enabled again" in status.detail
+    if move is not None:
+        with pytest.raises(MotionAborted, match="the control process"):
+            move.wait(LONG)
+    bench.until_still()
+    assert bench.q()[0] - before < travel_after_death(bench, speed)
+    assert bench.engine.connected, "the state stream lives on"
+    eventually(lambda: bench.child not in (0, child), "another control process")
+    assert_enables_at_rest(bench)
+
+
+def test_f16_frozen_control_process(bench):
+    move = start_moving(bench)
+    child = bench.child
+    os.kill(child, signal.SIGSTOP)
+    bench.until_state("FAULT", "silent")
+    with pytest.raises(MotionAborted, match="silent"):
+        move.wait(LONG)
+    bench.until_still()
+    eventually(lambda: bench.child not in (0, child), "another control process")
+    assert_enables_at_rest(bench)
+
+
+def test_f16_disable_reaches_power_off_although_the_control_process_hangs(bench):
+    os.kill(bench.child, signal.SIGSTOP)
+    bench.arm.state_command("disable", timeout=0)
+    bench.until_state("DISABLED")
+    bench.until_outputs(robot_mode=(3,))
+    assert_enables_at_rest(bench)
+
+
+def test_f16_a_control_process_that_dies_again_and_again_is_started_slowly(bench):
+    starts = bench.arm.health().device["control process starts"]
+    began = time.monotonic()
+    for _ in range(3):
+        eventually(lambda: bench.child, "a control process")
+        child = bench.child
+        os.kill(child, signal.SIGKILL)
+        eventually(lambda c=child: bench.child != c, "its death is noticed")
+    eventually(lambda: bench.child, "a control process")
+    taken = time.monotonic() - began
+    assert bench.arm.health().device["control process starts"] - starts <= 1.0 + taken
+    bench.until_state("FAULT")
+    assert_enables_at_rest(bench)
+
+
+DRIVER = """
+import sys, time
+sys.path[:0] = {path!r}
+from ur_bench import HOME, SIM, driver_at
+
+class Sim:
+    host = {host!r}
+
+with driver_at(Sim()) as bench:
+    bench.enable()
+    if {servo}:
+        while True:
+            bench.arm.servo_jr([0.004, 0.0, 0.0, 0.0, 0.0, 0.0])
+            time.sleep(0.005)
+    bench.arm.move_jp({far!r})
+    time.sleep(1000.0)
+"""
+
+
+def driver_process(host: str, *, servo: bool) -> subprocess.Popen:
+    """A driver in a process of its own that enables the arm and moves it."""
+    path = [str(Path(__file__).parent.parent), *filter(None, sys.path)]
+    text = DRIVER.format(path=path, host=host, servo=servo, far=FAR)
+    return subprocess.Popen([sys.executable, "-c", text])
+
+
+@pytest.mark.parametrize("servo", [False, True], ids=["move", "stream"])
+def test_f16_f19_killed_driver_and_its_restart(servo):
+    with SIM.spawn() as sim, driver_at(sim, CONFIG, start=False) as bench:
+        process = driver_process(sim.host, servo=servo)
+        try:
+            bench.until_moving()
+            before = bench.q()[0]
+            speed = max(bench.outputs("target_qd")[0], 1.0 if servo else 2.0)
+        finally:
+            process.kill()
+            process.wait()
+        bench.until_still()
+        assert bench.q()[0] - before < travel_after_death(bench, speed)
+        assert bench.outputs("robot_mode") == RUNNING, "the arm holds"
+        with bench.nothing_moves():
+            bench.session.start()
+            bench.until_connected()
+            bench.until_state("DISABLED")
+            assert bench.watch(0.5) < 1e-3, "nothing moves because of a restart"
+        assert_enables_at_rest(bench)
+
+
+def test_f16_a_frozen_driver_stops_the_arm():
+    with SIM.spawn() as sim, driver_at(sim, CONFIG, start=False) as bench:
+        process = driver_process(sim.host, servo=False)
+        try:
+            bench.until_moving()
+            process.send_signal(signal.SIGSTOP)
+            bench.until_still()
+            assert bench.q()[0] < FAR[0] - 0.1
+        finally:
+            process.kill()
+            process.wait()
+
+
+def test_f16_dead_robot_under_motion_is_a_fault_and_close_is_quick():
+    with SIM.spawn() as sim:
+        with driver_at(sim, CONFIG) as bench:
+            bench.enable()
+            move = start_moving(bench)
+            sim.suspend()
+            bench.until_state("FAULT")
+            with pytest.raises(MotionAborted, match="aborted"):
+                move.wait(LONG)
+            began = time.monotonic()
+            bench.arm.close()
+            # The library alone would block for 301 s (facts of ur_rtde); the promise is 2 s.
+            assert time.monotonic() - began < 10.0
+        assert not [t for t in threading.enumerate() if sim.host in t.name]
+
+
+def test_f16_robot_without_power_under_motion():
+    with SIM.spawn() as sim, driver_at(sim, CONFIG) as bench:
+        bench.enable()
+        move = start_moving(bench)
+        sim.kill()
+        bench.until_state("FAULT")
+        with pytest.raises(MotionAborted, match="aborted"):
+            move.wait(LONG)
+        assert bench.arm.measured_js(age=0, extra=True)[1] == 0.0
+
+
+# F17, F18: the driver's own threads and clock.
+
+
+def test_f17_stuck_io_thread_is_a_fault_and_the_arm_stops(bench, monkeypatch):
+    move = start_moving(bench)
+    release = threading.Event()
+    read = bench.device.read
+
+    def stuck(deadline):
+        release.wait(LONG)
+        return read(deadline)
+
+    monkeypatch.setattr(bench.device, "read", stuck)
+    try:
+        bench.until_state("FAULT", "stuck")
+        with pytest.raises(MotionAborted, match="stuck"):
+            move.wait(LONG)
+        bench.until_still()
+        assert bench.q()[0] < FAR[0] - 0.1
+        bench.arm.measured_js(age=0)
+        assert bench.arm.measured_js(age=0, extra=True)[1] == 0.0
+    finally:
+        monkeypatch.undo()
+        release.set()
+    assert bench.watch(0.3) < 1e-3
+    eventually(lambda: bench.arm.measured_js(age=0, extra=True)[1] > 0.0, "samples again")
+    assert bench.status.state == "FAULT"
+    assert_enables_at_rest(bench)
+
+
+def test_f17_an_error_in_the_io_thread_is_a_fault_and_it_goes_on(bench, monkeypatch):
+    def broken(deadline):
+        raise RuntimeError("a defect")
+
+    start_moving(bench)
+    monkeypatch.setattr(bench.device, "read", broken)
+    bench.until_state("FAULT", "a defect")
+    monkeypatch.undo()
+    bench.until_state("DISABLED")
+    bench.until_still()
+    assert bench.q()[0] < FAR[0] - 0.1
+    assert_enables_at_rest(bench)
+
+
+@pytest.mark.parametrize("jump", [3600.0, -3600.0])
+def test_f18_clock_jump(bench, monkeypatch, jump):
+    move = start_moving(bench)
+    wall = time.time_ns
+    _, before = bench.arm.measured_js(extra=True)
+    monkeypatch.setattr(time, "time_ns", lambda: wall() + int(jump * 1e9))
+    eventually(
+        lambda: abs(bench.arm.measured_js(extra=True)[1] - before - jump) < 60.0, "stamps jump"
+    )
+    assert move.wait(LONG), "monotonic deadlines are untouched"
+    assert bench.arm.wait_for_busy(False, LONG)
+    bench.arm.pause(timeout=LONG)
+    bench.arm.resume(timeout=LONG)
+    assert bench.status.state == "ENABLED"
+    assert bench.log.stamps == sorted(set(bench.log.stamps)), "of operating_state, increasing"
+
+
+# F20
+
+
+def test_f20_a_second_writer_is_refused_by_name_of_the_cause():
+    with SIM.spawn() as sim, driver_at(sim, CONFIG) as first, driver_at(sim, CONFIG) as second:
+        first.enable()
+        with first.nothing_moves():
+            with pytest.raises((CommandRefused, DeviceError), match="another program"):
+                second.enable()
+            assert first.status.state == "ENABLED"
+        first.arm.pause(timeout=LONG)
+        assert first.arm.measured_js().position.size == 6
+        # Its program gone, its registers still claimed.
+        first.sim.control.inject("stop_program")
+        first.until_outputs(runtime_state=(1,))
+        with pytest.raises(TransitionFailed, match="in use"):
+            second.enable()
+        assert "close it" in second.until_state("FAULT").detail
+        first.enable()
+        assert math.isclose(first.arm.setpoint_jp()[0], first.q()[0], abs_tol=1e-3)
