@@ -18,6 +18,7 @@ from crtk_msgs.msg import OperatingState, StringStamped
 from crtk_msgs.srv import QueryForwardKinematics, QueryInverseKinematics, TriggerOperatingState
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
@@ -118,6 +119,7 @@ class RosClient:
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node("test_client", context=self._context)
         self.inboxes: dict[str, Inbox] = {}
+        self.state_stamps: list[int] = []
         self._state_stamp = 0
         for name, kind in PUBLISHED.items():
             self._listen(name, f"{namespace}/{name}", kind, RELIABLE)
@@ -150,6 +152,7 @@ class RosClient:
 
     def _newer_state(self, inbox: Inbox) -> Callable[[Any], None]:
         def receive(message: Any) -> None:
+            self.state_stamps.append(stamp_ns(message))
             if stamp_ns(message) > self._state_stamp:
                 self._state_stamp = stamp_ns(message)
                 inbox(message)
@@ -193,6 +196,13 @@ class RosClient:
         future.add_done_callback(lambda _: done.set())
         assert done.wait(TIMEOUT), f"{name} did not answer"
         return future.result()
+
+    def set_parameter(self, name: str, value: float) -> bool:
+        """Set a parameter of the node and return whether it was accepted."""
+        number = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+        request = SetParameters.Request(parameters=[Parameter(name=name, value=number)])
+        response = self.call("crtk_driver/set_parameters", request)
+        return bool(response.results[0].successful)
 
     # ------------------------------------------------------------------------------ operating state
 

@@ -1,6 +1,6 @@
 """Bad inputs over real topics: each is refused with its reason, nothing is sent, the node goes on.
 
-The numbers I1 to I20 are those of the list of bad inputs in docs/ros2.md.
+Each has the number that it has in the project's list of bad inputs (I1 to I20).
 """
 
 from __future__ import annotations

@@ -2,37 +2,41 @@
 
 from __future__ import annotations
 
+import time
 from itertools import pairwise
 
 import pytest
 from crtk_msgs.srv import QueryForwardKinematics, QueryInverseKinematics, TriggerOperatingState
-from rcl_interfaces.msg import Parameter, ParameterValue
-from rcl_interfaces.srv import DescribeParameters, SetParameters
+from rcl_interfaces.srv import DescribeParameters
 from ros_client import RosClient, stamp_ns
 from ros_rig import Rig, rig_of, serve, until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
+from crtk_drivers.samples import Stamp
+from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.testing.loopback import LoopbackConfig
-
-DOUBLE = 3
-
-
-def set_parameter(rig: Rig, name: str, value: float) -> bool:
-    parameter = Parameter(name=name, value=ParameterValue(type=DOUBLE, double_value=value))
-    request = SetParameters.Request(parameters=[parameter])
-    response = rig.client.call("crtk_driver/set_parameters", request)
-    return bool(response.results[0].successful)
 
 
 def test_heartbeat_has_strictly_increasing_stamps(rig: Rig) -> None:
     inbox = rig.client["operating_state"]
     start = inbox.mark()
     inbox.wait(since=start + 5)
-    stamps = [stamp_ns(m) for m in inbox.messages]
+    stamps = rig.client.state_stamps
     assert all(a < b for a, b in pairwise(stamps))
     assert stamps[0] > 0
+
+
+def test_stamps_increase_although_the_clock_jumps_back(rig: Rig) -> None:
+    """F18."""
+    inbox = rig.client["operating_state"]
+    since = inbox.mark()
+    hour_ago = Stamp(time.time_ns() - 3600 * 10**9, time.monotonic())
+    status = Status(OperatingState.PAUSED, True, False, "")
+    rig.serving.driver._listener.status_changed(status, hour_ago)
+    inbox.wait(lambda m: m.state == "PAUSED", since)
+    assert all(a < b for a, b in pairwise(rig.client.state_stamps))
 
 
 def test_every_transition(rig: Rig) -> None:
@@ -149,10 +153,10 @@ def test_parameters_have_descriptions_and_ranges(rig: Rig) -> None:
 
 def test_rates_change_while_it_runs(rig: Rig) -> None:
     inbox = rig.client["crtk_driver/crtk_capabilities"]
-    assert set_parameter(rig, "publish_rate", 7.0)
+    assert rig.client.set_parameter("publish_rate", 7.0)
     assert '"publish": 7.0' in inbox.wait(lambda m: '"publish": 7.0' in m.data).data
-    assert not set_parameter(rig, "publish_rate", -1.0)
-    assert not set_parameter(rig, "publish_rate", 1e9)
-    assert not set_parameter(rig, "heartbeat_rate", 100.0)
+    assert not rig.client.set_parameter("publish_rate", -1.0)
+    assert not rig.client.set_parameter("publish_rate", 1e9)
+    assert not rig.client.set_parameter("heartbeat_rate", 100.0)
     assert rig.serving.driver.node.get_parameter("publish_rate").value == 7.0
-    assert set_parameter(rig, "publish_rate", 100.0)
+    assert rig.client.set_parameter("publish_rate", 100.0)

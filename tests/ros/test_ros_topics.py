@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import time
+from collections.abc import Iterator
 
 from geometry_msgs.msg import PoseStamped, TwistStamped, Vector3
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
@@ -12,7 +14,9 @@ from ros_rig import Rig, rig_of, serve, until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
-from crtk_drivers.testing.loopback import LoopbackConfig
+from crtk_drivers.engine import Engine
+from crtk_drivers.ros.feedback import coherent
+from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 
 JOINTS = ["x", "y", "z", "yaw"]
 NEVER_OFFERED = ("servo_cf", "interpolate_jp", "interpolate_cp", "move_cr", "servo_cs", "goal_cv")
@@ -59,6 +63,31 @@ def test_feedback_of_one_sample_has_one_stamp(rig: Rig) -> None:
         assert len(stamps[0] & other) > 10
 
 
+def test_a_sample_that_comes_in_between_is_noticed() -> None:
+    device = LoopbackDevice()
+    engine = Engine(device, "loopback")
+    engine.connect(time.monotonic() + 1.0)
+    engine.cycle(time.monotonic())
+
+    class Names(list[str]):
+        """Names between two of which, the first time, a new sample arrives."""
+
+        interrupted = False
+
+        def __iter__(self) -> Iterator[str]:
+            for name in super().__iter__():
+                yield name
+                if not self.interrupted:
+                    self.interrupted = True
+                    engine.cycle(time.monotonic())
+
+    names = Names(["measured_js", "measured_cp", "measured_cv"])
+    stamps = {found[1].wall_ns for found in coherent(engine, names).values() if found}
+    assert names.interrupted
+    assert len(stamps) == 1
+    engine.shut_down()
+
+
 def test_a_stamp_is_when_the_sample_was_taken(rig: Rig) -> None:
     found = rig.session.engine.feedback("measured_js")
     assert found is not None
@@ -84,7 +113,8 @@ def test_frames_carry_the_namespace(rig: Rig) -> None:
 def test_tf_is_measured_cp_and_never_local(rig: Rig) -> None:
     prefix = rig.client.namespace.strip("/")
     inbox = rig.client["/tf"]
-    inbox.wait(since=inbox.mark() + 3)
+    assert rig.client.set_parameter("tf_rate", 400.0)  # samples come at 100 Hz
+    inbox.wait(since=inbox.mark() + 30)
     frames = {(t.header.frame_id, t.child_frame_id) for m in inbox.messages for t in m.transforms}
     assert frames == {(f"{prefix}/base", f"{prefix}/tool")}
     stamps = [stamp_ns(m.transforms[0]) for m in inbox.messages]
