@@ -1,0 +1,113 @@
+"""The mailbox between clients and the I/O thread."""
+
+import threading
+
+import pytest
+
+from crtk_drivers.arbiter import Arbiter, Order
+from crtk_drivers.device import Goal, Mode, Setpoint
+from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.moves import Move
+from crtk_drivers.samples import vector
+
+
+def position(*values: float) -> Order:
+    return Order("servo_jp", Setpoint(Mode.JOINT_POSITION, vector(values)))
+
+
+def increment(*values: float) -> Order:
+    return Order("servo_jr", increment=vector(values))
+
+
+def move() -> Order:
+    return Order("move_jp", goal=Goal(joints=vector((0.0,))), move=Move("move_jp"))
+
+
+def test_it_is_one_deep_and_gives_each_order_once() -> None:
+    arbiter = Arbiter(0.1, "here")
+    assert arbiter.take() is None
+    arbiter.put(position(1.0), 0.0)
+    newest = position(2.0)
+    arbiter.put(newest, 0.0)
+    assert arbiter.take() is newest
+    assert arbiter.take() is None
+
+
+def test_increments_are_summed_and_start_anew_once_taken() -> None:
+    arbiter = Arbiter(0.1, "here")
+    for _ in range(3):
+        arbiter.put(increment(0.5, -1.0), 0.0)
+    order = arbiter.take()
+    assert order is not None
+    assert order.increment.tolist() == [1.5, -3.0]
+    arbiter.put(increment(0.5, 0.0), 0.0)
+    order = arbiter.take()
+    assert order is not None
+    assert order.increment.tolist() == [0.5, 0.0]
+
+
+def test_an_increment_onto_a_waiting_position_moves_that() -> None:
+    arbiter = Arbiter(0.0, "here")
+    arbiter.put(position(1.0, 2.0), 0.0)
+    arbiter.put(increment(0.5, 0.5), 1.0)
+    order = arbiter.take()
+    assert order is not None
+    assert order.setpoint is not None
+    assert order.setpoint.values.tolist() == [1.5, 2.5]
+    assert not order.increment.size
+
+
+def test_no_increment_is_lost_between_two_threads() -> None:
+    arbiter = Arbiter(0.1, "here")
+    ready, total = threading.Event(), [0.0]
+
+    def send() -> None:
+        ready.wait()
+        for _ in range(2000):
+            arbiter.put(increment(1.0), 0.0)
+
+    clients = [threading.Thread(target=send) for _ in range(3)]
+    for client in clients:
+        client.start()
+    ready.set()
+    while any(client.is_alive() for client in clients):
+        order = arbiter.take()
+        total[0] += order.increment[0] if order else 0.0
+    order = arbiter.take()
+    assert total[0] + (order.increment[0] if order else 0.0) == 6000.0
+
+
+def test_a_move_that_is_replaced_or_forgotten_is_handed_back() -> None:
+    arbiter = Arbiter(0.1, "here")
+    first, second = move(), move()
+    assert arbiter.put(first, 0.0) is None
+    assert arbiter.move_waits
+    assert arbiter.put(second, 0.0) is first.move
+    assert arbiter.clear() is second.move
+    assert not arbiter.move_waits
+    assert arbiter.clear() is None
+
+
+def test_another_stream_takes_over_after_the_dwell_only() -> None:
+    arbiter = Arbiter(0.1, "here")
+    arbiter.put(position(0.0), 10.0)
+    with pytest.raises(CommandRefused, match="a stream of servo_jp is running") as caught:
+        arbiter.put(increment(0.0), 10.09)
+    assert caught.value.reason is Reason.MODE_SWITCH
+    order = arbiter.take()
+    assert order is not None
+    assert order.name == "servo_jp", "the refused one left the mailbox as it was"
+    arbiter.put(position(0.0), 10.09)
+    with pytest.raises(CommandRefused):
+        arbiter.put(increment(0.0), 10.18)
+    arbiter.put(increment(0.0), 10.2)
+    with pytest.raises(CommandRefused):
+        arbiter.put(position(0.0), 10.2)
+
+
+@pytest.mark.parametrize("other", [Order("hold"), Order("free"), move()])
+def test_what_is_no_stream_ends_one_at_once(other: Order) -> None:
+    arbiter = Arbiter(0.1, "here")
+    arbiter.put(position(0.0), 0.0)
+    arbiter.put(other, 0.0)
+    arbiter.put(increment(0.0), 0.0)

@@ -1,0 +1,119 @@
+"""What a device offers follows from what it declares."""
+
+import math
+from typing import Any
+
+import pytest
+from engine_rig import LIMIT, two_joints
+
+from crtk_drivers.capabilities import missing_for, offered
+from crtk_drivers.commands import COMMANDS
+from crtk_drivers.device import Capabilities, CartesianLimits, JointLimits, Mode
+
+STATE = {"operating_state", "state_command"}
+JOINT_MOTION = {"servo_jp", "servo_jr", "move_jp", "move_jr", "hold", "setpoint_js", "goal_js"}
+KINEMATICS = {"jacobian", "forward_kinematics", "inverse_kinematics"}
+WITH_KINEMATICS = KINEMATICS | {"servo_cp", "move_cp", "setpoint_cp", "goal_cp"}
+BARE = {
+    "modes": frozenset[Mode](),
+    "has_kinematics": False,
+    "has_free": False,
+    "measured": ("measured_js",),
+}
+POSITION = frozenset({Mode.JOINT_POSITION})
+
+CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
+    "a sensor": (
+        {"joints": (), "limits": (), "measured": ("measured_cf", "local/measured_cf")},
+        {"measured_cf", "local/measured_cf"},
+    ),
+    "an encoder": ({}, {"measured_js"}),
+    "positions": ({"modes": POSITION}, {"measured_js"} | JOINT_MOTION),
+    "positions and kinematics": (
+        {"modes": POSITION, "has_kinematics": True},
+        {"measured_js"} | JOINT_MOTION | WITH_KINEMATICS,
+    ),
+    "velocities": (
+        {"modes": frozenset({Mode.JOINT_VELOCITY})},
+        {"measured_js", "servo_jv", "hold", "setpoint_js"},
+    ),
+    "efforts": (
+        {"modes": frozenset({Mode.JOINT_EFFORT}), "has_free": True},
+        {"measured_js", "servo_jf", "hold", "setpoint_js", "free"},
+    ),
+    "its own moves": (
+        {"native_moves": frozenset({"move_jp"})},
+        {"measured_js", "move_jp", "move_jr", "hold", "setpoint_js", "goal_js"},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_offered(case: str) -> None:
+    changes, names = CASES[case]
+    found = offered(two_joints(**(BARE | changes)))
+    assert set(found) == names | STATE
+    order = list(COMMANDS)
+    ranks = [order.index(name.rpartition("/")[2]) for name in found]
+    assert ranks == sorted(ranks)
+
+
+def test_what_is_missing_is_said_in_words() -> None:
+    encoder = two_joints(**BARE)
+    assert missing_for("servo_jp", encoder) == "It would need joint position."
+    assert "Cartesian position, or joint position and kinematics" in missing_for(
+        "servo_cp", encoder
+    )
+    assert missing_for("interpolate_jp", encoder) == "It is not implemented for any device yet."
+    assert missing_for("measured_cf", encoder) == "Its samples hold no such value."
+    assert missing_for("dance", encoder) == "There is no such CRTK command."
+
+
+INCOHERENT: dict[str, tuple[dict[str, Any], str]] = {
+    "limits": ({"limits": (LIMIT,)}, "1 limits for 2 joints"),
+    "names twice": ({"joints": ("a", "a")}, "names of their own"),
+    "no name": ({"joints": ("a", "")}, "names of their own"),
+    "no rate": ({"rate": 0.0}, "rate"),
+    "endless rate": ({"rate": math.inf}, "rate"),
+    "rate is not a number": ({"rate": math.nan}, "rate"),
+    "no time": ({"transition_timeout": 0.0}, "transition_timeout"),
+    "no such feedback": ({"measured": ("measured_js", "measured_xy")}, "measured_xy"),
+    "a command as feedback": ({"measured": ("measured_js", "servo_jp")}, "servo_jp"),
+    "blind": ({"measured": ("measured_cp",)}, "measured_js"),
+    "no such move": ({"native_moves": frozenset({"move_jr"})}, "move_jr"),
+    "twists without limits": ({"cartesian_limits": None}, "cartesian_limits"),
+    "wrenches without limits": (
+        {"cartesian_limits": CartesianLimits(1.0, 1.0, 1.0, 1.0)},
+        "force and torque",
+    ),
+    "joints without joints": (
+        {"joints": (), "limits": (), "modes": frozenset[Mode](), "measured": ("measured_js",)},
+        "measured_js without joints",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", INCOHERENT)
+def test_capabilities_that_contradict_each_other_are_refused(case: str) -> None:
+    changes, text = INCOHERENT[case]
+    with pytest.raises(ValueError, match=text):
+        two_joints(**changes)
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        (1.0, -1.0, 1, 1, 1, 1),
+        (math.nan, 1.0, 1, 1, 1, 1),
+        (-1.0, 1.0, 0, 1, 1, 1),
+        (-1.0, 1.0, 1, math.nan, 1, 1),
+        (-1.0, 1.0, 1, 1, 1, -1),
+    ],
+)
+def test_limits_that_limit_nothing_are_refused(numbers: tuple[float, ...]) -> None:
+    with pytest.raises(ValueError, match="limit"):
+        JointLimits(*numbers)
+
+
+def test_a_device_with_nothing_is_possible() -> None:
+    assert set(offered(Capabilities(measured=()))) == STATE

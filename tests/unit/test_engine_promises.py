@@ -1,0 +1,186 @@
+"""Random sequences of commands, losses and faults against the promises of the engine.
+
+1. Nothing reaches the hardware unless ENABLED, validated and limited.
+3. Nothing moves because of connect, enable, reconnect or restart.
+4. Stale data is never stamped fresh.
+"""
+
+import math
+
+import numpy as np
+from engine_rig import PERIOD, Rig, jf, jp, jv, pose
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from crtk_drivers.device import Condition, Mode, Setpoint
+from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceFault
+from crtk_drivers.moves import Move
+from crtk_drivers.state import OperatingState, StateCommand
+
+number = st.floats(-1.5, 1.5) | st.sampled_from([math.nan, math.inf, 0.0, 0.01, -0.01])
+small = st.floats(-0.05, 0.05)
+
+
+class Promises(RuleBasedStateMachine):
+    def __init__(self) -> None:
+        super().__init__()
+        self.rig = Rig()
+        self.moves: list[Move] = []
+        self.commanded = False
+        device = self.rig.device
+        record = device.write
+
+        def write(setpoint: Setpoint) -> None:
+            self.judge(setpoint)
+            record(setpoint)
+
+        device.write = write  # type: ignore[method-assign]
+
+    def judge(self, setpoint: Setpoint) -> None:
+        assert self.rig.state is OperatingState.ENABLED
+        assert self.rig.engine.connected
+        assert self.commanded, "written without a command since the device was enabled"
+        values = setpoint.values
+        assert np.isfinite(values).all()
+        if setpoint.mode is Mode.JOINT_POSITION:
+            assert np.abs(values).max() <= 1.0 + 1e-12
+            assert np.abs(values - self.rig.device.position).max() <= 0.1 + 1e-9
+        elif setpoint.mode is Mode.JOINT_VELOCITY:
+            assert np.abs(values).max() <= 1.0
+        else:
+            assert np.abs(values).max() <= 5.0
+
+    def submit(self, name: str, value: object) -> None:
+        try:
+            move = self.rig.engine.submit(name, value)  # type: ignore[arg-type]
+        except CommandRefused:
+            return
+        self.commanded = True
+        if move is not None:
+            self.moves.append(move)
+
+    @rule(a=number, b=number, name=st.sampled_from(["servo_jp", "servo_jr", "move_jp", "move_jr"]))
+    def any_position(self, a: float, b: float, name: str) -> None:
+        self.submit(name, jp(a, b))
+
+    @rule(a=small, b=small)
+    def near_position(self, a: float, b: float) -> None:
+        place = self.rig.device.position
+        self.submit("servo_jp", jp(place[0] + a, place[1] + b))
+
+    @rule(a=number, b=number)
+    def velocity(self, a: float, b: float) -> None:
+        self.submit("servo_jv", jv(a, b))
+
+    @rule(a=number, b=number)
+    def effort(self, a: float, b: float) -> None:
+        self.submit("servo_jf", jf(a, b))
+
+    @rule(a=st.floats(-1.5, 1.5), name=st.sampled_from(["servo_cp", "move_cp"]))
+    def cartesian(self, a: float, name: str) -> None:
+        self.submit(name, pose(a))
+
+    @rule(name=st.sampled_from(["hold", "free"]))
+    def plain(self, name: str) -> None:
+        self.submit(name, None)
+
+    @rule(command=st.sampled_from([*StateCommand, StateCommand.ENABLE, StateCommand.ENABLE]))
+    def state_command(self, command: StateCommand) -> None:
+        before = self.rig.state
+        try:
+            self.rig.engine.state_command(command)
+        except CommandRefused:
+            assert self.rig.state is before
+
+    @rule(count=st.integers(1, 30))
+    def cycle(self, count: int) -> None:
+        for _ in range(count):
+            before = self.rig.state
+            if self.rig.engine.connected:
+                try:
+                    self.rig.cycle()
+                except ConnectionLost as error:
+                    self.rig.engine.disconnect(str(error))
+            if self.rig.state is OperatingState.ENABLED is not before:
+                self.commanded = False
+
+    @rule()
+    def late_cycle(self) -> None:
+        if self.rig.engine.connected and not self.rig.device.silent:
+            writes = len(self.rig.written)
+            self.rig.cycle(period=20 * PERIOD)
+            assert len(self.rig.written) <= writes + 1
+
+    @rule(moved=st.booleans())
+    def lose_the_link(self, moved: bool) -> None:
+        if self.rig.engine.connected:
+            self.rig.engine.disconnect("cable pulled")
+            assert self.rig.state is OperatingState.FAULT
+            if moved:
+                self.rig.device.position = np.array([0.5, -0.5])
+
+    @precondition(lambda self: not self.rig.engine.connected)
+    @rule()
+    def reconnect(self) -> None:
+        writes = len(self.rig.written)
+        self.rig.engine.connect(self.rig.clock() + 1.0)
+        assert self.rig.state is OperatingState.DISABLED
+        assert len(self.rig.written) == writes
+
+    @rule(silent=st.booleans())
+    def fall_silent(self, silent: bool) -> None:
+        self.rig.device.silent = silent
+
+    @rule(state=st.sampled_from([OperatingState.ENABLED, *OperatingState]))
+    def condition(self, state: OperatingState) -> None:
+        self.rig.device.reported = Condition(state, f"says {state}")
+
+    @rule(broken=st.booleans())
+    def break_writing(self, broken: bool) -> None:
+        if broken:
+            self.rig.device.fail["write"] = DeviceFault("overload")
+        else:
+            self.rig.device.fail.pop("write", None)
+
+    @rule()
+    def alarm(self) -> None:
+        self.rig.engine.alarm("stuck")
+        assert self.rig.state is OperatingState.FAULT
+
+    @invariant()
+    def moves_end(self) -> None:
+        running = [move for move in self.moves if not _ended(move)]
+        assert len(running) <= 1
+        idle = self.rig.engine.transition_ended
+        if self.rig.state is not OperatingState.ENABLED and idle:
+            assert not running
+            assert not self.rig.engine.status.is_busy
+        if running:
+            assert self.rig.engine.status.is_busy
+
+    @invariant()
+    def stale_data_is_never_fresh(self) -> None:
+        for name in ("measured_js", "measured_cp", "setpoint_js", "setpoint_cp"):
+            found = self.rig.engine.feedback(name)
+            if found is not None and found[1].wall_ns:
+                assert self.rig.clock() - found[1].monotonic <= 0.05 + 1e-9
+                assert self.rig.engine.connected
+
+    @invariant()
+    def stamps_increase(self) -> None:
+        stamps = [stamp.wall_ns for _, stamp in self.rig.told.statuses]
+        assert stamps == sorted(set(stamps))
+
+    def teardown(self) -> None:
+        self.rig.engine.shut_down()
+        assert all(_ended(move) for move in self.moves)
+        assert self.rig.device.calls[-1] == "close"
+
+
+def _ended(move: Move) -> bool:
+    return move.outcome != "running"
+
+
+TestPromises = Promises.TestCase
+TestPromises.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)

@@ -1,0 +1,221 @@
+"""The plain Python front, over a session with the loopback device."""
+
+import logging
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from crtk_drivers.device import Steps
+from crtk_drivers.errors import (
+    CommandRefused,
+    DataTimeout,
+    KinematicsError,
+    MotionAborted,
+    Reason,
+    TransitionFailed,
+)
+from crtk_drivers.front import LocalDevice
+from crtk_drivers.samples import JointState, Pose, Twist, Wrench, vector
+from crtk_drivers.session import Session
+from crtk_drivers.state import OperatingState
+from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
+
+
+@pytest.fixture
+def arm() -> Iterator[LocalDevice]:
+    session = Session(PLUGIN, LoopbackConfig(rate=200.0, needs_homing=True))
+    with LocalDevice(session) as arm:
+        session.start()
+        arm.measured_js(wait=5.0)
+        yield arm
+
+
+def device_of(arm: LocalDevice) -> LoopbackDevice:
+    device = arm.engine.device
+    assert isinstance(device, LoopbackDevice)
+    return device
+
+
+def test_the_offered_names_are_methods(arm: LocalDevice) -> None:
+    for name in arm.crtk_commands:
+        owner = arm
+        for part in name.split("/"):
+            owner = getattr(owner, part)
+        assert callable(owner)
+        assert owner.__doc__
+    assert arm.local.measured_cp().frame_id == "local"
+
+
+def test_a_name_that_is_not_offered_is_absent_and_says_what_is_missing(arm: LocalDevice) -> None:
+    assert not hasattr(arm, "servo_cf")
+    with pytest.raises(AttributeError, match=r"does not offer servo_cf. It would need Cartesian"):
+        arm.servo_cf([0.0] * 6)
+    with pytest.raises(AttributeError, match="not implemented for any device yet"):
+        arm.interpolate_jp([0.0] * 4)
+    with pytest.raises(AttributeError, match="LocalDevice has no attribute 'dance'"):
+        arm.dance()
+
+
+def test_the_readme_example(arm: LocalDevice) -> None:
+    arm.enable()
+    assert arm.is_enabled()
+    goal = arm.setpoint_js().position + 0.05
+    assert arm.move_jp(goal).wait(5.0)
+    assert arm.setpoint_jp() == pytest.approx(goal)
+    assert arm.goal_js().position == pytest.approx(goal)
+    assert not arm.is_busy()
+    arm.disable()
+    assert arm.operating_state().state is OperatingState.DISABLED
+
+
+def test_values_may_be_lists_arrays_or_payloads(arm: LocalDevice) -> None:
+    arm.enable()
+    for value in ([0.01] * 4, np.full(4, 0.01), JointState(position=vector([0.01] * 4))):
+        arm.servo_jp(value)
+    arm.hold()
+    arm.servo_cv([0.01, 0, 0, 0, 0, 0])
+    arm.servo_cv(Twist(vector((0.01, 0, 0)), vector((0, 0, 0))))
+    arm.hold()
+    arm.servo_cp([*arm.measured_cp().position, 0, 0, 0, 1])
+
+
+@pytest.mark.parametrize("value", ["text", None, [[0.0]], {"a": 1}, 3.0, [None] * 4])
+def test_what_is_no_payload_is_refused_and_counted(arm: LocalDevice, value: object) -> None:
+    arm.enable()
+    with pytest.raises(CommandRefused) as caught:
+        arm.servo_jp(value)
+    assert caught.value.reason in (Reason.WRONG_TYPE, Reason.NOT_FINITE)
+    assert caught.value.remedy
+    assert sum(arm.health().refusals.values()) == 1
+
+
+@pytest.mark.parametrize("numbers", [3, 6, 8])
+def test_a_pose_has_seven_numbers(arm: LocalDevice, numbers: int) -> None:
+    arm.enable()
+    with pytest.raises(CommandRefused, match="7 numbers"):
+        arm.move_cp([0.0] * numbers)
+
+
+def test_feedback_waits_for_what_is_fresh_and_age_zero_takes_what_there_is(
+    arm: LocalDevice,
+) -> None:
+    value, stamp = arm.measured_js(extra=True)
+    assert value.position.shape == (4,)
+    assert abs(stamp - time.time()) < 60.0
+    assert arm.measured_jp().tolist() == value.position.tolist()
+    device_of(arm).silent = True
+    assert arm.wait_for_operating_state("FAULT", 5.0)
+    begin = time.monotonic()
+    with pytest.raises(DataTimeout, match=r"measured_js: nothing valid .* FAULT"):
+        arm.measured_js(wait=0.05)
+    assert time.monotonic() - begin >= 0.05
+    assert arm.measured_js(age=0).position.shape == (4,)
+
+
+def test_a_goal_that_was_never_set_times_out(arm: LocalDevice) -> None:
+    with pytest.raises(DataTimeout, match="goal_js: no value yet"):
+        arm.goal_js(wait=0.01)
+
+
+def test_state_commands_wait_and_raise(arm: LocalDevice) -> None:
+    with pytest.raises(CommandRefused, match="resume is invalid in DISABLED"):
+        arm.resume()
+    arm.enable()
+    arm.enable()
+    assert not arm.is_homed()
+    arm.home()
+    assert arm.is_homed()
+    arm.pause()
+    arm.resume()
+    arm.unhome()
+    assert not arm.is_homed()
+
+
+def test_a_state_command_that_ends_elsewhere_says_where_and_why(arm: LocalDevice) -> None:
+    device = device_of(arm)
+    device._transition_time = 30.0
+    with pytest.raises(TransitionFailed, match=r"enable did not end in 0.05 s"):
+        arm.enable(timeout=0.05)
+
+    def lose_the_link() -> Steps:
+        device.reachable = False
+        while True:
+            yield
+
+    device._transition = lose_the_link  # type: ignore[method-assign]
+    with pytest.raises(TransitionFailed, match=r"disable ended in FAULT: .*the link is gone"):
+        arm.disable()
+
+
+def test_an_instant_of_busy_is_not_missed(arm: LocalDevice) -> None:
+    arm.enable()
+    seen: list[bool] = []
+    waiting = threading.Thread(target=lambda: seen.append(arm.wait_for_busy(True, 5.0)))
+    waiting.start()
+    while waiting.is_alive():
+        with pytest.raises(CommandRefused):
+            arm.move_jp([9.0] * 4)
+    waiting.join()
+    assert seen == [True]
+    assert arm.wait_for_busy(False, 5.0)
+    assert not arm.wait_for_busy(True, 0.01)
+
+
+def test_kinematics(arm: LocalDevice) -> None:
+    joints = [0.1, 0.2, 0.3, 0.4]
+    pose = arm.forward_kinematics(joints)
+    assert arm.inverse_kinematics(pose) == pytest.approx(joints)
+    assert arm.inverse_kinematics(pose, joints) == pytest.approx(joints)
+    assert arm.jacobian().values.shape == (6, 4)
+    with pytest.raises(KinematicsError):
+        arm.inverse_kinematics(Pose(pose.position, vector((1, 0, 0, 0))))
+    with pytest.raises(CommandRefused, match="3 values"):
+        arm.forward_kinematics([0.0] * 3)
+    with pytest.raises(CommandRefused, match="nan"):
+        arm.inverse_kinematics(pose, [np.nan] * 4)
+
+
+def test_closing_ends_a_move_and_the_threads() -> None:
+    before = set(threading.enumerate())
+    session = Session(PLUGIN, LoopbackConfig())
+    arm = LocalDevice(session)
+    session.start()
+    arm.measured_js(wait=5.0)
+    arm.enable()
+    move = arm.move_jp([0.9] * 4)
+    arm.close()
+    arm.close()
+    with pytest.raises(MotionAborted, match="shut down"):
+        move.wait()
+    with pytest.raises(CommandRefused, match="DISABLED"):
+        arm.servo_jp([0.0] * 4)
+    assert set(threading.enumerate()) <= before
+
+
+def test_what_raises_nowhere_is_logged_once_in_a_while(
+    arm: LocalDevice, caplog: pytest.LogCaptureFixture
+) -> None:
+    arm.enable()
+    with caplog.at_level(logging.WARNING, "crtk_drivers.front"):
+        for _ in range(50):
+            with pytest.raises(CommandRefused):
+                arm.servo_jp([0.0] * 5)
+    records = [record for record in caplog.records if record.name == "crtk_drivers.front"]
+    assert len(records) == 1
+    assert "5 values in position for 4 joints" in records[0].getMessage()
+
+
+def test_payloads_of_another_kind_are_refused(arm: LocalDevice) -> None:
+    arm.enable()
+    with pytest.raises(CommandRefused, match="got Wrench"):
+        arm.servo_cv(Wrench(vector((0, 0, 0)), vector((0, 0, 0))))
+
+
+def test_ros_is_not_imported() -> None:
+    program = "import sys, crtk_drivers; sys.exit('rclpy' in sys.modules)"
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=30)

@@ -1,0 +1,355 @@
+"""Threads: one for each bus, and the watchdog. On the real clock, with devices that misbehave."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+
+from crtk_drivers.device import Capabilities, Setpoint
+from crtk_drivers.engine import Engine
+from crtk_drivers.errors import CommandRefused, DeviceError, MotionAborted
+from crtk_drivers.moves import Outcome
+from crtk_drivers.runtime import Runtime
+from crtk_drivers.samples import JointState, Sample, vector
+from crtk_drivers.state import OperatingState
+from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
+
+S = OperatingState
+
+
+class Misbehaving(LoopbackDevice):
+    """A loopback whose methods a test may replace, and that counts what the runtime does."""
+
+    def __init__(self, address: str = "a", rate: float = 200.0) -> None:
+        super().__init__(LoopbackConfig(address=address, rate=rate))
+        self.in_read: Callable[[], None] = lambda: None
+        self.in_open: Callable[[], None] = lambda: None
+        self.in_close: Callable[[], None] = lambda: None
+        self.in_stop: Callable[[], None] = lambda: None
+        self.opened = 0
+        self.closed = 0
+        self.stopped = 0
+        self.stoppers: list[str] = []
+        self.reads: list[float] = []
+
+    def open(self, deadline: float) -> None:
+        self.opened += 1
+        self.in_open()
+        super().open(deadline)
+
+    def close(self) -> None:
+        self.closed += 1
+        self.in_close()
+        super().close()
+
+    def read(self, deadline: float) -> Sample | None:
+        self.reads.append(time.monotonic())
+        self.in_read()
+        return super().read(deadline)
+
+    def stop(self) -> None:
+        self.stopped += 1
+        self.stoppers.append(threading.current_thread().name)
+        self.in_stop()
+        super().stop()
+
+
+def until(test: Callable[[], object], timeout: float = 5.0) -> None:
+    deadline = time.monotonic() + timeout
+    while not test():
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.001)
+
+
+@contextmanager
+def running(*devices: Misbehaving, open_timeout: float = 1.0) -> Iterator[list[Engine]]:
+    engines = [Engine(device, f"engine {i}") for i, device in enumerate(devices)]
+    runtime = Runtime([(engine, open_timeout) for engine in engines])
+    before = set(threading.enumerate())
+    runtime.start()
+    try:
+        yield engines
+    finally:
+        runtime.close()
+        assert set(threading.enumerate()) <= before, "threads are left"
+
+
+def enable(engine: Engine) -> None:
+    until(lambda: engine.connected and engine.has_sample)
+    engine.state_command("enable")
+    until(lambda: engine.status.state is S.ENABLED)
+
+
+def raising(error: BaseException) -> Callable[[], None]:
+    def fail() -> None:
+        raise error
+
+    return fail
+
+
+def once(error: BaseException) -> Callable[[], None]:
+    left = [error]
+
+    def fail() -> None:
+        if left:
+            raise left.pop()
+
+    return fail
+
+
+def test_a_device_is_cycled_at_its_rate_and_closed_at_the_end() -> None:
+    device = Misbehaving(rate=200.0)
+    with running(device) as (engine,):
+        enable(engine)
+        until(lambda: engine.health().cycles > 100)
+        assert engine.health().rate_expected == 200.0
+    assert (device.opened, device.closed) == (1, 1)
+    assert device.stopped == 1
+    assert engine.status.state is S.DISABLED
+    assert not engine.connected
+
+
+def test_nothing_runs_before_start_and_close_may_be_called_twice() -> None:
+    device = Misbehaving()
+    before = threading.active_count()
+    runtime = Runtime([(Engine(device, "x"), 1.0)])
+    runtime.close()
+    assert (threading.active_count(), device.opened, device.closed) == (before, 0, 0)
+    runtime.start()
+    until(lambda: device.opened)
+    runtime.close()
+    runtime.close()
+    assert device.closed == 1
+
+
+def test_a_lost_device_is_opened_again_and_stays_disabled() -> None:
+    device = Misbehaving()
+    with running(device) as (engine,):
+        enable(engine)
+        engine.submit("servo_jp", JointState(position=vector([0.01] * 4)))
+        until(lambda: device.writes)
+        device.reachable = False
+        until(lambda: engine.status.state is S.FAULT)
+        assert "the link is gone" in engine.status.detail
+        writes = device.writes
+        device.reachable = True
+        until(lambda: engine.connected and engine.has_sample)
+        cycles = engine.health().cycles
+        until(lambda: engine.health().cycles > cycles + 20)
+        assert engine.status.state is S.DISABLED
+        assert device.writes == writes
+        assert engine.health().reconnects == 1
+
+
+def test_attempts_to_connect_become_rarer() -> None:
+    device = Misbehaving()
+    device.reachable = False
+    attempts: list[float] = []
+    device.in_open = lambda: attempts.append(time.monotonic())
+    with running(device) as (engine,):
+        until(lambda: len(attempts) == 3)
+        assert engine.status.state is S.FAULT
+        assert "no answer" in engine.status.detail
+    assert attempts[1] - attempts[0] >= 0.25
+    assert attempts[2] - attempts[1] >= 0.5
+
+
+@pytest.mark.parametrize("error", [KeyError("x"), ZeroDivisionError(), OSError("bad descriptor")])
+@pytest.mark.parametrize("where", ["in_read", "in_open"])
+def test_no_exception_of_a_plugin_ends_the_thread(where: str, error: Exception) -> None:
+    device = Misbehaving()
+    states: list[str] = []
+    setattr(device, where, once(error))
+    with running(device) as (engine,):
+        until(lambda: device.opened == 2 and engine.has_sample)
+        states.append(engine.status.state)
+        enable(engine)
+    assert states == [S.DISABLED]
+
+
+def test_an_unexpected_error_is_a_fault_that_names_it(caplog: pytest.LogCaptureFixture) -> None:
+    device = Misbehaving()
+    with running(device) as (engine,):
+        enable(engine)
+        device.in_read = raising(KeyError("joint_7"))
+        until(lambda: engine.status.state is S.FAULT)
+        assert "unexpected KeyError: 'joint_7'" in engine.status.detail
+        assert "report" in engine.status.detail
+    assert "unexpected error in the I/O thread" in caplog.text
+
+
+def test_errors_while_closing_and_stopping_do_not_stop_the_thread_either() -> None:
+    device = Misbehaving()
+    device.in_close = once(OSError("close"))
+    device.in_stop = once(RuntimeError("stop"))
+    with running(device) as (engine,):
+        enable(engine)
+        device.in_read = once(OSError("read"))
+        until(lambda: device.opened == 2 and engine.has_sample)
+        assert engine.status.state is S.DISABLED
+
+
+def test_a_stuck_thread_is_an_alarm_that_stops_its_device_and_leaves_its_neighbours() -> None:
+    stuck, well = Misbehaving("a"), Misbehaving("b")
+    release = threading.Event()
+
+    def hang() -> None:
+        release.wait(10.0)
+
+    with running(stuck, well) as (engine, neighbour):
+        enable(engine)
+        enable(neighbour)
+        move = engine.submit("move_jp", JointState(position=vector([0.5] * 4)))
+        assert move is not None
+        stuck.in_read = hang
+        until(lambda: engine.status.state is S.FAULT)
+        assert engine.status.detail == "the I/O thread of a is stuck"
+        until(lambda: "watchdog" in stuck.stoppers)
+        assert move.outcome is Outcome.ABORTED
+        with pytest.raises(MotionAborted):
+            move.wait()
+        cycles, writes = neighbour.health().cycles, stuck.writes
+        until(lambda: neighbour.health().cycles > cycles + 20)
+        assert neighbour.status.state is S.ENABLED
+        stuck.in_read = lambda: None
+        release.set()
+        cycles = engine.health().cycles
+        until(lambda: engine.health().cycles > cycles + 20)
+        assert engine.status.state is S.FAULT
+        assert stuck.writes == writes
+        enable(engine)
+        assert well.stopped == 0
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_thread_that_dies_is_a_fault_and_its_device_is_stopped() -> None:
+    device, well = Misbehaving("a"), Misbehaving("b")
+    with running(device, well) as (engine, neighbour):
+        enable(engine)
+        enable(neighbour)
+        device.in_read = raising(SystemExit("a plugin called sys.exit"))
+        until(lambda: "has died" in engine.status.detail)
+        assert engine.status.state is S.FAULT
+        assert (device.stopped, device.closed) == (1, 1)
+        with pytest.raises(CommandRefused):
+            engine.submit("servo_jp", JointState(position=vector([0.0] * 4)))
+        assert neighbour.status.state is S.ENABLED
+        assert well.stopped == 0
+
+
+def test_a_thread_that_does_not_end_is_told_and_its_moves_are_released() -> None:
+    device = Misbehaving()
+    release = threading.Event()
+    engine = Engine(device, "x")
+    runtime = Runtime([(engine, 1.0)])
+    runtime.start()
+    enable(engine)
+    move = engine.submit("move_jp", JointState(position=vector([0.5] * 4)))
+    assert move is not None
+    entered = threading.Event()
+
+    def hang() -> None:
+        entered.set()
+        release.wait(10.0)
+
+    device.in_read = hang
+    assert entered.wait(5.0)
+    with pytest.raises(DeviceError, match=r"the I/O thread of a did not end in 0.1 s"):
+        runtime.close(0.1)
+    assert device.stopped
+    assert move.outcome is Outcome.ABORTED
+    assert engine.status.state is S.FAULT
+    release.set()
+    until(lambda: device.closed)
+    until(lambda: "io a" not in [thread.name for thread in threading.enumerate()])
+
+
+def test_after_a_stall_cycles_are_not_caught_up() -> None:
+    device = Misbehaving(rate=100.0)
+    with running(device) as (engine,):
+        until(lambda: engine.health().cycles > 5)
+        stalled = threading.Event()
+
+        def stall() -> None:
+            if not stalled.is_set():
+                stalled.set()
+                time.sleep(0.2)
+
+        device.in_read = stall
+        assert stalled.wait(5.0)
+        count = len(device.reads)
+        until(lambda: len(device.reads) > count + 30)
+    after = device.reads[count : count + 30]
+    # Twenty periods were missed. At most one cycle follows at once, none of the others.
+    assert after[-1] - after[0] > 27 * 0.01
+    assert engine.health().late_cycles >= 1
+
+
+def test_devices_on_one_bus_share_a_thread_and_one_of_them_may_be_lost() -> None:
+    first, second = Misbehaving("line"), Misbehaving("line")
+    with running(first, second) as (one, two):
+        assert [t.name for t in threading.enumerate()].count("io line") == 1
+        enable(one)
+        enable(two)
+        first.reachable = False
+        until(lambda: one.status.state is S.FAULT)
+        cycles = two.health().cycles
+        until(lambda: two.health().cycles > cycles + 20)
+        assert two.status.state is S.ENABLED
+
+
+def test_opening_one_device_again_does_not_leave_its_neighbour_on_the_bus_alone() -> None:
+    first, second = Misbehaving("line"), Misbehaving("line")
+    limits: list[float] = []
+    first_open = first.open
+
+    def watched(deadline: float) -> None:
+        limits.append(deadline - time.monotonic())
+        first_open(deadline)
+
+    with running(first, second, open_timeout=4.0) as (one, two):
+        enable(one)
+        enable(two)
+        first.open = watched  # type: ignore[method-assign]
+        first.reachable = False
+        until(lambda: len(limits) == 2)
+        first.reachable = True
+        until(lambda: one.connected)
+    assert max(limits) <= 0.25
+
+
+def test_a_slow_device_is_not_taken_for_a_stuck_one() -> None:
+    device = Misbehaving(rate=1.0)
+    with running(device) as (engine,):
+        until(lambda: engine.health().cycles >= 2)
+        assert engine.status.state is S.DISABLED
+
+
+def test_a_stream_that_waits_cannot_share_its_bus() -> None:
+    class Streaming(Misbehaving):
+        @property
+        def capabilities(self) -> Capabilities:
+            return replace(super().capabilities, paced_by_stream=True)
+
+    with pytest.raises(ValueError, match="cannot share its bus"):
+        Runtime([(Engine(Streaming("a"), "x"), 1.0), (Engine(Misbehaving("a"), "y"), 1.0)])
+
+
+def test_every_setpoint_is_written_by_the_io_thread() -> None:
+    writers: set[str] = set()
+
+    class Watched(Misbehaving):
+        def write(self, setpoint: Setpoint) -> None:
+            writers.add(threading.current_thread().name)
+            super().write(setpoint)
+
+    device = Watched()
+    with running(device) as (engine,):
+        enable(engine)
+        move = engine.submit("move_jp", JointState(position=vector([0.05] * 4)))
+        assert move is not None
+        assert move.wait(5.0)
+    assert writers == {"io a"}

@@ -1,0 +1,240 @@
+"""State commands while they are carried out."""
+
+from collections.abc import Iterator
+
+import pytest
+from engine_rig import Rig, jp, jv, two_joints
+
+from crtk_drivers.device import Steps
+from crtk_drivers.errors import CommandRefused, DeviceFault, Reason, TransitionFailed
+from crtk_drivers.state import OperatingState
+
+S = OperatingState
+
+
+def for_ever() -> Steps:
+    while True:
+        yield
+
+
+def cycles(count: int) -> Steps:
+    for _ in range(count):
+        yield
+
+
+def raising(error: Exception) -> Steps:
+    yield
+    raise error
+
+
+def test_the_reached_state_is_announced_when_it_is_reached_and_not_before() -> None:
+    rig = Rig().connect()
+    rig.device.procedures["enable"] = lambda: cycles(5)
+    rig.command("enable")
+    for _ in range(4):
+        assert rig.state is S.DISABLED
+        assert not rig.engine.transition_ended
+        rig.cycle()
+    rig.cycle()
+    assert rig.state is S.ENABLED
+    assert rig.engine.transition_ended
+    assert rig.told.states == [S.DISABLED, S.ENABLED]
+
+
+def test_motion_and_state_commands_are_refused_meanwhile() -> None:
+    rig = Rig().enabled()
+    rig.device.procedures["pause"] = lambda: cycles(5)
+    rig.command("pause")
+    refusal = rig.refused("servo_jp", jp(0.0, 0.0))
+    assert refusal.reason is Reason.TRANSITION_RUNNING
+    assert "pause is running" in refusal.message
+    for text in ("enable", "pause", "resume", "home"):
+        with pytest.raises(CommandRefused, match="pause is running") as caught:
+            rig.engine.state_command(text)
+        assert caught.value.reason is Reason.TRANSITION_RUNNING
+    rig.cycle(5)
+    assert rig.state is S.PAUSED
+
+
+@pytest.mark.parametrize(
+    ("commands", "states"),
+    [
+        (["enable"], [S.ENABLED]),
+        (["disable"], [S.DISABLED]),
+        (["enable", "enable"], [S.ENABLED, S.ENABLED]),
+        (["enable", "pause", "pause", "resume"], [S.ENABLED, S.PAUSED, S.PAUSED, S.ENABLED]),
+        (["enable", "pause", "disable"], [S.ENABLED, S.PAUSED, S.DISABLED]),
+        (["unhome"], [S.DISABLED]),
+    ],
+)
+def test_every_state_command_is_answered_with_the_state(
+    commands: list[str], states: list[OperatingState]
+) -> None:
+    rig = Rig().connect()
+    before = len(rig.told.statuses)
+    for command in commands:
+        rig.command(command)
+    assert rig.told.states[before:] == states
+
+
+def test_a_transition_that_does_not_end_is_a_fault_after_its_time() -> None:
+    rig = Rig(capabilities=two_joints(transition_timeout=1.0)).connect()
+    closed: list[bool] = []
+
+    def hanging() -> Iterator[None]:
+        try:
+            while True:
+                yield
+        finally:
+            closed.append(True)
+
+    rig.device.procedures["enable"] = hanging  # type: ignore[assignment]
+    rig.command("enable")
+    rig.cycle(99)
+    assert rig.state is S.DISABLED
+    rig.cycle(3)
+    assert rig.state is S.FAULT
+    assert rig.engine.status.detail == "enable did not finish in 1 s"
+    assert closed == [True]
+    assert rig.engine.transition_ended
+
+
+def test_disable_replaces_an_enable_that_hangs_and_closes_it_in_the_io_thread() -> None:
+    rig = Rig().connect()
+    closed: list[bool] = []
+
+    def hanging() -> Iterator[None]:
+        try:
+            while True:
+                yield
+        finally:
+            closed.append(True)
+
+    rig.device.procedures["enable"] = hanging  # type: ignore[assignment]
+    rig.command("enable")
+    rig.cycle(5)
+    rig.engine.state_command("disable")
+    assert closed == [], "not in the client's thread"
+    rig.cycle()
+    assert closed == [True]
+    assert rig.state is S.DISABLED
+    assert rig.engine.transition_ended
+    assert rig.device.calls == ["open", "enable", "disable"]
+
+
+def test_disable_is_not_lost_if_the_enable_that_it_replaces_fails_at_that_moment() -> None:
+    rig = Rig().connect()
+
+    def interrupted() -> Steps:
+        yield
+        rig.engine.state_command("disable")  # another thread, in the midst of the step
+        raise TransitionFailed("no power")
+
+    rig.device.procedures["enable"] = interrupted
+    rig.command("enable")
+    rig.cycle(2)
+    assert rig.state is S.DISABLED
+    assert rig.device.calls[-1] == "disable"
+
+
+def test_a_second_disable_does_not_start_it_again() -> None:
+    rig = Rig().enabled()
+    rig.device.procedures["disable"] = lambda: cycles(3)
+    rig.command("disable")
+    for _ in range(5):
+        rig.command("disable")
+    assert rig.state is S.DISABLED
+    assert rig.device.calls.count("disable") == 1
+
+
+def test_an_alarm_in_the_midst_of_a_step_wins() -> None:
+    rig = Rig().connect()
+
+    def alarmed() -> Steps:
+        yield
+        rig.engine.alarm("stuck")
+
+    rig.device.procedures["enable"] = alarmed
+    rig.command("enable")
+    rig.cycle(3)
+    assert (rig.state, rig.engine.status.detail) == (S.FAULT, "stuck")
+
+
+@pytest.mark.parametrize("error", [DeviceFault("brake stuck"), TransitionFailed("no power")])
+def test_a_transition_that_fails_is_a_fault_with_the_reason(error: Exception) -> None:
+    rig = Rig().connect()
+    rig.device.procedures["enable"] = lambda: raising(error)
+    rig.command("enable")
+    rig.cycle(2)
+    assert rig.state is S.FAULT
+    assert rig.engine.status.detail == f"enable: {error}"
+    del rig.device.procedures["enable"]
+    rig.cycle(20)
+    assert rig.state is S.FAULT
+    rig.command("enable")
+    assert rig.state is S.ENABLED, "enable is a retry"
+    assert rig.engine.status.detail == ""
+
+
+def test_a_transition_that_is_refused_leaves_the_state() -> None:
+    rig = Rig().connect()
+    refusal = CommandRefused("state_command", Reason.LOCAL_CONTROL, "pendant has control")
+    rig.device.procedures["enable"] = lambda: raising(refusal)
+    before = len(rig.told.statuses)
+    rig.command("enable")
+    rig.cycle(2)
+    assert rig.state is S.DISABLED
+    assert rig.told.refusals == [refusal]
+    assert rig.told.states[before:] == [S.DISABLED]
+
+
+@pytest.mark.parametrize("command", ["disable", "pause", "home"])
+def test_motion_is_stopped_before_the_procedure_begins(command: str) -> None:
+    rig = Rig().enabled()
+    rig.engine.submit("servo_jv", jv(0.1, 0.0))
+    rig.cycle()
+    rig.command(command)
+    assert rig.device.calls[-2:] == ["stop", command]
+    rig.cycle(30)
+    assert rig.engine.health().stream_timeouts == 0
+
+
+def test_homing_that_fails_or_hangs_is_stopped() -> None:
+    for procedure in (for_ever, lambda: raising(DeviceFault("no index mark"))):
+        rig = Rig(capabilities=two_joints(needs_homing=True)).enabled()
+        rig.device.procedures["home"] = procedure
+        rig.command("home")
+        rig.cycle(110)
+        assert rig.state is S.FAULT
+        assert rig.device.calls[-1] == "stop"
+        assert not rig.engine.status.is_busy
+
+
+def test_homing_sets_is_homed_and_is_busy_meanwhile() -> None:
+    rig = Rig(capabilities=two_joints(needs_homing=True)).enabled()
+    assert not rig.engine.status.is_homed
+    before = len(rig.told.statuses)
+    rig.device.procedures["home"] = lambda: cycles(3)
+    rig.command("home")
+    rig.cycle(4)
+    assert rig.told.busy[before:] == [True, False]
+    assert rig.engine.status.is_homed
+    rig.command("unhome")
+    assert not rig.engine.status.is_homed
+
+
+def test_a_device_that_needs_no_homing_is_homed_always() -> None:
+    rig = Rig().enabled()
+    assert rig.engine.status.is_homed
+    before = len(rig.told.statuses)
+    rig.command("home")
+    assert rig.told.busy[before:] == [True, False], "also instant homing is seen"
+    rig.command("unhome")
+    assert rig.engine.status.is_homed
+
+
+def test_unhome_keeps_the_reason_of_a_fault() -> None:
+    rig = Rig().enabled()
+    rig.engine.alarm("stuck")
+    rig.command("unhome")
+    assert (rig.state, rig.engine.status.detail) == (S.FAULT, "stuck")
