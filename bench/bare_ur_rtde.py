@@ -1,6 +1,6 @@
 """The peer of `bench.ur_loop`: a plain loop over ur-rtde that reads the same six things.
 
-    bare     for each cycle: monotonic time at its end, controller's time stamp
+bare     for each cycle: monotonic time at its end, controller's time stamp
 """
 
 from __future__ import annotations

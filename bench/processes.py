@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -51,13 +51,22 @@ def child_running(pid: int, module: str) -> int:
     return 0
 
 
+CRTK_DRIVER = [str(Path(sys.executable).with_name("crtk-driver"))]
+"""The installed command."""
+
+
+def module(name: str) -> list[str]:
+    """Return the command that runs a module of this checkout."""
+    return [sys.executable, "-m", name]
+
+
 @contextmanager
 def running(
-    module: str, *arguments: str, records: Path, **environment: str
+    command: Sequence[str], records: Path, **environment: str
 ) -> Iterator[subprocess.Popen[str]]:
-    """Run a module of this checkout in a process of its own, and end it by SIGTERM."""
+    """Run a command in a process of its own, and end it by SIGTERM."""
     child = subprocess.Popen(
-        [sys.executable, "-m", module, *arguments],
+        command,
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,
@@ -92,39 +101,40 @@ def wait_ready(child: subprocess.Popen[str]) -> float:
 
 
 @contextmanager
-def simulator(records: Path, trace_size: int = 5000) -> Iterator[RunningSim]:
-    """Run the simulated UR controller, with notes of what it sends."""
+def simulator(
+    records: Path, trace_size: int = 5000, *, recorded: bool = True
+) -> Iterator[RunningSim]:
+    """Run the simulated UR controller; `recorded`: with notes of what it sends."""
     os.environ[DIRECTORY] = str(records)
     if str(ROOT) not in sys.path:
         sys.path.append(str(ROOT))
-    with process.spawn("bench.recorded_sim", ["--trace-size", str(trace_size)]) as sim:
+    name = "bench.recorded_sim" if recorded else "crtk_sim_backends.ur"
+    with process.spawn(name, ["--trace-size", str(trace_size)]) as sim:
         yield sim
 
 
 @contextmanager
 def driver(
-    sim: RunningSim, records: Path, publish_rate: float = 500.0, **environment: str
+    sim: RunningSim,
+    records: Path,
+    publish_rate: float = 500.0,
+    *,
+    recorded: bool = True,
+    **environment: str,
 ) -> Iterator[subprocess.Popen[str]]:
-    """Run ``crtk-driver ur`` against `sim`, with notes of its cycles."""
+    """Run ``crtk-driver ur`` against `sim`; `recorded`: with notes of its cycles."""
     settings = ("--set", f"node.publish_rate={publish_rate:g}", "--log-level", "warning")
-    with running(
-        "bench.recorded_node",
-        "ur",
-        "--ns",
-        NAMESPACE,
-        "--host",
-        sim.host,
-        *settings,
-        records=records,
-        **environment,
-    ) as child:
+    command = module("bench.recorded_node") if recorded else CRTK_DRIVER
+    arguments = ("ur", "--ns", NAMESPACE, "--host", sim.host, *settings)
+    with running([*command, *arguments], records, **environment) as child:
         yield child
 
 
 @contextmanager
 def client(records: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Run `bench.ros_client`."""
-    with running("bench.ros_client", "--namespace", NAMESPACE, *arguments, records=records) as child:
+    command = [*module("bench.ros_client"), "--namespace", NAMESPACE, *arguments]
+    with running(command, records) as child:
         yield child
 
 

@@ -1,9 +1,9 @@
 """The real command, ``crtk-driver``, with a note of the time at a few places.
 
-    cycles        monotonic time at the end of each I/O cycle
-    samples       controller's time stamp, monotonic and wall time (ns) at which it was received
-    milestones    monotonic time of: imports done, simulator and device made, node made, connected, first
-                  sample; the first column is the number of the milestone
+cycles        monotonic time at the end of each I/O cycle
+samples       controller's time stamp, monotonic and wall time (ns) at which it was received
+milestones    monotonic time of: imports done, simulator and device made, node made, connected, first
+              sample; the first column is the number of the milestone
 """
 
 from __future__ import annotations
@@ -66,4 +66,4 @@ def record() -> None:
 
 if __name__ == "__main__":
     record()
-    main()
+    raise SystemExit(main())

@@ -40,13 +40,14 @@ SERVO_STEP = 1e-6
 class Client:
     """Node, subscriptions and recordings."""
 
-    def __init__(self, namespace: str, name: str, topics: list[str]) -> None:
+    def __init__(self, namespace: str, name: str, topics: list[str], quiet: bool) -> None:
         self.node = Node("bench_" + name, namespace=namespace)
         self.executor = EventsExecutor()
         self.executor.add_node(self.node)
         self.stopped = threading.Event()
         self._heard = Recording(f"{name}_heard", 3)
         self._sent = Recording(f"{name}_sent", 2)
+        self._quiet = quiet
         self._state = ""
         self._joints: list[float] = []
         self._unheard = set(topics)
@@ -62,7 +63,8 @@ class Client:
 
         def heard(message: Any) -> None:
             now, stamp = time.time_ns(), message.header.stamp
-            add((number, stamp.sec * 1_000_000_000 + stamp.nanosec, now))
+            if not self._quiet:
+                add((number, stamp.sec * 1_000_000_000 + stamp.nanosec, now))
             self._unheard.discard(topic)
             if joints:
                 self._joints = message.position
@@ -86,6 +88,7 @@ class Client:
 
     def enable(self) -> None:
         """Enable the device."""
+        self.spin_until(lambda: self._state == "DISABLED", "DISABLED")
         self.spin_until(self._state_command.get_subscription_count, "the driver")
         self._state_command.publish(StringStamped(string="enable"))
         self.spin_until(lambda: self._state == "ENABLED", "ENABLED")
@@ -116,10 +119,11 @@ def main() -> None:
     parser.add_argument("--name", default="client")
     parser.add_argument("--topics", nargs="*", choices=list(TOPICS), default=list(TOPICS))
     parser.add_argument("--enable", action="store_true")
+    parser.add_argument("--quiet", action="store_true", help="record nothing")
     parser.add_argument("--servo", type=float, default=0.0, metavar="HZ")
     options = parser.parse_args()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    client = Client(options.namespace, options.name, options.topics)
+    client = Client(options.namespace, options.name, options.topics, options.quiet)
     signal.signal(signal.SIGTERM, lambda *_: client.stopped.set())
     if options.enable:
         client.enable()

@@ -86,18 +86,12 @@ def measure_driver(seconds: float, loop: Loop) -> dict[str, float]:
 
 def measure_bare(seconds: float, loop: Loop) -> None:
     """Run one segment of the bare loop."""
+    command = [*processes.module("bench.bare_ur_rtde"), "--seconds", str(seconds + 2.0 * SETTLE)]
     with tempfile.TemporaryDirectory() as folder:
         records = Path(folder)
         with (
             processes.simulator(records) as sim,
-            processes.running(
-                "bench.bare_ur_rtde",
-                "--host",
-                sim.host,
-                "--seconds",
-                str(seconds + 2.0 * SETTLE),
-                records=records,
-            ) as bare,
+            processes.running([*command, "--host", sim.host], records) as bare,
         ):
             processes.wait_ready(bare)
             time.sleep(SETTLE)

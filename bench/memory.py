@@ -1,0 +1,66 @@
+"""Memory of node, control process and simulator at 500 Hz, ENABLED, six topics heard by one subscriber."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from bench import processes
+from bench.report import options, show
+
+MEGABYTE = 1e6
+
+
+def measure(seconds: float, every: float) -> tuple[np.ndarray, dict[str, list[float]]]:
+    """Return times (s from the start) and, by process, resident memory (MB) at these."""
+    times: list[float] = []
+    resident: dict[str, list[float]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        records = Path(folder)
+        with (
+            processes.simulator(records, recorded=False) as sim,
+            processes.driver(sim, records, recorded=False) as node,
+            processes.client(records, "--enable", "--quiet") as client,
+        ):
+            processes.wait_ready(client)
+            watched = {**processes.pids(node, sim), "subscriber": client.pid}
+            begin = time.monotonic()
+            while (elapsed := time.monotonic() - begin) <= seconds:
+                times.append(elapsed)
+                for name, pid in watched.items():
+                    resident.setdefault(name, []).append(processes.usage(pid).rss / MEGABYTE)
+                time.sleep(every)
+    return np.array(times), resident
+
+
+def main() -> None:
+    """Measure and print."""
+    given = options(
+        __doc__ or "",
+        seconds=(600.0, "of running"),
+        warmup=(60.0, "seconds before the slope is taken"),
+        every=(2.0, "seconds between two looks"),
+    )
+    times, resident = measure(given.seconds, given.every)
+    warm = times >= min(given.warmup, given.seconds / 2.0)
+    rows = []
+    for name, values in resident.items():
+        found = np.array(values)
+        slope, _ = np.polyfit(times[warm] / 60.0, found[warm] * 1000.0, 1)
+        first, last = found[warm][0], found[-1]
+        rows.append(
+            [name, *(f"{v:.1f}" for v in (found[0], first, last, found.max())), f"{slope:+.1f}"]
+        )
+    show(
+        f"Resident memory over {given.seconds:g} s at 500 Hz",
+        ("process", "start MB", f"{given.warmup:g} s MB", "end MB", "max MB", "slope kB/min"),
+        rows,
+        [f"slope: least squares over what follows the first {given.warmup:g} s."],
+    )
+
+
+if __name__ == "__main__":
+    main()
