@@ -39,9 +39,9 @@ from crtk_drivers.errors import (
     KinematicsError,
 )
 from crtk_drivers.ros import qos
+from crtk_drivers.ros.executors import SPIN_PERIOD, make_executor
 from crtk_drivers.ros.manifest import type_name
 from crtk_drivers.ros.messages import TYPES, fill, pose_of, set_pose, set_stamp, stamp_ns, value_of
-from crtk_drivers.ros.executors import SPIN_PERIOD, make_executor
 from crtk_drivers.samples import Matrix, Pose, Value, Vector, vector
 from crtk_drivers.state import OperatingState, Status
 
@@ -147,14 +147,10 @@ class Inbox:
         header = getattr(message, "header", None)
         with self._arrived:
             last = self.latest
-            if header is None:
-                received = Received(message, time.time_ns(), now, last.serial + 1 if last else 1)
-            else:
-                wall_ns = stamp_ns(header.stamp)
-                again = last is not None and wall_ns == last.wall_ns
-                since = last.since if again and last is not None else now
-                received = Received(message, wall_ns, since, last.serial + 1 if last else 1)
-            self.latest = received
+            serial = 1 if last is None else last.serial + 1
+            wall_ns = time.time_ns() if header is None else stamp_ns(header.stamp)
+            since = last.since if last is not None and wall_ns == last.wall_ns else now
+            self.latest = received = Received(message, wall_ns, since, serial)
             self._arrived.notify_all()
         _in_callback.active = True
         try:
@@ -438,13 +434,13 @@ class Link:
                     latched = self.is_latched(topic)
                 box = self._inboxes[topic] = Inbox(topic)
                 box.subscription = self.node.create_subscription(
-                    message_type, topic, box.receive, qos.LATCHED if latched else qos.DATA
+                    message_type, topic, box.receive, qos.REFUSALS if latched else qos.DATA
                 )
             return self._inboxes[topic]
 
-    def text_inbox(self, topic: str, latched: bool) -> Inbox:
-        """Return the subscription of a std_msgs/String."""
-        return self.inbox(topic, String, latched)
+    def text_inbox(self, topic: str) -> Inbox:
+        """Return the subscription of a std_msgs/String whose last ones are kept for those who come late."""
+        return self.inbox(topic, String, latched=True)
 
     def outbox(self, topic: str, payload: Payload) -> Outbox:
         """Return the publisher of a topic."""

@@ -1,0 +1,462 @@
+"""A device on the far side of ROS 2, with the names and values of one in your own process.
+
+Topics are subscribed to and published when they are first used (`arm.measured_js()`), or ahead of that
+by `connect(..., features=[...])` and `add`. That first use waits until both ends have met: up to about three
+seconds, once.
+
+What differs from `crtk_drivers.front.LocalDevice`, because there is a network in between:
+
+* A refused move raises from the call, like there: the call returns when the device has said yes. A refused
+  servo or interpolate command raises from the *next* call of that name, so that a stream never waits.
+* Frame ids are those on ROS: ``ur5/base``.
+* There are no `engine`, `sim` and `health`; the last is on ``/diagnostics``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crtk_drivers.client.conversions import as_pose
+from crtk_drivers.client.goals import goal_test
+from crtk_drivers.client.moves import RemoteMove
+from crtk_drivers.client.payloads import value_for
+from crtk_drivers.client.space import PARTS, NotOffered, Space
+from crtk_drivers.client.transitions import Transition
+from crtk_drivers.commands import COMMANDS, SUB_NAMESPACES, Command, Direction, Level, Payload
+from crtk_drivers.errors import CommandRefused, ConnectionFailed, ConnectionLost, DataTimeout
+from crtk_drivers.front import DEFAULT_AGE, DEFAULT_WAIT
+from crtk_drivers.ros import environment
+from crtk_drivers.ros.names import checked_namespace
+from crtk_drivers.samples import EMPTY, Pose, Value, Vector, vector
+from crtk_drivers.state import OperatingState, StateCommand, Status, parse_command, target_of
+
+if TYPE_CHECKING:
+    from crtk_drivers.client.status import StatusTracker
+    from crtk_drivers.ros.link import Inbox, Outbox, Received
+
+CONNECT_TIMEOUT = 10.0
+"""Seconds in which a device, or the other end of a topic, must be found."""
+SERVICE_TIMEOUT = 5.0
+"""Seconds in which a kinematics service must answer, unless `timeout` says otherwise."""
+GRACE = 0.1
+"""Seconds in which the refusal of `hold` or `free` arrives: there is no other answer to them."""
+
+
+class RemoteDevice:
+    """A device in a ROS namespace. Made by `connect`; close it, or use it in a ``with`` statement.
+
+    Thread-safe. Nothing waits for ever: what waits has a timeout, or ends when the device is gone.
+    """
+
+    def __init__(self, space: Space) -> None:
+        self._space = space
+        self._children: dict[str, RemoteDevice] = {}
+
+    # ----------------------------------------------------------------------------------- life cycle
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave ROS. The device goes on as it is: neither stopped nor disabled."""
+        self._space.link.close()
+
+    @property
+    def namespace(self) -> str:
+        """Where it is on ROS."""
+        return self._space.namespace
+
+    @property
+    def manifest(self) -> Mapping[str, Any]:
+        """The capability manifest as the device published it; empty for a device that has none."""
+        return self._space.catalogue.manifest
+
+    @property
+    def crtk_commands(self) -> Mapping[str, Command]:
+        """The CRTK names that this device offers now."""
+        return {name: feature.command for name, feature in self._space.features().items()}
+
+    # -------------------------------------------------------------------------------- à la carte
+
+    def __getattr__(self, name: str) -> Any:
+        """Make a CRTK method or a sub-namespace when it is first used."""
+        if name.startswith("_"):
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        try:
+            if name in SUB_NAMESPACES:
+                return self.child(name, timeout=0.0)
+            if name not in COMMANDS and name not in PARTS:
+                raise NotOffered(f"{type(self).__name__} has no attribute {name!r}")
+            method = self._make(name)
+        except NotOffered as error:
+            raise AttributeError(str(error)) from None
+        except ConnectionFailed:
+            if name not in SUB_NAMESPACES:
+                raise
+            raise AttributeError(f"{self.namespace} has nothing in {name}/") from None
+        setattr(self, name, method)
+        return method
+
+    def add(self, *names: str, timeout: float | None = None) -> Self:
+        """Set these CRTK names up now, instead of at their first use, and wait until all are connected.
+
+        Args:
+            names: ``measured_js``, ``servo_cp``, ``local/measured_cp``, ``operating_state``, ...
+            timeout: in seconds, for all of them; None: as given to `connect`.
+
+        Raises:
+            ConnectionFailed: the device does not offer one, or its other end was not found in time.
+        """
+        space = self._space
+        limit = space.timeout if timeout is None else timeout
+        deadline = time.monotonic() + limit
+        for name in names:
+            sub, _, base = name.rpartition("/")
+            target = space.child(sub, limit) if sub else space
+            try:
+                if base == "operating_state":
+                    target.status()
+                else:
+                    target.endpoint(PARTS.get(base, (base, ""))[0])
+            except NotOffered as error:
+                raise ConnectionFailed(str(error)) from None
+        self.check_connections(max(0.0, deadline - time.monotonic()))
+        return self
+
+    def child(self, name: str, timeout: float | None = None) -> RemoteDevice:
+        """Return the device in a sub-namespace, for example ``gripper``; it need not be a CRTK word.
+
+        It has its own operating state if it publishes one, and otherwise that of this device.
+
+        Raises:
+            ConnectionFailed: there is nothing in `timeout` s.
+        """
+        if name not in self._children:
+            limit = self._space.timeout if timeout is None else timeout
+            space = self._space.child(name, limit)
+            self._children.setdefault(name, RemoteDevice(space))
+        return self._children[name]
+
+    def check_connections(self, timeout: float = 5.0) -> None:
+        """Wait until everything used so far, sub-namespaces included, has met its other end.
+
+        Raises:
+            ConnectionFailed: what is missing on the other side.
+        """
+        self._space.wait_connected(self._space.all_endpoints(), timeout)
+
+    def _make(self, name: str) -> Callable[..., Any]:
+        whole, field = PARTS.get(name, (name, ""))
+        command = COMMANDS[whole]
+        if command.direction is Direction.PUBLISHED:
+            method = self._getter(whole, field)
+        elif command.direction is Direction.SERVICE:
+            method = self._query(whole, command)
+        else:
+            method = self._sender(whole, command)
+        part = f"the {field} of {whole}: " if field else ""
+        method.__name__ = name
+        method.__doc__ = f"{part}{command.summary} ({command.units})."
+        return method
+
+    # --------------------------------------------------------------------------------- feedback
+
+    def _getter(self, name: str, field: str) -> Callable[..., Any]:
+        inbox: Inbox = self._space.connected(name)
+        is_goal = COMMANDS[name].level is Level.GOAL
+
+        def getter(age: float | None = None, wait: float | None = None, extra: bool = False) -> Any:
+            oldest = DEFAULT_AGE if age is None else age
+            timeout = DEFAULT_WAIT if wait is None else wait
+
+            def fresh(received: Received) -> bool:
+                if is_goal or oldest == 0.0:
+                    return True
+                return received.wall_ns != 0 and time.monotonic() - received.since <= oldest
+
+            found = inbox.wait_for(fresh, timeout)
+            if found is None:
+                raise self._no_data(name, inbox, oldest)
+            value: Any = getattr(found.value, field) if field else found.value
+            return (value, found.wall_ns / 1e9) if extra else value
+
+        return getter
+
+    def _no_data(self, name: str, inbox: Inbox, oldest: float) -> DataTimeout:
+        latest = inbox.latest
+        if not inbox.connected:
+            what, remedy = "nobody publishes it", "Is the driver still running?"
+        elif latest is None:
+            what, remedy = "no value yet", "If the node is your own, is it spun?"
+        else:
+            reason = "stamped as not valid" if latest.wall_ns == 0 else "too old"
+            what = f"nothing valid and newer than {oldest:g} s; the last value is {reason}"
+            remedy = "Pass age=0 to take the last value whatever its age."
+        tracker = self._space.tracker
+        state = "" if tracker is None else f"; the device is {tracker.latest.state}"
+        return DataTimeout(f"{name}: {what}{state}", where=self.namespace, remedy=remedy)
+
+    def on(self, name: str, callback: Callable[[Value, float], Any]) -> Callable[[], None]:
+        """Call `callback(value, stamp)` for each value of a feedback; return what ends that.
+
+        The stamp is in seconds, 0 for a value that is not valid. Called from the thread that spins: it must
+        return soon, and cannot wait for other feedback.
+        """
+        inbox: Inbox = self._space.connected(name)
+
+        def listen(received: Received) -> None:
+            callback(received.value, received.wall_ns / 1e9)
+
+        inbox.add_listener(listen)
+        return lambda: inbox.remove_listener(listen)
+
+    # --------------------------------------------------------------------------------- commands
+
+    def _sender(self, name: str, command: Command) -> Callable[..., Any]:
+        if name == "state_command":
+            return self.state_command
+        outbox: Outbox = self._space.connected(name)
+        if command.level is Level.MOVE:
+            return self._mover(name, command, outbox)
+        try:
+            tracker = self._space.status()
+        except NotOffered:
+            tracker = None  # nobody will say whether it was accepted
+        if not command.is_motion:
+            return self._plain_sender(name, outbox, tracker)
+
+        def stream(value: Any) -> None:
+            if tracker is not None:
+                tracker.sending(name)
+            self._send(outbox, command, value)
+
+        return stream
+
+    def _send(self, outbox: Outbox, command: Command, value: Any) -> Value | None:
+        """Send a value and return it; None if it was a ready message."""
+        if outbox.accepts(value):
+            outbox.send_message(value)
+            return None
+        payload = value_for(command, value, self.namespace)
+        outbox.send(payload, getattr(payload, "frame_id", ""))
+        return payload
+
+    def _plain_sender(
+        self, name: str, outbox: Outbox, tracker: StatusTracker | None
+    ) -> Callable[[], None]:
+        if tracker is None:
+            return lambda: outbox.send(None)
+
+        def plain() -> None:
+            watch = tracker.watch()
+            try:
+                outbox.send(None)
+                watch.raise_refusal(name, GRACE)
+            finally:
+                tracker.unwatch(watch)
+            tracker.replace(name)
+
+        return plain
+
+    def _mover(self, name: str, command: Command, outbox: Outbox) -> Callable[[Any], RemoteMove]:
+        space, tracker = self._space, self._space.status()
+        setpoint = None
+        source = "setpoint_js" if command.payload is Payload.JOINT_STATE else "setpoint_cp"
+        if not command.is_relative and source in space.features():
+            setpoint = space.connected(source)
+
+        def move(goal: Any) -> RemoteMove:
+            ready = outbox.accepts(goal)
+            value = None if ready else value_for(command, goal, self.namespace)
+            handle = RemoteMove(
+                name,
+                was_busy=tracker.latest.is_busy,
+                refused_before=tracker.refused_lately(name),
+                at_goal=goal_test(setpoint, value),
+                lost=tracker.lost,
+            )
+            tracker.follow(handle)
+            try:
+                self._send(outbox, command, goal if ready else value)
+                handle.confirm()
+            except BaseException as error:
+                handle.replaced(type(error).__name__)
+                raise
+            tracker.replace(name, but=handle)
+            return handle
+
+        return move
+
+    def _query(self, name: str, command: Command) -> Callable[..., Any]:
+        caller: Any = self._space.connected(name)
+        if command.payload is Payload.FORWARD_KINEMATICS:
+
+            def forward(joints: ArrayLike, timeout: float = SERVICE_TIMEOUT) -> Pose:
+                numbers = vector(np.asarray(joints, dtype=float))
+                pose: Pose = caller.forward_kinematics(numbers, timeout)
+                return pose
+
+            return forward
+
+        def inverse(
+            pose: Any, reference: ArrayLike = EMPTY, timeout: float = SERVICE_TIMEOUT
+        ) -> Vector:
+            numbers = vector(np.asarray(reference, dtype=float))
+            joints: Vector = caller.inverse_kinematics(as_pose(pose), numbers, timeout)
+            return joints
+
+        return inverse
+
+    # ------------------------------------------------------------------------------ operating state
+
+    def operating_state(self) -> Status:
+        """Return state, is_homed and is_busy, as heard last.
+
+        Raises:
+            ConnectionLost: the device is not heard any more.
+        """
+        tracker = self._space.status()
+        lost = tracker.lost()
+        if lost:
+            raise ConnectionLost(lost, where=self.namespace, remedy="Is the driver still running?")
+        return tracker.latest
+
+    def is_enabled(self) -> bool:
+        """Whether the state is ENABLED."""
+        return self.operating_state().state is OperatingState.ENABLED
+
+    def is_homed(self) -> bool:
+        """Whether positions can be trusted."""
+        return self.operating_state().is_homed
+
+    def is_busy(self) -> bool:
+        """Whether a move or homing is running."""
+        return self.operating_state().is_busy
+
+    def wait_for_busy(self, is_busy: bool = False, timeout: float = 30.0) -> bool:
+        """Wait until is_busy is as asked; return whether it was in time."""
+        tracker = self._space.status()
+        return tracker.wait_for(lambda status: status.is_busy is is_busy, timeout)
+
+    def wait_for_operating_state(self, state: str, timeout: float = 30.0) -> bool:
+        """Wait until the state is as asked; return whether it was in time."""
+        tracker = self._space.status()
+        return tracker.wait_for(lambda status: status.state == state, timeout)
+
+    def on_status(self, callback: Callable[[Status], Any]) -> Callable[[], None]:
+        """Call `callback(status)` whenever the status is another; return what ends that. See `on`."""
+        return self._space.status().on_status(callback)
+
+    def on_refusal(self, callback: Callable[[CommandRefused], Any]) -> Callable[[], None]:
+        """Call `callback(refusal)` for each refusal that the device tells, also of other clients."""
+        return self._space.status().on_refusal(callback)
+
+    def state_command(self, command: str, timeout: float = 30.0) -> None:
+        """Send a state command and wait until it is carried out.
+
+        Args:
+            command: enable, disable, pause, resume, home or unhome.
+            timeout: in seconds; 0 does not wait.
+
+        Raises:
+            CommandRefused: invalid in this state, or refused by the device.
+            TransitionFailed: it ended in another state, or did not end in time.
+        """
+        deadline = time.monotonic() + timeout
+        wanted = parse_command(command)
+        space = self._space
+        if space.parent is not None and "state_command" not in space.features():
+            space = space.parent
+        try:
+            outbox, tracker = space.connected("state_command"), space.status()
+        except NotOffered as error:
+            raise ConnectionFailed(str(error)) from None
+        watch = tracker.watch()
+        try:
+            before = self.operating_state()
+            target = target_of(before.state, wanted)
+            outbox.send(str(wanted.value))
+            if timeout > 0.0:
+                transition = Transition(wanted, before, target, space.needs_homing)
+                transition.wait(watch, deadline, self.namespace)
+        except CommandRefused as refusal:
+            refusal.where = refusal.where or self.namespace
+            raise
+        finally:
+            tracker.unwatch(watch)
+
+    def enable(self, timeout: float = 30.0) -> None:
+        """Power up and accept motion commands. See `state_command`."""
+        self.state_command(StateCommand.ENABLE, timeout)
+
+    def disable(self, timeout: float = 30.0) -> None:
+        """Power down. See `state_command`."""
+        self.state_command(StateCommand.DISABLE, timeout)
+
+    def pause(self, timeout: float = 30.0) -> None:
+        """Stop and ignore motion commands, with power on. See `state_command`."""
+        self.state_command(StateCommand.PAUSE, timeout)
+
+    def resume(self, timeout: float = 30.0) -> None:
+        """Go on after PAUSED. See `state_command`."""
+        self.state_command(StateCommand.RESUME, timeout)
+
+    def home(self, timeout: float = 60.0) -> None:
+        """Find the reference positions. See `state_command`."""
+        self.state_command(StateCommand.HOME, timeout)
+
+    def unhome(self, timeout: float = 30.0) -> None:
+        """Forget the reference positions. See `state_command`."""
+        self.state_command(StateCommand.UNHOME, timeout)
+
+
+def connect(
+    namespace: str,
+    *,
+    timeout: float = CONNECT_TIMEOUT,
+    features: Iterable[str] = (),
+    node: Any = None,
+    executor: Any = None,
+    ros_args: Sequence[str] = (),
+) -> RemoteDevice:
+    """Find the CRTK device in a ROS 2 namespace.
+
+    Args:
+        namespace: ``/ur5``; the leading slash may be left out.
+        timeout: seconds in which it, and later each topic's other end, must be found.
+        features: CRTK names to set up at once, see `RemoteDevice.add`; others follow at first use.
+        node: your own rclpy node to use; you spin it, in another thread than the one that calls.
+        executor: your own executor; a node is added to it, and you spin it.
+        ros_args: for the client's own node: ``["--ros-args", "-r", "/ur5/servo_jp:=/filtered"]``.
+
+    Raises:
+        MissingExtra, ConfigError: ROS 2 cannot be used here, or that is no namespace.
+        ConnectionFailed: there is no such device, or it lacks one of the features.
+    """
+    namespace = checked_namespace(namespace if namespace.startswith("/") else f"/{namespace}")
+    environment.check()
+    from crtk_drivers.ros.link import Link
+
+    link = Link(node=node, executor=executor, ros_args=ros_args)
+    try:
+        link.start()
+        space = Space(link, namespace, timeout)
+        space.catalogue.wait(timeout)
+        return RemoteDevice(space).add(*features)
+    except BaseException:
+        link.close()
+        raise

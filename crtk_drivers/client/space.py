@@ -1,0 +1,219 @@
+"""One namespace on ROS: its features, and the endpoints made for them so far."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from crtk_drivers.client.discovery import Catalogue, Feature
+from crtk_drivers.client.status import StatusTracker
+from crtk_drivers.commands import COMMANDS, Direction, Kind, Payload
+from crtk_drivers.errors import ConnectionFailed
+
+if TYPE_CHECKING:
+    from crtk_drivers.ros.link import Endpoint, Link
+
+PARTS: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        f"{command.name[:-1]}{kind}": (command.name, field)
+        for command in COMMANDS.values()
+        if command.payload is Payload.JOINT_STATE and command.kind is Kind.STATE
+        for kind, field in (("p", "position"), ("v", "velocity"), ("f", "effort"))
+    }
+)
+"""``measured_jp`` is the position of ``measured_js``."""
+
+
+class NotOffered(Exception):
+    """The other side lacks what was asked for."""
+
+
+class Space:
+    """The topics and services of one device, or of a sub-namespace of one. Thread-safe.
+
+    Args:
+        link: to ROS.
+        namespace: full, for example ``/ur5``.
+        timeout: seconds in which the other end of a topic must be found.
+        parent: the space that this is a sub-namespace of.
+    """
+
+    def __init__(
+        self, link: Link, namespace: str, timeout: float, parent: Space | None = None
+    ) -> None:
+        self.link = link
+        self.namespace = namespace
+        self.timeout = timeout
+        self.parent = parent
+        self.catalogue = Catalogue(link, namespace)
+        self.endpoints: dict[str, Endpoint] = {}
+        self.tracker: StatusTracker | None = None
+        self._lock = threading.RLock()
+        self._children: dict[str, Space] = {}
+
+    def features(self) -> dict[str, Feature]:
+        """Return what is offered here now; a parent's manifest may list it with the sub-namespace."""
+        features = self.catalogue.features()
+        if self.parent is not None:
+            prefix = self.catalogue.prefix.removeprefix(self.parent.catalogue.prefix)
+            for name, feature in self.parent.catalogue.features().items():
+                if name.startswith(prefix):
+                    features[name.removeprefix(prefix)] = feature
+        return features
+
+    def feature(self, name: str) -> Feature:
+        """Return one feature.
+
+        Raises:
+            NotOffered: it does not exist on the other side, or is of another type there.
+        """
+        from crtk_drivers.ros.link import ros_type
+
+        features = self.features()
+        feature = features.get(name)
+        if feature is None:
+            raise NotOffered(
+                f"{self.namespace} does not offer {name}. "
+                f"It offers: {', '.join(features) or 'nothing at all'}."
+            )
+        wanted = ros_type(feature.command)
+        if feature.ros_type != wanted:
+            raise NotOffered(
+                f"{feature.topic} is a {feature.ros_type} on the other side and a {wanted} here; in "
+                "ROS 2 the two never meet. Update the older side."
+            )
+        return feature
+
+    def child(self, name: str, timeout: float) -> Space:
+        """Return a sub-namespace.
+
+        Raises:
+            ConnectionFailed: there is nothing in it within `timeout` s.
+        """
+        with self._lock:
+            if name not in self._children:
+                child = Space(self.link, f"{self.catalogue.prefix}{name}", self.timeout, self)
+                if not child.features():
+                    child.catalogue.wait(timeout)
+                self._children[name] = child
+            return self._children[name]
+
+    # ------------------------------------------------------------------------------------ endpoints
+
+    def endpoint(self, name: str) -> Endpoint:
+        """Return the endpoint of a CRTK name, made if it is not there yet.
+
+        Raises:
+            NotOffered: see `feature`.
+        """
+        from crtk_drivers.ros.link import MESSAGE_TYPES
+
+        with self._lock:
+            if name in self.endpoints:
+                return self.endpoints[name]
+            feature = self.feature(name)
+            payload = feature.command.payload
+            endpoint: Endpoint
+            if feature.command.direction is Direction.PUBLISHED:
+                endpoint = self.link.inbox(feature.topic, MESSAGE_TYPES[payload])
+            elif feature.command.direction is Direction.COMMANDED:
+                endpoint = self.link.outbox(feature.topic, payload)
+            else:
+                endpoint = self.link.caller(feature.topic, MESSAGE_TYPES[payload])
+            self.endpoints[name] = endpoint
+            return endpoint
+
+    def connected(self, name: str) -> Any:
+        """Return the endpoint of a CRTK name once it has met its other end.
+
+        Raises:
+            NotOffered: see `feature`.
+            ConnectionFailed: no other end within `timeout` s.
+        """
+        from crtk_drivers.ros.link import may_wait
+
+        endpoint = self.endpoint(name)
+        if not endpoint.connected:
+            may_wait(f"the first use of {name}")
+            self.wait_connected([endpoint], self.timeout)
+        return endpoint
+
+    def all_endpoints(self) -> list[Endpoint]:
+        """Return the endpoints made so far, with those of sub-namespaces."""
+        with self._lock:
+            endpoints = list(self.endpoints.values())
+            children = list(self._children.values())
+        for child in children:
+            endpoints += child.all_endpoints()
+        return endpoints
+
+    def wait_connected(self, endpoints: list[Endpoint], timeout: float) -> None:
+        """Wait until all `endpoints` have met their other end.
+
+        Raises:
+            ConnectionFailed: some have not; names them.
+        """
+        from crtk_drivers.ros.link import Caller, Outbox, wait_connected
+
+        if wait_connected(endpoints, time.monotonic() + timeout):
+            return
+        kinds = {Caller: "nobody serves", Outbox: "nobody listens to"}
+        missing = [
+            f"{kinds.get(type(endpoint), 'nobody publishes')} {endpoint.topic}"
+            for endpoint in endpoints
+            if not endpoint.connected
+        ]
+        raise ConnectionFailed(
+            f"{'; '.join(missing)} (waited {timeout:.3g} s)",
+            where=self.namespace,
+            remedy=f"Is the driver running? It offers now: {', '.join(self.features()) or 'nothing'}.",
+        )
+
+    # ------------------------------------------------------------------------------ operating state
+
+    def status(self) -> StatusTracker:
+        """Return the tracker of the operating state, started.
+
+        A sub-namespace without an operating state has that of its parent.
+
+        Raises:
+            NotOffered, ConnectionFailed, DataTimeout: there is none.
+        """
+        if self.tracker is None:
+            if self.parent is not None and "operating_state" not in self.features():
+                return self.parent.status()
+            with self._lock:
+                if self.tracker is None:
+                    self.tracker = self._make_tracker()
+        self.tracker.start(self.timeout)
+        self.endpoints.setdefault("operating_state", self.tracker.inbox)
+        return self.tracker
+
+    def _make_tracker(self) -> StatusTracker:
+        from crtk_drivers.ros.link import MESSAGE_TYPES
+
+        topic = self.feature("operating_state").topic
+        refusals = f"{self.catalogue.prefix}refusals"
+        rates = self.catalogue.manifest.get("rates") or {}
+        return StatusTracker(
+            self.link,
+            self.namespace,
+            topic,
+            MESSAGE_TYPES[Payload.OPERATING_STATE],
+            refusals if self.link.publishers(refusals) else None,
+            topic if topic in self.link.services() else None,
+            bool(rates.get("heartbeat")),
+            self._is_alone,
+        )
+
+    def _is_alone(self, name: str) -> bool:
+        endpoint = self.endpoints.get(name)
+        return endpoint is not None and self.link.publishers(endpoint.topic) <= 1
+
+    @property
+    def needs_homing(self) -> bool:
+        """Whether `unhome` is seen in is_homed."""
+        return bool(self.catalogue.manifest.get("homing", True))
