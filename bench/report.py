@@ -22,9 +22,9 @@ def options(description: str, **numbers: tuple[float, str]) -> argparse.Namespac
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     for name, (default, text) in numbers.items():
-        parser.add_argument(
-            f"--{name}", type=type(default), default=default, help=f"{text} (default: {default})"
-        )
+        flag = "--" + name.replace("_", "-")
+        described = f"{text} (default: {default})"
+        parser.add_argument(flag, type=type(default), default=default, help=described)
     return parser.parse_args()
 
 

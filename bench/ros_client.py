@@ -9,6 +9,7 @@ Prints ``ready`` when every topic has been heard, and runs until SIGTERM.
 from __future__ import annotations
 
 import argparse
+import math
 import signal
 import threading
 import time
@@ -33,6 +34,8 @@ TOPICS = {
     "measured_cf": WrenchStamped,
 }
 READY_TIMEOUT = 30.0
+ENABLE_PERIOD = 5.0
+"""Seconds after which enable is tried again: on a busy machine it may fail."""
 SERVO_STEP = 1e-6
 """rad by which each servo command differs from the one before, so that it can be recognised."""
 
@@ -89,9 +92,16 @@ class Client:
     def enable(self) -> None:
         """Enable the device."""
         self.spin_until(lambda: self._state == "DISABLED", "DISABLED")
-        self.spin_until(self._state_command.get_subscription_count, "the driver")
-        self._state_command.publish(StringStamped(string="enable"))
-        self.spin_until(lambda: self._state == "ENABLED", "ENABLED")
+        asked = -math.inf
+
+        def enabled() -> bool:
+            nonlocal asked
+            if self._state != "ENABLED" and time.monotonic() - asked > ENABLE_PERIOD:
+                asked = time.monotonic()
+                self._state_command.publish(StringStamped(string="enable"))
+            return self._state == "ENABLED"
+
+        self.spin_until(enabled, "ENABLED")
 
     def stream(self, rate: float) -> None:
         """Send servo commands, each a little beside where the arm is, until stopped."""

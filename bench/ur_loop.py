@@ -1,8 +1,8 @@
 """UR at 500 Hz: the I/O loop of the driver beside a bare loop over ur-rtde.
 
-The driver publishes measured_js, setpoint_js, measured_cp, setpoint_cp, measured_cv and measured_cf at 500 Hz,
-ENABLED, to one subscriber process that reads them all. The bare loop reads the same six things from the same kind of
-simulator and publishes nothing. Both run alternately, never at the same time.
+The driver is ENABLED and publishes measured_js, setpoint_js, measured_cp, setpoint_cp, measured_cv and
+measured_cf at 500 Hz to one subscriber process that reads them all. The bare loop reads the same six things
+from the same kind of simulator and publishes nothing. Both run alternately, never at the same time.
 """
 
 from __future__ import annotations
