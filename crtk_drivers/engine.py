@@ -92,6 +92,8 @@ class Engine:
         self.capabilities = device.capabilities
         self.commands = offered(self.capabilities)
         self.options = options or EngineOptions()
+        self.on_sample: Callable[[], None] | None = None
+        """Called by the I/O thread at the end of each cycle that brought a sample; must return at once."""
         self._clock = clock
         self._connected = False
         self._alarm = ""
@@ -298,6 +300,8 @@ class Engine:
         except DeviceFault as fault:
             self._leave(OperatingState.FAULT, str(fault))
         self._health.cycle(now)
+        if sample is not None and self.on_sample is not None:
+            self.on_sample()
 
     def disconnect(self, reason: str) -> None:
         """Close the device after the link was lost; the state is FAULT until it is open again."""

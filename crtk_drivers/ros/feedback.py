@@ -8,6 +8,7 @@ subscriber within one period.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -100,6 +101,13 @@ class FeedbackTopics:
     def publishers(self) -> dict[str, Publisher]:
         """By CRTK name."""
         return {topic.name: topic.publisher for topic in self._topics}
+
+    def set_rate(self, rate: float) -> None:
+        """Publish `rate` times a second; at the device's own rate, each sample once and at once."""
+        follows = math.isclose(rate, self._engine.capabilities.rate, rel_tol=0.01)
+        self.job.follows = follows
+        self._engine.on_sample = self.job.ask if follows else None
+        self.job.set_rate(rate)
 
     def _publish(self) -> None:
         heard = [t for t in self._topics if t.publisher.get_subscription_count() > 0]

@@ -112,16 +112,16 @@ class DriverNode:
         self._set_up_diagnostics()
         self._set_up_manifest()
         self._listener = _Listener(engine, self._status, self._refusals, self._goals)
-        jobs = {
-            "publish_rate": self._feedback.job,
-            "tf_rate": self._transforms.job,
-            "heartbeat_rate": self._status.job,
-            "diagnostics_rate": self._diagnostics_job,
+        set_rate = {
+            "publish_rate": self._feedback.set_rate,
+            "tf_rate": self._transforms.job.set_rate,
+            "heartbeat_rate": self._status.job.set_rate,
+            "diagnostics_rate": self._diagnostics_job.set_rate,
         }
 
         def apply(name: str, rate: float) -> None:
             self._rates[name] = rate
-            jobs[name].set_rate(rate)
+            set_rate[name](rate)
             self._manifest_job.ask()
 
         declare_rates(node, config, apply)
@@ -137,6 +137,7 @@ class DriverNode:
         """Publish what is still to be told and end; False if DDS still blocks after `timeout` s."""
         logging.getLogger("crtk_drivers").removeHandler(self._rosout)
         self._engine.remove_observer(self._listener)
+        self._engine.on_sample = None
         return self._thread.stop(timeout)
 
     def _names_on_ros(self) -> dict[str, str]:

@@ -20,6 +20,8 @@ logger = logging.getLogger(__name__)
 FAILURE_INTERVAL = 2.0
 """Seconds between two log records of a job that keeps failing."""
 
+FILL_IN_AFTER = 2.0
+"""Periods after which a job that follows runs although it was not asked for."""
 
 LONGEST_WAIT = 3600.0
 
@@ -47,6 +49,8 @@ class Job:
         self.run = run
         self.due = math.inf
         self.wanted = False
+        self.follows = False
+        """It is asked for in step with the data: its own clock fills in only when nobody asks."""
         self._wake = wake
         self._period = math.inf
 
@@ -64,7 +68,9 @@ class Job:
 
     def advance(self, now: float) -> None:
         """Set the next due time on the job's own grid; what was missed is skipped."""
-        if self.due <= now:
+        if self.follows and self.wanted:
+            self.due = now + FILL_IN_AFTER * self._period
+        elif self.due <= now:
             self.due += self._period * (1.0 + (now - self.due) // self._period)
 
 
@@ -103,8 +109,8 @@ class PublishingThread:
             for job in self._jobs:
                 now = time.monotonic()
                 if job.wanted or job.due <= now:
-                    job.wanted = False
                     job.advance(now)
+                    job.wanted = False
                     self._run(job)
         for job in self._jobs:
             if job.wanted:
