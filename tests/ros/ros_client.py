@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any, Self
 
 import rclpy
@@ -111,9 +111,9 @@ class Inbox:
 
 
 class RosClient:
-    """Connected to one namespace; everything in the tables above is an attribute by its name."""
+    """Connected to one namespace, to everything in the tables above but what is `absent` there."""
 
-    def __init__(self, namespace: str) -> None:
+    def __init__(self, namespace: str, absent: Collection[str] = ()) -> None:
         self.namespace = namespace
         self._context = Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
@@ -122,7 +122,8 @@ class RosClient:
         self.state_stamps: list[int] = []
         self._state_stamp = 0
         for name, kind in PUBLISHED.items():
-            self._listen(name, f"{namespace}/{name}", kind, RELIABLE)
+            if name not in absent:
+                self._listen(name, f"{namespace}/{name}", kind, RELIABLE)
         for name, kind in LATCHED.items():
             self._listen(name, f"{namespace}/{name}", kind, TRANSIENT)
         for name, kind in GLOBAL.items():
@@ -134,6 +135,7 @@ class RosClient:
                 TRANSIENT if name == "state_command" else RELIABLE,
             )
             for name, kind in COMMANDED.items()
+            if name not in absent
         }
         self.clients = {
             name: self.node.create_client(kind, f"{namespace}/{name}")
