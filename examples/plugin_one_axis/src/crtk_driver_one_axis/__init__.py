@@ -1,0 +1,34 @@
+"""A linear stage as a CRTK device: the worked example of a plugin of crtk-drivers."""
+
+from __future__ import annotations
+
+from crtk_driver_one_axis.config import OneAxisConfig
+from crtk_driver_one_axis.device import OneAxisDevice
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.sims import RunningSim
+
+
+def _require_host(config: OneAxisConfig) -> None:
+    if not config.host:
+        raise ConfigError(
+            "host: is required for a real stage",
+            where="one_axis",
+            remedy="Give its address (--host 192.168.1.20), or use --sim.",
+        )
+
+
+def _at_sim(config: OneAxisConfig, sim: RunningSim) -> OneAxisConfig:
+    return config.model_copy(update={"host": sim.host, "port": sim.ports["stage"]})
+
+
+PLUGIN = DevicePlugin(
+    name="one_axis",
+    summary="a linear stage with a line protocol over TCP (example of a plugin)",
+    config=OneAxisConfig,
+    create=OneAxisDevice,
+    sim="one_axis",
+    check_real=_require_host,
+    sim_config=_at_sim,
+    sim_options=lambda config: {"travel": config.travel},
+)
