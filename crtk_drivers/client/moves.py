@@ -127,11 +127,18 @@ class RemoteMove(Move):
         if self._idle_since is None or self._ended.is_set():
             return
         arrived = self._at_goal()
-        if arrived is False:
-            if time.monotonic() - self._idle_since > SETTLE_TIME:
-                self.finish(Outcome.ABORTED, "it stopped away from its goal")
-            return
-        self.finish(Outcome.REACHED)
+        idle = time.monotonic() - self._idle_since
+        if arrived is False and idle > SETTLE_TIME:
+            self.finish(Outcome.ABORTED, "it stopped away from its goal")
+        elif arrived or (arrived is None and (self._was_long or idle > self._refusal_time)):
+            self.finish(Outcome.REACHED)
+
+    @property
+    def _was_long(self) -> bool:
+        """Whether busy lasted too long to be the pulse of a refused move."""
+        if self._busy_since is None or self._idle_since is None:
+            return False
+        return self._idle_since - self._busy_since > ACCEPT_TIME
 
     def is_busy(self) -> bool:
         """Whether it has not ended yet."""

@@ -71,6 +71,7 @@ class StatusTracker:
         service: full name of the service ``operating_state``; None for a device without.
         heartbeat: whether the state is repeated.
         alone: whether nobody but this client sends a command, so that its refusals are ours.
+        past_refusals: ask for those of before, and leave them out: none is missed while the two ends meet.
     """
 
     def __init__(
@@ -83,6 +84,7 @@ class StatusTracker:
         service: str | None,
         heartbeat: bool,
         alone: Callable[[str], bool],
+        past_refusals: bool = True,
     ) -> None:
         self._link = link
         self._where = where
@@ -96,7 +98,9 @@ class StatusTracker:
         self._inbox: Inbox | None = None
         self._latest: Status | None = None
         self._heard = 0.0
-        self._live = False
+        self._past_refusals = past_refusals
+        self._live = not past_refusals
+        self._started = False
         self._told_unknown = False
         self._watches: list[Watch] = []
         self._moves: list[RemoteMove] = []
@@ -108,6 +112,21 @@ class StatusTracker:
 
     # ------------------------------------------------------------------------------------ lifetime
 
+    def subscribe(self) -> list[Inbox]:
+        """Subscribe, if that is not done yet, and return the subscriptions."""
+        with self._lock:
+            if self._inbox is None:
+                latched = self._service is None and self._link.is_latched(self._topic)
+                self._inbox = self._link.inbox(self._topic, self._type, latched)
+                self._inbox.add_listener(self._receive)
+                if self._refusals is not None:
+                    box = self._link.text_inbox(self._refusals, self._past_refusals)
+                    box.add_listener(self._receive_refusal)
+            boxes = [self._inbox]
+            if self._refusals is not None:
+                boxes.append(self._link.text_inbox(self._refusals, self._past_refusals))
+            return boxes
+
     def start(self, timeout: float) -> None:
         """Subscribe, and wait for the first status. Does nothing once that is done.
 
@@ -115,22 +134,13 @@ class StatusTracker:
             ConnectionFailed: nobody publishes it.
             DataTimeout: somebody does, and nothing came.
         """
+        if self._started:
+            return
         from crtk_drivers.ros.link import may_wait, wait_connected
 
         deadline = time.monotonic() + timeout
-        with self._lock:
-            if self._inbox is None:
-                latched = self._service is None and self._link.is_latched(self._topic)
-                self._inbox = self._link.inbox(self._topic, self._type, latched)
-                self._inbox.add_listener(self._receive)
-                if self._refusals is not None:
-                    self._link.text_inbox(self._refusals).add_listener(self._receive_refusal)
-            elif self._live:
-                return
+        boxes = self.subscribe()
         may_wait("operating_state")
-        boxes = [self._inbox]
-        if self._refusals is not None:
-            boxes.append(self._link.text_inbox(self._refusals))
         if not wait_connected(boxes, deadline):
             missing = ", ".join(box.topic for box in boxes if not box.connected)
             raise ConnectionFailed(
@@ -153,7 +163,7 @@ class StatusTracker:
             seen = box.latest.serial
             if time.monotonic() > end:
                 break
-        self._live = True
+        self._live = self._started = True
 
     def _ask(self, deadline: float) -> None:
         """Ask the service for the state as it is now, so that no heartbeat has to be waited for."""
@@ -244,9 +254,13 @@ class StatusTracker:
 
     @property
     def latest(self) -> Status:
-        """The status heard last."""
-        assert self._latest is not None, "start comes first"
-        return self._latest
+        """The status heard last; DISABLED before there was one."""
+        return self._latest or Status()
+
+    @property
+    def has_status(self) -> bool:
+        """Whether a status was heard."""
+        return self._latest is not None
 
     def lost(self) -> str:
         """Return why the device counts as gone; empty if it does not."""

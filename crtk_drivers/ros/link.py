@@ -204,6 +204,10 @@ class Outbox:
                 f"nobody listens to {self.topic} any more",
                 remedy="Was the driver stopped? It is found again when it is back.",
             )
+        self.publish(value, frame_id)
+
+    def publish(self, value: Value | str | None, frame_id: str = "") -> None:
+        """As `send`, whether anybody listens or not."""
         with self._lock:
             message = self._message
             if self._has_header:
@@ -438,9 +442,9 @@ class Link:
                 )
             return self._inboxes[topic]
 
-    def text_inbox(self, topic: str) -> Inbox:
-        """Return the subscription of a std_msgs/String whose last ones are kept for those who come late."""
-        return self.inbox(topic, String, latched=True)
+    def text_inbox(self, topic: str, latched: bool = True) -> Inbox:
+        """Return the subscription of a std_msgs/String."""
+        return self.inbox(topic, String, latched)
 
     def outbox(self, topic: str, payload: Payload) -> Outbox:
         """Return the publisher of a topic."""
