@@ -98,7 +98,7 @@ class UrBench:
     @property
     def child(self) -> int:
         """Process id of the control process."""
-        return int(self.device._control.status.pid)
+        return int(self.device._link.process.status.pid)
 
     def until_connected(self) -> None:
         eventually(lambda: self.engine.connected and self.engine.has_sample, "connected")
@@ -144,6 +144,13 @@ class UrBench:
         """Wait until each output has one of the values that are given for it."""
         for name, values in wanted.items():
             eventually(lambda n=name, v=values: self.outputs(n) in v, f"{name} in {values}")
+
+    def inject(self, kind: str, **parameters: Any) -> None:
+        """Begin a fault that lasts, and wait until it has begun."""
+        self.sim.control.inject(kind, **parameters)
+        eventually(
+            lambda: kind in [fault["kind"] for fault in self.sim.control.status()["faults"]], kind
+        )
 
     def q(self) -> np.ndarray:
         return np.array(self.outputs("actual_q"))

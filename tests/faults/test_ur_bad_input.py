@@ -141,11 +141,11 @@ def test_i5_names_may_be_left_out_and_i7_quaternions_a_little_off(bench):
 
 
 def test_i8_a_servo_position_out_of_range_is_clamped_and_told(bench):
-    limit = bench.engine.capabilities.limits[5].upper
-    assert bench.arm.move_jp(near(j5=limit - 0.02)).wait(LONG)
-    bench.arm.servo_jp(near(j5=limit + 0.01))
-    eventually(lambda: abs(bench.q()[5] - limit) < 1e-3, "the limit is reached")
-    assert math.isclose(bench.arm.setpoint_jp()[5], limit)
+    limit = bench.engine.capabilities.limits[2].upper
+    assert bench.arm.move_jp(near(j2=limit - 0.02)).wait(LONG)
+    bench.arm.servo_jp(near(j2=limit + 0.01))
+    eventually(lambda: abs(bench.q()[2] - limit) < 1e-3, "the limit is reached")
+    assert math.isclose(bench.arm.setpoint_jp()[2], limit)
     assert bench.arm.health().clamped == 1
     assert any("clamped" in text for text in bench.log.warnings)
     assert bench.status.state == "ENABLED"

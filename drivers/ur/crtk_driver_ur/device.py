@@ -1,8 +1,8 @@
 """A Universal Robots arm as a CRTK device.
 
 Two ways lead to the controller. The state comes over an RTDE connection of our own (`rtde.stream`), read
-in the I/O thread. Commands go to a control process that owns the vendor library (`control`): it may hang or
-crash without harm to this one, and the controller's watchdog stops the arm when it does.
+in the I/O thread. Commands go to a control process that owns the vendor library (`control_link`): it may hang
+or crash without harm to this one, and the controller's watchdog stops the arm when it does.
 """
 
 from __future__ import annotations
@@ -10,12 +10,11 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Generator, Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
 
 from crtk_driver_ur.config import UrConfig
-from crtk_driver_ur.control import ControlOptions, ControlSupervisor, Notice
-from crtk_driver_ur.control_frames import Event, EventKind, Reply
+from crtk_driver_ur.control import ControlOptions
+from crtk_driver_ur.control_link import ControlLink
 from crtk_driver_ur.frames import IDENTITY, Transform
 from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import CB3, JOINT_NAMES, RobotModel, model_named
@@ -41,7 +40,6 @@ from crtk_drivers.errors import (
     ConnectionFailed,
     ConnectionLost,
     DeviceFault,
-    MotionAborted,
     Reason,
     TransitionFailed,
 )
@@ -61,8 +59,8 @@ UNLOCK_AFTER = 5.1
 """Seconds on the controller's clock that a protective stop lasts before it is unlocked: the controller
 refuses before 5 s (Dashboard Server manual)."""
 
-REMOTE_CHECK_PERIOD = 0.5
-"""Seconds between two questions whether the teach pendant has control."""
+STOP_TIMEOUT = 5.0
+"""Seconds that disable waits for the arm to stand, before it goes on to switch the power off."""
 
 AT_REST = 1e-3
 """rad/s below which a target speed counts as standing still."""
@@ -72,9 +70,6 @@ CLOSE_TIMEOUT = 1.0
 
 DEAD_AFTER = 0.1
 """Seconds without a sample after which the control process is not asked to end, but killed."""
-
-RESTART_PERIOD = 1.0
-"""Seconds at least between two starts of the control process."""
 
 OTHER_PROGRAM_TIMEOUT = 1.0
 """Seconds in which a program that is not ours must end: the watchdog ends one of a driver that died."""
@@ -87,12 +82,6 @@ REMOTE_CONTROL_SINCE = (5, 6)
 
 FREEDRIVE_SINCE = (5, 10)
 """PolyScope version from which on ur_rtde's control program has freedrive; below it does nothing."""
-
-_MOVE_FAILURES = {
-    EventKind.INTERRUPTED: "another command took its place",
-    EventKind.MOTION_FAILED: "the controller did not carry it out",
-    EventKind.PROGRAM_STOPPED: "the control program was stopped on the controller",
-}
 
 _PROGRAM_STOPPED = Condition(
     OperatingState.PAUSED,
@@ -116,26 +105,15 @@ class UrDevice(Device):
         self._kinematics_tool: tuple[float, ...] | None = None
         self._samples = SampleMaker(self._tool)
         self._frequency = config.frequency or self._model.frequency
-        self._control = ControlSupervisor(config.host, _control_options(config, self._model))
+        self._link = ControlLink(
+            config.host, _control_options(config, self._model), f"ur {self.address}"
+        )
         self._stream: RtdeStream | None = None
         self._stream_lost = False
         self._state: StateSample | None = None
-        self._replies: dict[int, Reply] = {}
-        self._remote: bool | None = None
-        self._remote_asked = 0
-        self._remote_asked_at = -math.inf
-        self._was_local = False
         self._stopped_at = -math.inf
-        self._started_at = -math.inf
-        self._has_local_control = False
         self._has_freedrive = False
-        self._connected_process = 0
-        self._program_runs = False
         self._in_control = False
-        self._loss = ""
-        self._motion = 0
-        self._progress = MoveProgress.DONE
-        self._move_failure = ""
 
     # ------------------------------------------------------------------------------------ description
 
@@ -203,18 +181,18 @@ class UrDevice(Device):
             state.safety_mode,
             state.runtime_state,
             state.robot_status_bits,
-            self._remote,
+            self._link.remote,
         )
         if found.allows is not OperatingState.ENABLED or not self._in_control:
             return found
-        if self._loss:
-            return Condition(OperatingState.FAULT, self._loss)
-        return found if self._program_runs else _PROGRAM_STOPPED
+        if self._link.loss:
+            return Condition(OperatingState.FAULT, self._link.loss)
+        return found if self._link.program_runs else _PROGRAM_STOPPED
 
     @property
     def counters(self) -> Mapping[str, float]:
         """Of the RTDE stream (packages) and of the control process."""
-        status, state = self._control.status, self._state
+        status, state = self._link.process.status, self._state
         counters = {
             "control process starts": float(status.starts),
             "control process silent for (s)": status.silent_for if status.alive else math.nan,
@@ -239,16 +217,14 @@ class UrDevice(Device):
         stream.open(deadline)
         try:
             self._check_generation(stream)
-            self._control.kill()
-            self._start_control()
+            version = (stream.controller_version.major, stream.controller_version.minor)
+            self._link.open(has_local_control=version >= REMOTE_CONTROL_SINCE)
         except BaseException:
             stream.close()
             raise
         self._stream, self._stream_lost = stream, False
-        version = stream.controller_version
-        self._has_local_control = (version.major, version.minor) >= REMOTE_CONTROL_SINCE
-        self._has_freedrive = (version.major, version.minor) >= FREEDRIVE_SINCE
-        self._state, self._remote, self._in_control, self._loss = None, None, False, ""
+        self._has_freedrive = version >= FREEDRIVE_SINCE
+        self._state, self._in_control = None, False
 
     def _check_generation(self, stream: RtdeStream) -> None:
         cb3_controller = stream.controller_version.major < 5
@@ -270,17 +246,15 @@ class UrDevice(Device):
         silent = state is None or time.monotonic() - state.received > DEAD_AFTER
         if self._stream_lost or silent:
             # Waiting for a library that lost its controller too would keep the caller.
-            self._control.kill()
-        self._control.close(CLOSE_TIMEOUT)
+            self._link.process.kill()
+        self._link.close(CLOSE_TIMEOUT)
         self._in_control = False
 
     def read(self, deadline: float) -> Sample | None:
         """See the base class."""
         if self._stream is None:
             raise ConnectionLost("not open", where=f"ur {self.address}")
-        for notice in self._control.poll():
-            self._take(notice)
-        self._watch_control()
+        self._link.follow()
         try:
             state = self._stream.receive(deadline)
         except ConnectionLost:
@@ -290,23 +264,15 @@ class UrDevice(Device):
             return None
         before, self._state = self._state, state
         if state.runtime_state in (RuntimeState.STOPPING, RuntimeState.STOPPED):
-            self._program_runs = False
-        elif self._program_runs and self._paused():
-            self._end_paused_program()
+            self._link.program_runs = False
+        elif self._link.program_runs and self._paused():
+            self._link.end_paused_program()
         if state.safety_mode == SafetyMode.PROTECTIVE_STOP and (
             before is None or before.safety_mode != SafetyMode.PROTECTIVE_STOP
         ):
             self._stopped_at = state.timestamp
         self._follow_tool(state)
         return self._samples.make(state)
-
-    def _end_paused_program(self) -> None:
-        """End our program instead of leaving it paused: somebody could continue a motion unasked."""
-        self._program_runs = False
-        try:
-            self._control.request("stop_program")
-        except ConnectionLost as error:
-            logger.warning("%s", error)
 
     def _follow_tool(self, state: StateSample) -> None:
         """Compute with the controller's tool where the configuration names none."""
@@ -316,118 +282,38 @@ class UrDevice(Device):
             tool = Transform.from_pose_vector(state.tcp_offset)
             self._kinematics = ArmKinematics(self._model, tool)
 
-    # -------------------------------------------------------------------------------- control process
-
-    def _take(self, notice: Notice) -> None:
-        if isinstance(notice, Reply):
-            if notice.sequence == self._remote_asked:
-                self._remote_asked = 0
-                self._remote = None if notice.error is not None else bool(notice.value)
-                self._was_local |= self._remote is False
-            else:
-                self._replies[notice.sequence] = notice
-            return
-        self._take_event(notice)
-
-    def _take_event(self, event: Event) -> None:
-        error = event.error
-        if event.sequence == self._motion:
-            if event.kind is EventKind.MOVE_DONE:
-                self._progress = MoveProgress.DONE
-            elif event.kind in _MOVE_FAILURES:
-                self._progress = MoveProgress.FAILED
-                self._move_failure = error.text or _MOVE_FAILURES[event.kind]
-        if event.kind in (EventKind.PROCESS_DIED, EventKind.CONNECTION_LOST):
-            self._loss = self._loss or f"{error.text}. {error.hint}"
-            logger.error("ur %s: %s", self.address, error.text)
-        elif event.kind is EventKind.PROGRAM_STOPPED:
-            self._program_runs = False
-            self._remote_asked_at = -math.inf
-        elif event.kind in (EventKind.MOTION_FAILED, EventKind.BAD_FRAME):
-            logger.warning("ur %s: %s: %s %s", self.address, error.call, error.text, error.hint)
-
-    def _start_control(self) -> None:
-        self._control.start()
-        self._started_at = time.monotonic()
-        self._remote_asked = 0
-        self._program_runs = False
-        self._replies.clear()
-
-    @property
-    def _library_connected(self) -> bool:
-        """Whether the present control process has connected the library."""
-        status = self._control.status
-        return status.alive and status.starts == self._connected_process
-
-    def _watch_control(self) -> None:
-        """Replace a control process that died or hangs, and keep asking who has control."""
-        now = time.monotonic()
-        status = self._control.status
-        if status.alive and not status.responsive:
-            self._loss = (
-                f"the control process has been silent for {status.silent_for:.2f} s"
-                + (f" in {status.call}" if status.call else "")
-                + ". It is replaced; the arm has to be enabled again."
-            )
-            logger.error("ur %s: %s", self.address, self._loss)
-            self._control.kill()
-        if not self._control.status.alive:
-            if now > self._started_at + RESTART_PERIOD:
-                self._start_control()
-            return
-        due = now - self._remote_asked_at > REMOTE_CHECK_PERIOD
-        if due and not self._remote_asked and self._has_local_control:
-            self._remote_asked_at = now
-            try:
-                self._remote_asked = self._control.request("is_in_remote_control")
-            except ConnectionLost as error:
-                logger.warning("%s", error)
-
-    def _send(self, command: Callable[..., int], *arguments: Any) -> int:
-        try:
-            return command(*arguments)
-        except ConnectionLost as error:
-            raise DeviceFault(
-                error.message, where=f"ur {self.address}", remedy="Send enable to start again."
-            ) from error
-
     # ----------------------------------------------------------------------------------------- motion
 
     def write(self, setpoint: Setpoint) -> None:
         """See the base class."""
-        servo, valid_for = self._config.servo, self._config.stream_timeout
+        servo, link, valid_for = self._config.servo, self._link, self._config.stream_timeout
         values = setpoint.values.tolist()
         if setpoint.mode is Mode.JOINT_POSITION:
-            self._send(self._control.send_servo_joint, values)
+            link.send(link.process.send_servo_joint, values)
         elif setpoint.mode is Mode.JOINT_VELOCITY:
-            self._send(self._control.send_speed_joint, values, servo.joint_acceleration, valid_for)
+            link.send(link.process.send_speed_joint, values, servo.joint_acceleration, valid_for)
         else:
-            self._send(
-                self._control.send_speed_cartesian, values, servo.linear_acceleration, valid_for
-            )
+            acceleration = servo.linear_acceleration
+            link.send(link.process.send_speed_cartesian, values, acceleration, valid_for)
 
     def stop(self) -> None:
         """See the base class."""
-        try:
-            self._control.stop()
-        except ConnectionLost as error:
-            logger.warning("%s; the controller's watchdog stops the arm", error)
+        self._link.stop()
 
     def move(self, goal: Goal) -> None:
         """See the base class."""
-        move = self._config.move
-        self._progress, self._move_failure = MoveProgress.RUNNING, ""
+        move, link = self._config.move, self._link
         if goal.joints is not None:
-            self._motion = self._send(
-                self._control.move_joint,
+            link.move(
+                link.process.move_joint,
                 goal.joints.tolist(),
                 move.joint_velocity * goal.ratio,
                 move.joint_acceleration * goal.ratio,
             )
             return
         assert goal.pose is not None
-        self._motion = self._send(
-            self._control.move_linear,
+        link.move(
+            link.process.move_linear,
             rotvec_from_pose(goal.pose).tolist(),
             move.linear_velocity * goal.ratio,
             move.linear_acceleration * goal.ratio,
@@ -435,13 +321,12 @@ class UrDevice(Device):
 
     def move_progress(self) -> MoveProgress:
         """See the base class."""
-        if self._progress is MoveProgress.FAILED:
-            raise MotionAborted(self._move_failure, where=f"ur {self.address}")
-        return self._progress
+        return self._link.move_progress()
 
     def free(self) -> Steps:
         """See the base class."""
-        self._send(lambda: self._control.freedrive(teach_mode=not self._has_freedrive))
+        link = self._link
+        link.send(lambda: link.process.freedrive(teach_mode=not self._has_freedrive))
         yield
 
     # ------------------------------------------------------------------------------------- transitions
@@ -470,29 +355,21 @@ class UrDevice(Device):
     def disable(self) -> Steps:
         """Stop, end the control program, and switch the power off (if configured)."""
         self._in_control = False
-        if self._program_runs:
+        if self._link.program_runs:
             self.stop()
-            yield from self._until(self._standing)
-            yield from self._stop_program()
+            yield from self._until(self._standing, STOP_TIMEOUT)
+            yield from self._link.stop_program()
         if self._config.power_off_on_disable and self._mode() > RobotMode.POWER_OFF:
-            if not self._library_connected and self._control.status.call:
-                # It may be busy connecting for many seconds, and the power is not to wait for that.
-                self._control.kill()
-                self._start_control()
-            yield from self._ask("power_off")
+            if self._link.connecting:
+                # The power is not to wait for that.
+                self._link.restart()
+            yield from self._link.ask("power_off")
             yield from self._until(lambda: self._mode() <= RobotMode.POWER_OFF)
-
-    def _stop_program(self) -> Steps:
-        try:
-            yield from self._ask("stop_script")
-        except TransitionFailed as error:
-            # Nothing feeds the controller's watchdog any more, and that ends the program.
-            logger.warning("%s", error)
 
     def _begin(self, command: str) -> Steps:
         """Forget what took control away, and see that it can be had again."""
-        self._in_control, self._loss = False, ""
-        yield from self._until(lambda: self._state is not None and self._control.status.alive)
+        self._in_control, self._link.loss = False, ""
+        yield from self._until(lambda: self._state is not None and self._link.ready)
         yield from self._require_remote(command)
         yield from self._until(lambda: not self._paused(), OTHER_PROGRAM_TIMEOUT)
 
@@ -504,48 +381,25 @@ class UrDevice(Device):
                 self._state is not None and self._state.timestamp > self._stopped_at + UNLOCK_AFTER
             )
         )
-        yield from self._ask("close_safety_popup")
-        yield from self._ask("unlock_protective_stop")
+        yield from self._link.ask("close_safety_popup")
+        yield from self._link.ask("unlock_protective_stop")
         yield from self._until(lambda: self._safety() != SafetyMode.PROTECTIVE_STOP)
 
     def _power_up(self) -> Steps:
         if self._mode() < RobotMode.IDLE:
-            yield from self._ask("power_on")
+            yield from self._link.ask("power_on")
             yield from self._until(lambda: self._mode() >= RobotMode.IDLE, safe=True)
         if self._mode() != RobotMode.RUNNING:
-            yield from self._ask("brake_release")
+            yield from self._link.ask("brake_release")
             yield from self._until(lambda: self._mode() == RobotMode.RUNNING, safe=True)
 
     def _start_program(self, command: str) -> Steps:
-        if not (self._library_connected and self._program_runs):
+        if not (self._link.connected and self._link.program_runs):
             yield from self._require_no_program(command)
-            uploaded = yield from self._upload()
-            if not uploaded:
-                yield from self._connect()
+            yield from self._link.start_program()
         yield from self._configure()
         yield from self._until(self._playing, safe=True)
-        self._program_runs = self._in_control = True
-
-    def _upload(self) -> Generator[None, None, bool]:
-        """Start the control program again; False if the library cannot do it any more."""
-        # A switch to local control closes the port for programs, and the library never opens it again.
-        if not self._library_connected or self._was_local:
-            return False
-        try:
-            yield from self._answer("upload_script", self._send(self._control.upload_script))
-        except TransitionFailed as error:
-            logger.warning("%s", error)
-            return False
-        return True
-
-    def _connect(self) -> Steps:
-        """Connect the library, in a new process if the present one has connected it before."""
-        if self._connected_process == self._control.status.starts:
-            self._control.kill()
-            self._start_control()
-        self._require_safe()
-        yield from self._answer("connect", self._send(self._control.connect))
-        self._connected_process, self._was_local = self._control.status.starts, False
+        self._link.program_runs = self._in_control = True
 
     def _require_no_program(self, command: str) -> Steps:
         """Leave a program alone that somebody else runs, for it may be moving the arm."""
@@ -579,19 +433,20 @@ class UrDevice(Device):
         config = self._config
         if config.payload is not None:
             center = list(config.payload.center_of_gravity)
-            yield from self._ask("set_payload", mass=config.payload.mass, center_of_gravity=center)
+            yield from self._link.ask(
+                "set_payload", mass=config.payload.mass, center_of_gravity=center
+            )
         if config.tcp is not None:
-            yield from self._ask("set_tcp", pose=list(config.tcp))
+            yield from self._link.ask("set_tcp", pose=list(config.tcp))
         if config.gravity is not None:
-            yield from self._ask("set_gravity", direction=list(config.gravity))
+            yield from self._link.ask("set_gravity", direction=list(config.gravity))
 
     def _require_remote(self, command: str) -> Steps:
-        if not self._has_local_control:
+        if not self._link.has_local_control:
             return
-        reply = yield from self._ask("is_in_remote_control")
-        self._remote = bool(reply)
-        self._was_local |= not self._remote
-        if not self._remote:
+        remote = yield from self._link.ask("is_in_remote_control")
+        self._link.control_is(bool(remote))
+        if not remote:
             raise CommandRefused(
                 "state_command",
                 Reason.LOCAL_CONTROL,
@@ -616,32 +471,6 @@ class UrDevice(Device):
         found = self.condition
         if found.allows is OperatingState.FAULT:
             raise DeviceFault(found.reason, where=f"ur {self.address}")
-
-    def _ask(self, name: str, **arguments: Any) -> Generator[None, None, Any]:
-        """Send a slow request and return the value of its answer."""
-        sequence = self._send(lambda: self._control.request(name, **arguments))
-        return (yield from self._answer(name, sequence))
-
-    def _answer(self, name: str, sequence: int) -> Generator[None, None, Any]:
-        """Wait for the answer to a request and return its value."""
-        self._replies.clear()
-        starts = self._control.status.starts
-        while sequence not in self._replies:
-            if self._control.status.starts != starts:
-                raise TransitionFailed(
-                    f"{name}: {self._loss or 'the control process was replaced'}",
-                    where=f"ur {self.address}",
-                    remedy="Send it again.",
-                )
-            yield
-        reply = self._replies.pop(sequence)
-        if reply.error is not None:
-            raise TransitionFailed(
-                f"{reply.error.call}: {reply.error.text}",
-                where=f"ur {self.address}",
-                remedy=reply.error.hint,
-            )
-        return reply.value
 
     def _until(
         self, test: Callable[[], bool], timeout: float = math.inf, *, safe: bool = False
