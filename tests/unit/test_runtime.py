@@ -353,3 +353,18 @@ def test_every_setpoint_is_written_by_the_io_thread() -> None:
         assert move is not None
         assert move.wait(5.0)
     assert writers == {"io a"}
+
+
+def test_an_open_that_ignores_its_deadline_is_an_alarm() -> None:
+    device = Misbehaving()
+    release = threading.Event()
+
+    def hang() -> None:
+        release.wait(10.0)
+
+    device.in_open = hang
+    with running(device, open_timeout=0.1) as (engine,):
+        until(lambda: engine.status.detail == "the I/O thread of a is stuck")
+        assert device.stopped == 0, "there is nobody to stop yet"
+        release.set()
+        until(lambda: engine.connected)
