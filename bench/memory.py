@@ -26,10 +26,11 @@ def measure(seconds: float, every: float) -> tuple[np.ndarray, dict[str, list[fl
             processes.client(records, "--enable", "--quiet") as client,
         ):
             processes.wait_ready(client)
-            watched = {**processes.pids(node, sim), "subscriber": client.pid}
             begin = time.monotonic()
             while (elapsed := time.monotonic() - begin) <= seconds:
                 times.append(elapsed)
+                # Looked up each time: a control process that was lost has been replaced.
+                watched = {**processes.pids(node, sim), "subscriber": client.pid}
                 for name, pid in watched.items():
                     resident.setdefault(name, []).append(processes.usage(pid).rss / MEGABYTE)
                 time.sleep(every)

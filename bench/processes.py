@@ -87,6 +87,12 @@ def running(
             child.stdout.close()
 
 
+def wait_up(child: subprocess.Popen[str]) -> None:
+    """Wait until a client prints that its node exists."""
+    assert child.stdout is not None
+    child.stdout.readline()
+
+
 def wait_ready(child: subprocess.Popen[str]) -> float:
     """Wait until a client prints that it is ready, and return when (monotonic s) that was.
 

@@ -3,7 +3,7 @@
     heard     for each message: number of the topic, its stamp (ns), wall time (ns) in the callback
     sent      for each command: its last joint's position, monotonic time (ns) before publishing
 
-Prints ``ready`` when every topic has been heard, and runs until SIGTERM.
+Prints ``up`` when its node exists, ``ready`` when every topic has been heard; runs until SIGTERM.
 """
 
 from __future__ import annotations
@@ -135,6 +135,7 @@ def main() -> None:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     client = Client(options.namespace, options.name, options.topics, options.quiet)
     signal.signal(signal.SIGTERM, lambda *_: client.stopped.set())
+    print("up", flush=True)
     if options.enable:
         client.enable()
     client.hear_all()
