@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-from collections.abc import Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -71,3 +72,25 @@ def show(
     for note in notes:
         console.print(note, soft_wrap=True)
     console.print(f"machine: {machine()}", soft_wrap=True)
+
+
+def time_calls(call: Callable[[], object], calls: int, rounds: int = 15) -> list[float]:
+    """Return the seconds that one call takes, one value for each round of `calls` calls."""
+    per_call = []
+    for _ in range(rounds):
+        begin = time.perf_counter()
+        for _ in range(calls):
+            call()
+        per_call.append((time.perf_counter() - begin) / calls)
+    return per_call
+
+
+def show_calls(title: str, cases: Mapping[str, Callable[[], object]], calls: int) -> None:
+    """Time each case and print a table in microseconds."""
+    rows = []
+    for name, call in cases.items():
+        call()
+        values = np.array(time_calls(call, calls)) * 1e6
+        rows.append([name, *(f"{v:.2f}" for v in (np.median(values), values.min(), values.max()))])
+    notes = [f"of 15 rounds of {calls} calls each, in one process and one thread."]
+    show(title, ("call", "median µs", "min µs", "max µs"), rows, notes)
