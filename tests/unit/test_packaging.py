@@ -45,9 +45,9 @@ def test_every_package_says_that_it_is_typed(package: str) -> None:
 
 def test_every_driver_has_an_extra_and_all_covers_every_extra() -> None:
     extras = PROJECT["optional-dependencies"]
-    assert extras["all"] == ["crtk-drivers[drivers,ros]"]
+    assert extras["all"] == ["crtk-drivers[drivers,kinematics,ros]"]
     (drivers,) = extras["drivers"]
     named = drivers.removeprefix("crtk-drivers[").removesuffix("]").split(",")
-    assert sorted([*named, "all", "drivers", "ros"]) == sorted(extras)
+    assert sorted([*named, "all", "drivers", "kinematics", "ros"]) == sorted(extras)
     folders = {path.name.replace("_", "-") for path in (ROOT / "drivers").iterdir()}
     assert folders <= set(named)
