@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,10 +19,11 @@ from crtk_drivers.samples import (
     Stamp,
     Twist,
     Value,
-    Vector,
     Wrench,
     vector,
 )
+
+Vector3: TypeAlias = tuple[float, float, float]
 
 BASE_FRAME = "base"
 """The controller's base frame, in whose axes it reports poses, speeds and forces."""
@@ -71,10 +74,16 @@ class SampleMaker:
             "setpoint_cp": pose_of(_shifted(state.target_TCP_pose, shift)),
         }
         tool = _shifted(state.actual_TCP_pose, shift)
-        arm = vector(np.subtract(tool.position, state.actual_TCP_pose[:3]))
         values["measured_cp"] = pose_of(tool)
-        values["measured_cv"] = _twist_at(arm, state.actual_TCP_speed)
-        values["measured_cf"] = _wrench_at(arm, state.actual_TCP_force)
+        speed, force = state.actual_TCP_speed, state.actual_TCP_force
+        linear, angular, forces, torques = speed[:3], speed[3:], force[:3], force[3:]
+        if shift is not None:
+            x, y, z = state.actual_TCP_pose[:3]
+            arm = (tool.x - x, tool.y - y, tool.z - z)
+            linear = _plus_cross(linear, angular, arm)
+            torques = _plus_cross(torques, forces, arm)
+        values["measured_cv"] = Twist(vector(linear), vector(angular), BASE_FRAME)
+        values["measured_cf"] = Wrench(vector(forces), vector(torques), BASE_FRAME)
         return Sample(Stamp(wall, state.received), values)
 
     def _shift_to_tool(self, state: StateSample) -> Transform | None:
@@ -95,15 +104,9 @@ def _shifted(pose: tuple[float, ...], shift: Transform | None) -> Transform:
     return transform if shift is None else compose(transform, shift)
 
 
-def _twist_at(arm: Vector, speed: tuple[float, ...]) -> Twist:
-    linear, angular = vector(speed[:3]), vector(speed[3:])
-    if arm.any():
-        linear = vector(linear + np.cross(angular, arm))
-    return Twist(linear, angular, BASE_FRAME)
-
-
-def _wrench_at(arm: Vector, force: tuple[float, ...]) -> Wrench:
-    forces, torques = vector(force[:3]), vector(force[3:])
-    if arm.any():
-        torques = vector(torques - np.cross(arm, forces))
-    return Wrench(forces, torques, BASE_FRAME)
+def _plus_cross(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> Vector3:
+    """Return a + b x c: how a velocity or a torque is carried over to the end of the arm c."""
+    ax, ay, az = a
+    bx, by, bz = b
+    cx, cy, cz = c
+    return ax + by * cz - bz * cy, ay + bz * cx - bx * cz, az + bx * cy - by * cx
