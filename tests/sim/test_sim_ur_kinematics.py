@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import pi
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from ur_virtual import apart
 
@@ -71,10 +71,25 @@ def test_all_solutions_reach_the_same_pose(name: str) -> None:
         assert apart(kinematics.flange(q), target) < 1e-9
 
 
+@given(JOINTS, st.lists(st.floats(-0.04, 0.04), min_size=6, max_size=6))
+def test_following_a_pose_stays_in_the_branch_and_reaches_it(
+    q: list[float], step: list[float]
+) -> None:
+    kinematics = Kinematics(MODELS["ur5e"])
+    target = k.compose(kinematics.flange([a + b for a, b in zip(q, step, strict=True)]), TOOL)
+    found = kinematics.follow(target, q, TOOL)
+    nearest = kinematics.inverse(target, q, TOOL)
+    assume(nearest is not None)  # as where the elbow is stretched to the limit of its reach
+    assert found is not None
+    assert apart(k.compose(kinematics.flange(found), TOOL), target) < 1e-6
+    assert apart(found, q) < max(0.1, apart(nearest, q) + 1e-9)
+
+
 def test_inverse_out_of_reach_is_none() -> None:
     kinematics = Kinematics(MODELS["ur5e"])
     far = k.to_transform((1.5, 0.0, 0.5, 0.0, 0.0, 0.0))
     assert kinematics.inverse(far, [0.0] * 6) is None
+    assert kinematics.follow(far, [0.0] * 6) is None
 
 
 def test_inverse_stays_within_joint_limits() -> None:
@@ -132,7 +147,7 @@ def test_gravity_torque_is_the_slope_of_potential_energy(name: str) -> None:
     payload, cog = 2.0, (0.01, 0.02, 0.1)
 
     def energy(joints: list[float]) -> float:
-        _, _, links = dynamics._geometry(joints, payload, cog)
+        _, _, links = dynamics._geometry(joints, payload, cog, kinematics.flange(joints))
         return sum(mass * 9.82 * centre[2] for mass, centre in links)
 
     torques = dynamics.torques(q, [0.0] * 6, payload, cog, gravity)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import cos, sin
 
-from crtk_sim_backends.ur.kinematics import Floats, Kinematics, Matrix, cross, rotate
+from crtk_sim_backends.ur.kinematics import Floats, Kinematics, Matrix, Transform, cross, rotate
 
 _ROTOR_INERTIA_PER_TORQUE = 0.01  # kg m^2 behind the gear, for each N.m of torque limit
 
@@ -18,60 +18,69 @@ class Dynamics:
         self._rotor = [_ROTOR_INERTIA_PER_TORQUE * torque for torque in self._model.torque]
 
     def torques(
-        self, q: Floats, qdd: Floats, payload: float, cog: Floats, gravity: Floats
+        self,
+        q: Floats,
+        qdd: Floats,
+        payload: float,
+        cog: Floats,
+        gravity: Floats,
+        flange: Transform | None = None,
     ) -> tuple[float, ...]:
         """Torques that hold the arm at `q` (rad) against gravity and accelerate it by `qdd`.
 
         `payload` (kg) with its centre `cog` (m, flange frame) is part of the last link;
         `gravity` is the upward acceleration that the base feels, m/s^2. The inertia is that of
-        the diagonal of the mass matrix; centrifugal torques are left out.
+        the diagonal of the mass matrix; centrifugal torques are left out. `flange` saves time
+        where the transform of the flange at `q` is known.
         """
-        axes, origins, links = self._geometry(q, payload, cog)
+        axes, origins, links = self._geometry(q, payload, cog, flange or self._kinematics.flange(q))
         gx, gy, gz = gravity
+        accelerating = any(qdd)
         torques = [0.0] * 6
-        mass = x = y = z = 0.0  # of what the joint carries: mass, and mass times centre
-        for link_mass, (cx, cy, cz) in links[6:]:
-            mass += link_mass
-            x += link_mass * cx
-            y += link_mass * cy
-            z += link_mass * cz
-        for i in range(5, -1, -1):
-            link_mass, (cx, cy, cz) = links[i]
-            mass += link_mass
-            x += link_mass * cx
-            y += link_mass * cy
-            z += link_mass * cz
+        # Moments of what the joint carries: mass, mass times centre, second moments.
+        mass = x = y = z = xx = yy = zz = xy = xz = yz = 0.0
+        for i in range(len(links) - 1, -1, -1):
+            m, (cx, cy, cz) = links[i]
+            mx = m * cx
+            my = m * cy
+            mz = m * cz
+            mass += m
+            x += mx
+            y += my
+            z += mz
+            if accelerating:
+                xx += mx * cx
+                yy += my * cy
+                zz += mz * cz
+                xy += mx * cy
+                xz += mx * cz
+                yz += my * cz
+            if i > 5:
+                continue
             ax, ay, az = axes[i]
             ox, oy, oz = origins[i]
             dx = x - mass * ox
             dy = y - mass * oy
             dz = z - mass * oz
-            torques[i] = (
-                (ay * dz - az * dy) * gx + (az * dx - ax * dz) * gy + (ax * dy - ay * dx) * gz
-            )
-        if any(qdd):
-            for i in range(6):
-                torques[i] += self._inertia(i, axes[i], origins[i], links) * qdd[i]
+            torque = (ay * dz - az * dy) * gx + (az * dx - ax * dz) * gy + (ax * dy - ay * dx) * gz
+            if accelerating:
+                # Moment of inertia about the axis: sum of m (r.r - (a.r)^2), r = centre - origin.
+                along = ax * ox + ay * oy + az * oz
+                square = xx + yy + zz - ox * (x + dx) - oy * (y + dy) - oz * (z + dz)
+                projected = (
+                    ax * (ax * xx + 2 * (ay * xy + az * xz))
+                    + ay * (ay * yy + 2 * az * yz)
+                    + az * az * zz
+                    - along * (2 * (ax * x + ay * y + az * z) - mass * along)
+                )
+                torque += (self._rotor[i] + square - projected) * qdd[i]
+            torques[i] = torque
         return tuple(torques)
-
-    def _inertia(
-        self, joint: int, axis: Floats, origin: Floats, links: list[tuple[float, Floats]]
-    ) -> float:
-        """Moment of inertia of rotor and carried links about one joint axis, kg m^2."""
-        ax, ay, az = axis
-        ox, oy, oz = origin
-        inertia = self._rotor[joint]
-        for mass, (cx, cy, cz) in links[joint:]:
-            x = cx - ox
-            y = cy - oy
-            z = cz - oz
-            along = ax * x + ay * y + az * z
-            inertia += mass * (x * x + y * y + z * z - along * along)
-        return inertia
 
     def mass_matrix(self, q: Floats, payload: float, cog: Floats) -> Matrix:
         """Mass matrix (6x6), kg m^2."""
-        axes, origins, links = self._geometry(q, payload, cog)
+        flange = self._kinematics.flange(q)
+        axes, origins, links = self._geometry(q, payload, cog, flange)
         matrix = [[0.0] * 6 for _ in range(6)]
         for last, (mass, centre) in enumerate(links):
             columns = [
@@ -110,7 +119,7 @@ class Dynamics:
         return torques
 
     def _geometry(
-        self, q: Floats, payload: float, cog: Floats
+        self, q: Floats, payload: float, cog: Floats, flange: Transform
     ) -> tuple[list[Floats], list[Floats], list[tuple[float, Floats]]]:
         """Joint axes, joint origins, and (mass, centre) of the six links and the payload."""
         model = self._model
@@ -128,7 +137,6 @@ class Dynamics:
         c234 = cos(q2 + q3 + q4)
         s5 = sin(q5)
         c5 = cos(q5)
-        flange = self._kinematics.flange(q)
         z2 = (s1, -c1, 0.0)  # axes of joints 2, 3 and 4
         z5 = (c1 * s234, s1 * s234, -c234)
         z6 = (flange[2], flange[5], flange[8])
@@ -147,18 +155,22 @@ class Dynamics:
             (wrist3, x5, (-z5[0], -z5[1], -z5[2]), z6),
             (tip, (flange[0], flange[3], flange[6]), (flange[1], flange[4], flange[7]), z6),
         )
-        links: list[tuple[float, Floats]] = []
-        for mass, (x, y, z), (o, ex, ey, ez) in zip(model.mass, model.cog, frames, strict=True):
-            links.append(
+        links: list[tuple[float, Floats]] = [
+            (
+                mass,
                 (
-                    mass,
-                    (
-                        o[0] + x * ex[0] + y * ey[0] + z * ez[0],
-                        o[1] + x * ex[1] + y * ey[1] + z * ez[1],
-                        o[2] + x * ex[2] + y * ey[2] + z * ez[2],
-                    ),
-                )
+                    ox + x * ex + y * fx + z * gx,
+                    oy + x * ey + y * fy + z * gy,
+                    oz + x * ez + y * fz + z * gz,
+                ),
             )
+            for mass, (x, y, z), (
+                (ox, oy, oz),
+                (ex, ey, ez),
+                (fx, fy, fz),
+                (gx, gy, gz),
+            ) in zip(model.mass, model.cog, frames, strict=True)
+        ]
         if payload:
             x, y, z = rotate(flange, cog)
             links.append((payload, (tip[0] + x, tip[1] + y, tip[2] + z)))

@@ -8,7 +8,7 @@ convention of Universal Robots; the flange frame is frame 6.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import acos, atan2, copysign, cos, hypot, pi, sin, sqrt
+from math import acos, atan2, copysign, cos, hypot, pi, remainder, sin, sqrt
 from typing import TypeAlias
 
 from crtk_sim_backends.ur.models import RobotModel
@@ -22,6 +22,8 @@ Matrix: TypeAlias = list[list[float]]
 IDENTITY: Transform = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 _REACH_TOLERANCE = 1e-7  # of the cosine of the elbow; less than 0.1 um at the tool
 _SINGULAR_SINE = 1e-8
+_SIGNS = (1.0, -1.0)
+_SAME_BRANCH = 0.1  # rad from where the arm was: farther away another branch may be nearer
 
 
 def rotation_matrix(x: float, y: float, z: float) -> tuple[float, ...]:
@@ -324,8 +326,13 @@ class Kinematics:
             self._a2 * cos(q[1]) * qd[1],
         )
 
-    def jacobian(self, q: Floats, tool: Transform = IDENTITY) -> Matrix:
-        """Geometric Jacobian (6x6): joint rates to tool velocity and angular velocity in base."""
+    def jacobian(
+        self, q: Floats, tool: Transform = IDENTITY, flange: Transform | None = None
+    ) -> Matrix:
+        """Geometric Jacobian (6x6): joint rates to tool velocity and angular velocity in base.
+
+        `flange` saves time where the transform of the flange at `q` is known.
+        """
         q1, q2, q3, q4, q5, _ = q
         q23 = q2 + q3
         q234 = q23 + q4
@@ -348,7 +355,7 @@ class Kinematics:
         y = d6 * by
         z = d6 * bz
         if tool is not IDENTITY:
-            t = self.flange(q)
+            t = flange or self.flange(q)
             tx, ty, tz = tool[9], tool[10], tool[11]
             x += t[0] * tx + t[1] * ty + t[2] * tz
             y += t[3] * tx + t[4] * ty + t[5] * tz
@@ -394,48 +401,57 @@ class Kinematics:
 
         At a wrist singularity joint 6 is free; `wrist_3` is used for it.
         """
-        r0, r1, r2, r3, r4, r5, r6, r7, _, px, py, pz = t
-        d4 = self._d4
+        solutions = []
+        for shoulder in self._shoulders(t):
+            for wrist in _SIGNS:
+                for elbow in _SIGNS:
+                    q = self._branch(t, shoulder, wrist, elbow, wrist_3)
+                    if q is not None:
+                        solutions.append(q)
+        return solutions
+
+    def _shoulders(self, t: Transform) -> tuple[float, ...]:
+        """Positions of joint 1, rad, that can bring the flange to `t`: two or none."""
+        x = t[9] - self._d6 * t[2]
+        y = t[10] - self._d6 * t[5]
+        h = hypot(x, y)
+        if h < abs(self._d4):
+            return ()
+        psi = atan2(y, x) + pi / 2
+        phi = acos(self._d4 / h)
+        return psi + phi, psi - phi
+
+    def _branch(
+        self, t: Transform, q1: float, wrist: float, elbow: float, wrist_3: float
+    ) -> list[float] | None:
+        """Joint positions with joint 1 at `q1` and joints 5 and 3 of the signs `wrist`, `elbow`."""
+        r0, r1, r2, r3, r4, r5, r6, r7, r8, px, py, pz = t
         d5 = self._d5
         d6 = self._d6
         a2 = self._a2
         a3 = self._a3
-        solutions: list[list[float]] = []
-        wx = px - d6 * r2
-        wy = py - d6 * r5
-        h = hypot(wx, wy)
-        if h < abs(d4):
-            return solutions
-        psi = atan2(wy, wx) + pi / 2
-        phi = acos(d4 / h)
-        for q1 in (psi + phi, psi - phi):
-            s1 = sin(q1)
-            c1 = cos(q1)
-            # Sine and cosine of q5 from the orientation: exact even near the wrist singularity.
-            u = r4 * c1 - r1 * s1
-            v = r0 * s1 - r3 * c1
-            size = hypot(u, v)
-            q5_positive = atan2(size, r2 * s1 - r5 * c1)
-            for q5 in (q5_positive, -q5_positive):
-                turn = atan2(u, v) if q5 > 0.0 else atan2(-u, -v)
-                q6 = turn if size > _SINGULAR_SINE else wrist_3
-                s6 = sin(q6)
-                c6 = cos(q6)
-                s234 = -(s6 * (c1 * r0 + s1 * r3) + c6 * (c1 * r1 + s1 * r4))
-                c234 = s6 * r6 + c6 * r7
-                q234 = atan2(s234, c234)
-                x = c1 * wx + s1 * wy - d5 * s234
-                z = pz - d6 * t[8] - self._d1 + d5 * c234
-                c3 = (x * x + z * z - a2 * a2 - a3 * a3) / (2 * a2 * a3)
-                if abs(c3) > 1.0 + _REACH_TOLERANCE:
-                    continue
-                q3_positive = acos(max(-1.0, min(1.0, c3)))
-                for q3 in (q3_positive, -q3_positive):
-                    k1 = a2 + a3 * cos(q3)
-                    k2 = a3 * sin(q3)
-                    q2 = atan2(k1 * z - k2 * x, k1 * x + k2 * z)
-                    solutions.append([q1, q2, q3, q234 - q2 - q3, q5, q6])
-        return solutions
+        s1 = sin(q1)
+        c1 = cos(q1)
+        # Sine and cosine of q5 from the orientation: exact even near the wrist singularity.
+        u = r4 * c1 - r1 * s1
+        v = r0 * s1 - r3 * c1
+        size = hypot(u, v)
+        q5 = copysign(atan2(size, r2 * s1 - r5 * c1), wrist)
+        q6 = atan2(wrist * u, wrist * v) if size > _SINGULAR_SINE else wrist_3
+        s6 = sin(q6)
+        c6 = cos(q6)
+        s234 = -(s6 * (c1 * r0 + s1 * r3) + c6 * (c1 * r1 + s1 * r4))
+        c234 = s6 * r6 + c6 * r7
+        x = c1 * (px - d6 * r2) + s1 * (py - d6 * r5) - d5 * s234
+        z = pz - d6 * r8 - self._d1 + d5 * c234
+        c3 = (x * x + z * z - a2 * a2 - a3 * a3) / (2 * a2 * a3)
+        if abs(c3) > 1.0 + _REACH_TOLERANCE:
+            return None
+        q3 = copysign(acos(max(-1.0, min(1.0, c3))), elbow)
+        k1 = a2 + a3 * cos(q3)
+        k2 = a3 * sin(q3)
+        q2 = atan2(k1 * z - k2 * x, k1 * x + k2 * z)
+        return [q1, q2, q3, atan2(s234, c234) - q2 - q3, q5, q6]
 
     def inverse(self, t: Transform, near: Floats, tool: Transform = IDENTITY) -> list[float] | None:
         """Joint positions nearest to `near` that bring the tool to `t`, None when out of reach.
@@ -445,20 +461,40 @@ class Kinematics:
         flange = t if tool is IDENTITY else compose(t, invert(tool))
         best: list[float] | None = None
         smallest = 1e9
-        limits = self.model.position
         for q in self.inverse_all(flange, near[5]):
-            largest = 0.0
-            for i in range(6):
-                value = q[i] + 2 * pi * round((near[i] - q[i]) / (2 * pi))
-                if value > limits[i]:
-                    value -= 2 * pi
-                elif value < -limits[i]:
-                    value += 2 * pi
-                q[i] = value
-                distance = abs(value - near[i])
-                if distance > largest:
-                    largest = distance
+            largest = self._unwind(q, near)
             if largest < smallest:
                 smallest = largest
                 best = q
         return best
+
+    def follow(self, t: Transform, near: Floats, tool: Transform = IDENTITY) -> list[float] | None:
+        """Do the same as `inverse`, faster where the arm stays in the branch of `near`."""
+        flange = t if tool is IDENTITY else compose(t, invert(tool))
+        shoulders = self._shoulders(flange)
+        if shoulders:
+            q1 = min(shoulders, key=lambda angle: abs(remainder(angle - near[0], 2 * pi)))
+            wrist = remainder(near[4], 2 * pi)
+            elbow = remainder(near[2], 2 * pi)
+            q = self._branch(flange, q1, copysign(1.0, wrist), copysign(1.0, elbow), near[5])
+            if q is not None and self._unwind(q, near) < _SAME_BRANCH:
+                return q
+        return self.inverse(t, near, tool)
+
+    def _unwind(self, q: list[float], near: Floats) -> float:
+        """Turn the joints of `q` by whole turns towards `near`; the largest distance left, rad."""
+        largest = 0.0
+        for i, limit in enumerate(self.model.position):
+            value = q[i]
+            distance = near[i] - value
+            if distance > pi or distance < -pi:
+                value += 2 * pi * round(distance / (2 * pi))
+            if value > limit:
+                value -= 2 * pi
+            elif value < -limit:
+                value += 2 * pi
+            q[i] = value
+            distance = abs(value - near[i])
+            if distance > largest:
+                largest = distance
+        return largest

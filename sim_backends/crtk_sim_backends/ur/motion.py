@@ -493,7 +493,7 @@ class MotionLibrary:
             distance, _ = profile.at(travelled)
             before = arm.plan_q
             goal = path.at(distance / path.length)
-            q = self._kinematics.inverse(goal, before, self._controller.tool)
+            q = self._kinematics.follow(goal, before, self._controller.tool)
             if q is None or self._leaps(before, q):
                 yield from self._stopped_protectively(154)
                 return

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 from crtk_sim_backends.ur.arm import DEVIATION_LIMIT
 from crtk_sim_backends.ur.kinematics import (
     Floats,
+    Matrix,
+    Transform,
     compose,
     multiply,
     norm,
@@ -110,22 +112,28 @@ class ProcessImage:
         out["actual_qd"] = tuple(arm.actual_qd)
         flange = kinematics.flange(arm.actual_q)
         out["actual_TCP_pose"] = to_pose(compose(flange, tool))
-        out["target_TCP_pose"] = kinematics.forward(arm.target_q, tool)
-        jacobian = kinematics.jacobian(arm.actual_q, tool)
+        resting = arm.target_q == arm.actual_q
+        target_flange = flange if resting else kinematics.flange(arm.target_q)
+        out["target_TCP_pose"] = (
+            out["actual_TCP_pose"] if resting else to_pose(compose(target_flange, tool))
+        )
+        jacobian = kinematics.jacobian(arm.actual_q, tool, flange)
         moving = any(arm.actual_qd) or any(arm.target_qd)
         twist = multiply(jacobian, arm.actual_qd) if moving else _ZERO
         target_twist = multiply(jacobian, arm.target_qd) if moving else _ZERO
         out["actual_TCP_acceleration"] = tuple(
             [(new - old) / c.dt for new, old in zip(twist, self._twist, strict=True)]
         )
-        out["target_TCP_acceleration"] = multiply(jacobian, arm.target_qdd)
+        out["target_TCP_acceleration"] = (
+            multiply(jacobian, arm.target_qdd) if any(arm.target_qdd) else _ZERO
+        )
         self._twist = twist
         out["actual_TCP_speed"] = twist
         out["target_TCP_speed"] = target_twist
         elbow = kinematics.elbow(arm.actual_q)
         out["elbow_position"] = elbow
         out["elbow_velocity"] = kinematics.elbow_velocity(arm.actual_q, arm.actual_qd)
-        self._update_forces(out, flange, jacobian)
+        self._update_forces(out, flange, target_flange, jacobian)
         out["actual_momentum"] = norm(twist[:3]) * self._moving_mass
         out["joint_position_deviation_ratio"] = arm.deviation / DEVIATION_LIMIT
 
@@ -138,7 +146,13 @@ class ProcessImage:
         out["target_gravity"] = c.gravity
         self._moving_mass = sum(c.model.mass[3:]) + c.payload
 
-    def _update_forces(self, out: dict[str, Any], flange: Any, jacobian: Any) -> None:
+    def _update_forces(
+        self,
+        out: dict[str, Any],
+        flange: Transform,
+        target_flange: Transform,
+        jacobian: Matrix,
+    ) -> None:
         c = self._controller
         sensor = c.force_sensor
         sensor.measure(flange, c.tool, c.payload, c.payload_cog, c.gravity)
@@ -152,7 +166,7 @@ class ProcessImage:
         else:
             arm = c.arm
             target = c.dynamics.torques(
-                arm.target_q, arm.target_qdd, c.payload, c.payload_cog, c.gravity
+                arm.target_q, arm.target_qdd, c.payload, c.payload_cog, c.gravity, target_flange
             )
             load = sensor.applied
             if any(load):
