@@ -6,8 +6,8 @@ setpoints that are already checked and limited. Three rules make that safe:
 
 * Only `read` may wait, and no longer than its deadline. Everything else returns at once.
 * Nothing moves because of `open`, `enable` or `resume`; only `write`, `move` and `home` move the hardware.
-* The I/O thread alone calls a device, with two exceptions: `stop` comes from the watchdog's thread too, and
-  kinematics, which are pure functions of their arguments, from any.
+* The I/O thread alone calls a device, with three exceptions: `stop` comes from the watchdog's thread too,
+  `abort_open` from whoever shuts down, and kinematics, which are pure functions of their arguments, from any.
 """
 
 from __future__ import annotations
@@ -269,6 +269,12 @@ class Device(ABC):
 
         Raises:
             ConnectionFailed: with the address and the remedy.
+        """
+
+    def abort_open(self) -> None:  # noqa: B027 - most devices open in no time
+        """End an `open` that waits, at once, and let later ones fail: everything is being shut down.
+
+        Override it where `open` may wait for longer than a second.
         """
 
     @abstractmethod

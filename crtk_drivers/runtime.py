@@ -86,6 +86,8 @@ class BusThread:
     def stop(self) -> None:
         """Ask the thread to shut its devices down and to end."""
         self._stopping.set()
+        for engine in self.engines:
+            engine.device.abort_open()
 
     def join(self, deadline: float) -> bool:
         """Wait for the end until the monotonic `deadline`; return whether it came."""

@@ -250,6 +250,16 @@ def test_f3_a_peer_that_never_answers_is_told_and_tried_again():
         bench.until_state("DISABLED")
 
 
+@pytest.mark.parametrize("fault", ["no_answer", "silence"])
+def test_f3_closing_does_not_wait_for_a_peer_that_never_answers(fault):
+    with ur_bench({"open_timeout": 60.0}, start=False) as bench:
+        bench.inject(fault, port="rtde")
+        bench.session.start()
+        eventually(lambda: bench.device._opening, "it tries to connect")
+        bench.arm.close()  # raises if its thread does not end
+        assert not [t for t in threading.enumerate() if bench.sim.host in t.name]
+
+
 def test_f3_a_controller_that_comes_later_is_found():
     with SIM.spawn() as sim:
         host = sim.host

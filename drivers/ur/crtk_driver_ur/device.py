@@ -39,6 +39,7 @@ from crtk_drivers.errors import (
     CommandRefused,
     ConnectionFailed,
     ConnectionLost,
+    DeviceError,
     DeviceFault,
     Reason,
     TransitionFailed,
@@ -109,6 +110,8 @@ class UrDevice(Device):
             config.host, _control_options(config, self._model), f"ur {self.address}"
         )
         self._stream: RtdeStream | None = None
+        self._opening: RtdeStream | None = None
+        self._aborted = False
         self._stream_lost = False
         self._state: StateSample | None = None
         self._stopped_at = -math.inf
@@ -213,18 +216,29 @@ class UrDevice(Device):
 
     def open(self, deadline: float) -> None:
         """See the base class."""
-        stream = RtdeStream(self._config.host, frequency=self._config.frequency)
-        stream.open(deadline)
+        stream = self._opening = RtdeStream(self._config.host, frequency=self._config.frequency)
+        if self._aborted:
+            stream.close()
         try:
+            stream.open(deadline)
             self._check_generation(stream)
             version = (stream.controller_version.major, stream.controller_version.minor)
             self._link.open(has_local_control=version >= REMOTE_CONTROL_SINCE)
         except BaseException:
             stream.close()
             raise
+        finally:
+            self._opening = None
         self._stream, self._stream_lost = stream, False
         self._has_freedrive = version >= FREEDRIVE_SINCE
         self._state, self._in_control = None, False
+
+    def abort_open(self) -> None:
+        """See the base class."""
+        self._aborted = True
+        opening = self._opening
+        if opening is not None:
+            opening.close()
 
     def _check_generation(self, stream: RtdeStream) -> None:
         cb3_controller = stream.controller_version.major < 5
@@ -257,7 +271,7 @@ class UrDevice(Device):
         self._link.follow()
         try:
             state = self._stream.receive(deadline)
-        except ConnectionLost:
+        except DeviceError:
             self._stream_lost = True
             raise
         if state is None:
@@ -326,8 +340,10 @@ class UrDevice(Device):
     def free(self) -> Steps:
         """See the base class."""
         link = self._link
-        link.send(lambda: link.process.freedrive(teach_mode=not self._has_freedrive))
-        yield
+        link.move(lambda: link.process.freedrive(teach_mode=not self._has_freedrive))
+        while True:
+            link.move_progress()
+            yield
 
     # ------------------------------------------------------------------------------------- transitions
 

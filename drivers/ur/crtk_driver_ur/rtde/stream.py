@@ -147,6 +147,7 @@ class RtdeStream:
         self._busy = threading.Lock()
         self._waking = threading.Lock()
         self._closing = threading.Event()
+        self._opened = False
         self._socket: socket.socket | None = None
         self._wake = -1
         self._poll = select.poll()
@@ -201,8 +202,11 @@ class RtdeStream:
             ProtocolError: the peer's answers are not RTDE.
         """
         with self._busy:
-            if self._socket is not None or self._closing.is_set():
+            if self._opened:
                 raise RuntimeError("an RtdeStream is opened once; make a new one")
+            self._opened = True
+            if self._closing.is_set():
+                raise self._closed()
             started = False
             try:
                 self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
