@@ -168,7 +168,7 @@ class SerialChain:
         turns = np.array([joint.kind is JointKind.REVOLUTE for joint in chain.joints])
         self._turning = np.flatnonzero(turns).tolist()
         self._limits = _Bounds.of(lower, upper)
-        self._free = _Bounds.of(np.where(turns, -np.inf, lower), np.where(turns, np.inf, upper))
+        self._free = _Bounds.of(np.full_like(lower, -np.inf), np.full_like(upper, np.inf))
         self.lower, self.upper = self._to_vector(lower), self._to_vector(upper)
         self._model, self._frame = _build(
             pin, chain, _placement(pin, "base", base), _placement(pin, "tool", tool)
@@ -232,7 +232,7 @@ class SerialChain:
         outside: Vector | None = None
         short: list[_Descent] = []
         for seed in self._starts(start, self._restarts if restarts is None else restarts):
-            # Free first: turning through a limit and back by a whole turn is the shortest way.
+            # Without limits first: the way may lead through one, and back by a whole turn.
             descent = self._descend(data, target, seed, self._free)
             if descent.end is _End.CONVERGED:
                 joints = self._nearest_turns(descent.joints, start)

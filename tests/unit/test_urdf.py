@@ -151,6 +151,14 @@ def test_reachable_poses_are_reached_within_the_limits(name):
         assert (found <= arm.upper).all()
 
 
+def test_a_slide_beyond_its_limit_is_named():
+    arm = SerialChain(chain("scara"), time_limit=20.0)
+    with pytest.raises(InverseKinematicsError) as caught:
+        arm.inverse(arm.forward(np.array((0.3, 0.4, 0.3, 0.5))), np.array((0.3, 0.4, 0.1, 0.5)))
+    assert caught.value.reason is IkFailure.JOINT_LIMITS
+    assert "beyond the limits: quill_joint 0.3000 (-0.0500 to 0.2500)" in str(caught.value)
+
+
 def test_a_planar_arm_reaches_nothing_out_of_its_plane():
     arm = SerialChain(chain("planar"), time_limit=20.0)
     pose = arm.forward(np.array((0.3, 0.4, 0.5)))
