@@ -95,7 +95,7 @@ def main() -> None:
         preload = {"LD_PRELOAD": str(library)} if library else {}
         with (
             processes.simulator(records) as sim,
-            processes.driver(sim, records, **preload),
+            processes.driver(sim, records, environment=preload),
             processes.client(records, "--enable", "--name", "listener") as listener,
             processes.client(records, "--name", "victim") as victim,
         ):

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,19 +25,31 @@ from crtk_sim_backends.process import RunningSim
 Microseconds = NDArray[np.float64]
 
 SETTLE = 1.0
-TRACE_SIZE = 200_000
+POLL = 0.25
+"""Seconds between two requests for the simulator's trace; a larger one would take its time."""
+FRONT_TIMEOUT = 30.0
 MEASURED_JS = 0
 """Number of the topic in what the client noted."""
 
 
-def arrivals(sim: RunningSim) -> dict[float, int]:
-    """Return when (monotonic ns) the controller read each commanded position of the last joint."""
-    found: dict[float, int] = {}
-    for entry in sim.control.trace():
-        position = entry["values"].get("input_double_register_5")
-        if position is not None:
-            found.setdefault(position, entry["time_ns"])
-    return found
+class Arrivals:
+    """When (monotonic ns) the controller read each commanded position of the last joint."""
+
+    def __init__(self, sim: RunningSim) -> None:
+        self._sim = sim
+        self._number = 0
+        self.times: dict[float, int] = {}
+
+    def collect(self, seconds: float, done: Callable[[], bool] = lambda: False) -> None:
+        """Ask the simulator for its trace, now and then, for so long or until `done`."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and not done():
+            time.sleep(POLL)
+            for entry in self._sim.control.trace(after=self._number):
+                self._number = entry["number"]
+                position = entry["values"].get("input_double_register_5")
+                if position is not None:
+                    self.times.setdefault(position, entry["time_ns"])
 
 
 def command_delays(
@@ -74,20 +87,24 @@ def measure_node(seconds: float, rate: float, publish_rate: float, figures: Figu
     """Run one segment of driver, client and simulator."""
     with tempfile.TemporaryDirectory() as folder:
         records = Path(folder)
-        with processes.simulator(records, TRACE_SIZE) as sim:
+        with processes.simulator(records) as sim:
+            arrived = Arrivals(sim)
             with (
                 processes.driver(sim, records, publish_rate),
                 processes.client(records, "--enable", "--servo", str(rate)) as client,
             ):
                 processes.wait_ready(client)
-                time.sleep(SETTLE)
+                arrived.collect(SETTLE)
                 begin = time.time_ns()
-                time.sleep(seconds)
-            arrived = arrivals(sim)
+                arrived.collect(seconds)
+                end = time.monotonic_ns()
+            arrived.collect(2.0 * POLL)
         heard, sent = load(records, "client_heard"), load(records, "client_sent")
         samples, packages = load(records, "samples"), load(records, "sent")
-    figures.add("command, ROS", command_delays(sent, arrived)[0])
-    figures.lost += command_delays(sent, arrived)[1]
+    sent = sent[sent[:, 1] < end]
+    delays, lost = command_delays(sent, arrived.times)
+    figures.add("command, ROS", delays)
+    figures.lost += lost
     figures.sent += len(sent)
     valid = (heard[:, 1] > 0.0) & (heard[:, 2] > begin)
     mine = heard[valid & (heard[:, 0] == MEASURED_JS)]
@@ -104,12 +121,14 @@ def measure_front(seconds: float, rate: float, figures: Figures) -> None:
     with tempfile.TemporaryDirectory() as folder:
         records = Path(folder)
         command = [*processes.module("bench.python_front"), "--seconds", str(seconds)]
-        with processes.simulator(records, TRACE_SIZE) as sim:
+        with processes.simulator(records) as sim:
+            arrived = Arrivals(sim)
             arguments = ["--host", sim.host, "--rate", str(rate)]
             with processes.running([*command, *arguments], records) as front:
-                front.wait(seconds + 30.0)
-            arrived = arrivals(sim)
-        figures.add("command, Python", command_delays(load(records, "front_sent"), arrived)[0])
+                arrived.collect(seconds + FRONT_TIMEOUT, lambda: front.poll() is not None)
+            arrived.collect(2.0 * POLL)
+        sent = load(records, "front_sent")
+        figures.add("command, Python", command_delays(sent, arrived.times)[0])
 
 
 def measure_bare(seconds: float, rate: float, figures: Figures) -> None:
@@ -164,7 +183,7 @@ def main() -> None:
         rows,
         [
             f"{figures.lost} of {figures.sent} ROS commands were replaced by a newer one before they "
-            "were sent, or still under way at the end.",
+            "were sent, or refused.",
         ],
     )
 

@@ -14,10 +14,9 @@ from bench.report import options, show
 MEGABYTE = 1e6
 
 
-def measure(seconds: float, every: float) -> tuple[np.ndarray, dict[str, list[float]]]:
-    """Return times (s from the start) and, by process, resident memory (MB) at these."""
-    times: list[float] = []
-    resident: dict[str, list[float]] = {}
+def measure(seconds: float, every: float) -> dict[str, list[tuple[float, float]]]:
+    """Return, by process, pairs of time (s from the start) and resident memory (MB)."""
+    resident: dict[str, list[tuple[float, float]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         records = Path(folder)
         with (
@@ -28,13 +27,14 @@ def measure(seconds: float, every: float) -> tuple[np.ndarray, dict[str, list[fl
             processes.wait_ready(client)
             begin = time.monotonic()
             while (elapsed := time.monotonic() - begin) <= seconds:
-                times.append(elapsed)
-                # Looked up each time: a control process that was lost has been replaced.
+                # Looked up each time: a control process that was lost is replaced by another.
                 watched = {**processes.pids(node, sim), "subscriber": client.pid}
                 for name, pid in watched.items():
-                    resident.setdefault(name, []).append(processes.usage(pid).rss / MEGABYTE)
+                    used = processes.usage(pid)
+                    if used is not processes.GONE:
+                        resident.setdefault(name, []).append((elapsed, used.rss / MEGABYTE))
                 time.sleep(every)
-    return np.array(times), resident
+    return resident
 
 
 def main() -> None:
@@ -45,16 +45,13 @@ def main() -> None:
         warmup=(60.0, "seconds before the slope is taken"),
         every=(2.0, "seconds between two looks"),
     )
-    times, resident = measure(given.seconds, given.every)
-    warm = times >= min(given.warmup, given.seconds / 2.0)
     rows = []
-    for name, values in resident.items():
-        found = np.array(values)
+    for name, pairs in measure(given.seconds, given.every).items():
+        times, found = np.array(pairs).T
+        warm = times >= min(given.warmup, given.seconds / 2.0)
         slope, _ = np.polyfit(times[warm] / 60.0, found[warm] * 1000.0, 1)
-        first, last = found[warm][0], found[-1]
-        rows.append(
-            [name, *(f"{v:.1f}" for v in (found[0], first, last, found.max())), f"{slope:+.1f}"]
-        )
+        shown = (found[0], found[warm][0], found[-1], found.max())
+        rows.append([name, *(f"{value:.1f}" for value in shown), f"{slope:+.1f}"])
     show(
         f"Resident memory over {given.seconds:g} s at 500 Hz",
         ("process", "start MB", f"{given.warmup:g} s MB", "end MB", "max MB", "slope kB/min"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -35,9 +36,15 @@ class Usage(NamedTuple):
         return 100.0 * (self.cpu - earlier.cpu) / (self.at - earlier.at)
 
 
+GONE = Usage(math.nan, math.nan, 0)
+
+
 def usage(pid: int) -> Usage:
-    """Return what a process has used until now (s, bytes)."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    """Return what a process has used until now (s, bytes); `GONE` if it has ended."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except FileNotFoundError:
+        return GONE
     cpu = (int(fields[11]) + int(fields[12])) / _TICKS
     return Usage(time.monotonic(), cpu, int(fields[21]) * _PAGE)
 
@@ -103,19 +110,17 @@ def wait_ready(child: subprocess.Popen[str]) -> float:
     for line in child.stdout:
         if line.startswith("ready"):
             return float(line.split()[1])
-    raise RuntimeError(f"{child.args} ended before it was ready; see its messages above")
+    raise RuntimeError(f"{child.args!r} ended before it was ready; see its messages above")
 
 
 @contextmanager
-def simulator(
-    records: Path, trace_size: int = 5000, *, recorded: bool = True
-) -> Iterator[RunningSim]:
+def simulator(records: Path, *, recorded: bool = True) -> Iterator[RunningSim]:
     """Run the simulated UR controller; `recorded`: with notes of what it sends."""
     os.environ[DIRECTORY] = str(records)
     if str(ROOT) not in sys.path:
         sys.path.append(str(ROOT))
     name = "bench.recorded_sim" if recorded else "crtk_sim_backends.ur"
-    with process.spawn(name, ["--trace-size", str(trace_size)]) as sim:
+    with process.spawn(name, []) as sim:
         yield sim
 
 
@@ -126,13 +131,13 @@ def driver(
     publish_rate: float = 500.0,
     *,
     recorded: bool = True,
-    **environment: str,
+    environment: Mapping[str, str] | None = None,
 ) -> Iterator[subprocess.Popen[str]]:
     """Run ``crtk-driver ur`` against `sim`; `recorded`: with notes of its cycles."""
     settings = ("--set", f"node.publish_rate={publish_rate:g}", "--log-level", "warning")
     command = module("bench.recorded_node") if recorded else CRTK_DRIVER
     arguments = ("ur", "--ns", NAMESPACE, "--host", sim.host, *settings)
-    with running([*command, *arguments], records, **environment) as child:
+    with running([*command, *arguments], records, **(environment or {})) as child:
         yield child
 
 

@@ -18,7 +18,7 @@ def record() -> None:
         sent.add((image["timestamp"], time.time_ns()))
         return original(recipe, image)
 
-    rtde.OutputRecipe.package = package  # type: ignore[method-assign]
+    rtde.OutputRecipe.package = package  # type: ignore[method-assign, assignment]
 
 
 if __name__ == "__main__":

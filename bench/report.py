@@ -43,6 +43,14 @@ def ratio(ours: float, theirs: float) -> str:
     return f"{ours / theirs:.2f}" if theirs else "-"
 
 
+def stolen() -> float:
+    """Return the CPU time (s) that the hypervisor has kept from this machine since it booted."""
+    return int(Path("/proc/stat").read_text().split(maxsplit=9)[8]) / os.sysconf("SC_CLK_TCK")
+
+
+_STOLEN_BEFORE = stolen()
+
+
 def machine() -> str:
     """Return the line that says where a figure comes from."""
     models = (
@@ -53,7 +61,8 @@ def machine() -> str:
     load = os.getloadavg()[0]
     return (
         f"{next(models, platform.processor())}, {os.cpu_count()} cores, Linux {platform.release()}, "
-        f"Python {platform.python_version()}, load {load:.1f}"
+        f"Python {platform.python_version()}, load {load:.1f}, "
+        f"{stolen() - _STOLEN_BEFORE:.1f} s of CPU kept by the hypervisor meanwhile"
     )
 
 

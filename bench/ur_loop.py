@@ -49,10 +49,6 @@ class Loop:
         """Percentage of cycles that took longer than `LATE`."""
         return 100.0 * float(np.mean(np.array(self.periods) > LATE))
 
-    def total_cpu(self) -> float:
-        """CPU of all processes but the simulator, in percent of a core."""
-        return sum(float(np.mean(v)) for name, v in self.cpu.items() if name != "simulator")
-
 
 def measure_driver(seconds: float, loop: Loop) -> dict[str, float]:
     """Run one segment of the driver; return messages a second by topic number."""
@@ -122,7 +118,7 @@ def main() -> None:
             f"{loop.late:.3f}",
             *spread(loop.periods, 1e3, 2),
             *(
-                f"{np.mean(loop.cpu[part]):.1f}" if part in loop.cpu else "-"
+                f"{np.nanmean(loop.cpu[part]):.1f}" if part in loop.cpu else "-"
                 for part in ("node", "control process", "subscriber", "simulator")
             ),
         ]
