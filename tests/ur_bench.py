@@ -241,15 +241,22 @@ def ur_bench(
 
 
 @contextmanager
+def lenient() -> Iterator[None]:
+    """Let threads and processes of drivers be silent for longer."""
+    with (
+        patch.object(runtime, "STALL_LIMIT", LENIENT),
+        patch.object(control, "SILENCE_ALLOWED", LENIENT),
+    ):
+        yield
+
+
+@contextmanager
 def driver_at(
     sim: RunningSim, config: Mapping[str, Any] | None = None, *, start: bool = True
 ) -> Iterator[UrBench]:
     """A driver for a simulated controller that runs already."""
     values = {**PATIENT, "host": sim.host, **(config or {})}
-    with (
-        patch.object(runtime, "STALL_LIMIT", LENIENT),
-        patch.object(control, "SILENCE_ALLOWED", LENIENT),
-    ):
+    with lenient():
         session = Session(PLUGIN, load(PLUGIN.config, from_values(values)))
         bench = UrBench(sim, session)
         try:
