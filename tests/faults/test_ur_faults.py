@@ -192,7 +192,7 @@ LINK_FAULTS = {
     "F2 silent": LinkFault("silence", "", {"port": "rtde", "duration": 3.0}),
     "F2 the controller hangs": LinkFault("stall", "", {"duration": 3.0}),
     "F5 corrupt": LinkFault(
-        "corrupt", "", {"port": "rtde", "every": 1, "direction": "out", "duration": 1.5}
+        "corrupt", "", {"port": "rtde", "every": 1, "direction": "out", "duration": 60.0}
     ),
 }
 
@@ -202,14 +202,17 @@ def test_link_fault_under_motion(bench, fault):
     move = start_moving(bench)
     _, stamp = bench.arm.measured_js(extra=True)
     assert stamp > 0.0
+    losses = bench.arm.health().reconnects
     bench.sim.control.inject(fault.kind, **fault.parameters)
     bench.until_state("FAULT", fault.detail)
     with pytest.raises(MotionAborted, match="aborted"):
         move.wait(LONG)
-    eventually(lambda: not bench.engine.connected, "the link is given up")
+    eventually(lambda: bench.arm.health().reconnects > losses, "the link is given up")
     if bench.status.state == "FAULT" and not bench.engine.connected:
         _, stamp = bench.arm.measured_js(age=0, extra=True)
         assert stamp == 0.0 or bench.engine.connected, "old data is not stamped as fresh"
+    if fault.kind == "corrupt":
+        bench.sim.control.clear()  # RTDE has no checksum: it goes on until a header is hit
     bench.until_connected()
     bench.until_state("DISABLED")
     bench.sim.control.clear()

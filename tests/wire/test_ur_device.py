@@ -193,10 +193,9 @@ def test_hold_ends_a_move_and_the_next_one_arrives(bench):
 
 
 def test_servo_jp_is_followed_and_its_last_position_held(bench):
-    arm, start = bench.arm, time.monotonic()
-    farthest = 0.0
-    while (phase := (time.monotonic() - start) * math.pi) < 2.0 * math.pi:
-        arm.servo_jp(at(0.15 * (1.0 - math.cos(phase))))
+    arm, farthest = bench.arm, 0.0
+    for i in range(400):
+        arm.servo_jp(at(0.15 * (1.0 - math.cos(i * math.pi / 200.0))))
         farthest = max(farthest, arm.measured_jp(age=0)[0])
         time.sleep(PERIOD)
     assert farthest > 0.25
