@@ -57,6 +57,7 @@ class RemoteMove(Move):
         self._sent = time.monotonic()
         self._busy_since = self._sent if was_busy else None
         self._idle_since: float | None = None
+        self._state: OperatingState | None = None
         self._refusal_time = REPEATED_REFUSAL_TIME if refused_before else REFUSAL_TIME
         self.accepted = False
         self.refusal: CommandRefused | None = None
@@ -72,9 +73,7 @@ class RemoteMove(Move):
                 self._idle_since = None
             elif self._busy_since is not None:
                 self._idle_since = self._idle_since or now
-            begun = self.accepted or self._busy_since is not None
-            if begun and status.state is not OperatingState.ENABLED and self.refusal is None:
-                self.finish(Outcome.ABORTED, f"the device is {status.state}")
+            self._state = status.state
             self._changed.notify_all()
 
     def refused(self, refusal: CommandRefused) -> None:
@@ -118,16 +117,28 @@ class RemoteMove(Move):
         if self._busy_since is None:
             return self._sent + ACCEPT_TIMEOUT - now
         if self._idle_since is None:
-            return max(self._busy_since, self._sent) + ACCEPT_TIME - now
+            repeated = (
+                self._refusal_time == REPEATED_REFUSAL_TIME and self._busy_since == self._sent
+            )
+            enough = self._refusal_time if repeated else ACCEPT_TIME
+            return self._busy_since + enough - now
         if self._at_goal():
             return 0.0
         return self._idle_since + self._refusal_time - now
 
     def _judge(self) -> None:
-        if self._idle_since is None or self._ended.is_set():
+        if self._ended.is_set():
+            return
+        now = time.monotonic()
+        idle = 0.0 if self._idle_since is None else now - self._idle_since
+        if self._state not in (None, OperatingState.ENABLED):
+            told = self.accepted and now - self._sent > ACCEPT_TIME
+            if told or idle > self._refusal_time:
+                self.finish(Outcome.ABORTED, f"the device is {self._state}")
+            return
+        if self._idle_since is None:
             return
         arrived = self._at_goal()
-        idle = time.monotonic() - self._idle_since
         if arrived is False and idle > SETTLE_TIME:
             self.finish(Outcome.ABORTED, "it stopped away from its goal")
         elif arrived or (arrived is None and (self._was_long or idle > self._refusal_time)):

@@ -387,6 +387,7 @@ class RemoteDevice:
             raise ConnectionFailed(str(error)) from None
         watch = tracker.watch()
         try:
+            tracker.refresh(SERVICE_TIMEOUT)
             before = self.operating_state()
             target = target_of(before.state, wanted)
             outbox.send(str(wanted.value))

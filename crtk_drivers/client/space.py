@@ -136,8 +136,9 @@ class Space:
         from crtk_drivers.ros.link import may_wait
 
         endpoint = self.endpoint(name)
-        if not endpoint.connected:
-            may_wait(f"the first use of {name}")
+        if not endpoint.was_connected:
+            if not endpoint.connected:
+                may_wait(f"the first use of {name}")
             self.wait_connected([endpoint], self.timeout)
         return endpoint
 

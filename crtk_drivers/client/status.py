@@ -24,6 +24,9 @@ SILENCE = 5.0
 """Seconds without a heartbeat, from a device that has one, that mean that it is gone."""
 HISTORY = 0.05
 """Seconds of silence after which no more refusals of before are expected: the last ten are latched."""
+OUT_OF_ORDER_NS = 1_000_000_000
+"""Nanoseconds by which a status may be older than the last one and be left out: the service overtakes the
+topic. One that is older still comes from a driver whose clock was set back."""
 RECENT = 3.0
 """Seconds in which a driver may hold the next refusal of the same kind back."""
 
@@ -98,6 +101,7 @@ class StatusTracker:
         self._inbox: Inbox | None = None
         self._latest: Status | None = None
         self._heard = 0.0
+        self._stamp_ns = 0
         self._past_refusals = past_refusals
         self._live = not past_refusals
         self._started = False
@@ -146,7 +150,8 @@ class StatusTracker:
             raise ConnectionFailed(
                 f"nobody publishes {missing}", where=self._where, remedy="Is the driver running?"
             )
-        self._ask(deadline)
+        if self._latest is None:
+            self.refresh(max(0.0, deadline - time.monotonic()))
         if not self.wait_for(lambda status: True, max(0.0, deadline - time.monotonic())):
             raise DataTimeout(
                 f"{self._topic} is silent",
@@ -165,19 +170,14 @@ class StatusTracker:
                 break
         self._live = self._started = True
 
-    def _ask(self, deadline: float) -> None:
-        """Ask the service for the state as it is now, so that no heartbeat has to be waited for."""
-        if self._service is None or self._latest is not None:
+    def refresh(self, timeout: float) -> None:
+        """Ask the service for the state as it is now, if there is that service and it answers."""
+        if self._service is None:
             return
-        left = deadline - time.monotonic()
         try:
-            answer = self._link.state_caller(self._service).operating_state(max(0.0, left))
+            self._receive(self._link.state_caller(self._service).operating_state(timeout))
         except CrtkError as error:
             logger.debug("%s: %s", self._where, error)
-            return
-        with self._lock:
-            if self._latest is None:
-                self._receive(answer)
 
     # ------------------------------------------------------------------ told by the spinning thread
 
@@ -190,6 +190,10 @@ class StatusTracker:
                 logger.warning("%s: operating_state: %s", self._where, error)
             return
         with self._lock:
+            behind = self._stamp_ns - received.wall_ns
+            if 0 < behind < OUT_OF_ORDER_NS:
+                return
+            self._stamp_ns = received.wall_ns
             self._heard = time.monotonic()
             changed = status != self._latest
             self._latest = status
@@ -202,13 +206,13 @@ class StatusTracker:
             _call(callback, status)
 
     def _receive_refusal(self, received: Received) -> None:
-        if not self._live:
-            return
         refusal = self._refusal_of(received.message.data)
         if refusal is None:
             return
         with self._lock:
             self._refused_at[refusal.command] = time.monotonic()
+            if not self._live:
+                return
             for watch in self._watches:
                 watch.add(refusal)
             self._attribute(refusal)
@@ -233,7 +237,11 @@ class StatusTracker:
     def _attribute(self, refusal: CommandRefused) -> None:
         """Hand a refusal to the command of ours that it is about, if it is about one of ours."""
         name = refusal.command
-        mine = [move for move in self._moves if move.name == name and not move.has_ended]
+        mine = [
+            move
+            for move in self._moves
+            if move.name == name and not move.refusal and not (move.accepted and move.has_ended)
+        ]
         if mine and not mine[-1].accepted:
             mine[-1].refused(refusal)
         elif not self._alone(name):

@@ -124,6 +124,8 @@ class Received:
 class Inbox:
     """The newest message of one topic. Made by `Link`."""
 
+    was_connected = False
+
     def __init__(self, topic: str) -> None:
         self.topic = topic
         self.latest: Received | None = None
@@ -185,6 +187,8 @@ class Inbox:
 class Outbox:
     """One topic that is sent on. Thread-safe. Made by `Link`."""
 
+    was_connected = False
+
     def __init__(self, topic: str, publisher: Any, message_type: type) -> None:
         self.topic = topic
         self._publisher = publisher
@@ -235,6 +239,8 @@ class Outbox:
 
 class Caller:
     """One service that is called. Thread-safe. Made by `Link`."""
+
+    was_connected = False
 
     def __init__(self, name: str, client: Any, service_type: type) -> None:
         self.topic = name
@@ -312,6 +318,8 @@ def wait_connected(endpoints: Sequence[Endpoint], deadline: float) -> bool:
         if time.monotonic() >= deadline:
             return False
         time.sleep(GRAPH_PERIOD)
+    for endpoint in endpoints:
+        endpoint.was_connected = True
     return True
 
 
