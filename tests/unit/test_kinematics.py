@@ -271,6 +271,25 @@ def test_whole_turns_are_those_of_the_reference(turn):
     assert found[5] == pytest.approx(q[5] + turn)
 
 
+@given(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0), st.floats(-9.0, 8.0), st.floats(0.1, 20.0))
+def test_the_whole_turn_is_the_nearest_that_the_limits_allow(angle, reference, lower, width):
+    arm = SerialChain(chain_from_dh([DHJoint("a", 1.0, lower=lower, upper=lower + width)]))
+    (found,) = arm._nearest_turns(np.array((angle,)), np.array((reference,)))
+    turns = [angle + 2 * math.pi * i for i in range(-20, 21)]
+    allowed = [turned for turned in turns if lower <= turned <= lower + width]
+    nearest = min(abs(turned - reference) for turned in allowed or turns)
+    assert abs(found - reference) == pytest.approx(nearest, abs=1e-9)
+
+
+def test_rounding_beyond_a_limit_is_cut_off():
+    for limit, sign in ((PANDA_ARM.lower, -1.0), (PANDA_ARM.upper, 1.0)):
+        beyond = limit + sign * 5e-11
+        target = PANDA_ARM._place(PANDA_ARM._workspace.data, beyond).copy()
+        assert PANDA_ARM._is_within(beyond)
+        found = PANDA_ARM._checked(PANDA_ARM._workspace.data, target, beyond)
+        assert (found == limit).all()
+
+
 def test_a_joint_without_limits_goes_on_turning():
     wrist = np.array((0.3, -1.2, 1.1, -0.5, 0.9, 50.0))
     goal = wrist + 0.001
