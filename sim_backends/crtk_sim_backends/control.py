@@ -19,6 +19,15 @@ from crtk_sim_backends.faults import unknown
 
 MAX_LINE: Final = 1 << 20
 
+_WRONG_REQUEST: Final = (
+    ValueError,
+    TypeError,
+    LookupError,
+    AttributeError,
+    OverflowError,  # numbers of hundreds of digits
+    RecursionError,  # brackets nested thousands deep
+)
+
 Handlers = Mapping[str, Callable[..., Any]]
 
 
@@ -58,7 +67,7 @@ class ControlSession:
             if name not in self._handlers:
                 raise ValueError(unknown("request", name, self._handlers))
             return {"ok": True, "result": self._handlers[name](**arguments)}
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
+        except _WRONG_REQUEST as error:
             return {"ok": False, "error": f"{error}"}
 
 
@@ -101,11 +110,16 @@ class ControlClient:
         return answer["result"]
 
     def inject(self, kind: str, **parameters: Any) -> None:
-        """Begin a fault now; parameters as in a fault file, `duration` included."""
+        """Begin a fault; it is in force when this returns.
+
+        Args:
+            kind: kind of fault.
+            parameters: as in a fault file, `duration` included.
+        """
         self.call("inject", kind=kind, parameters=parameters)
 
     def clear(self, kind: str | None = None) -> None:
-        """End a lasting fault, or all of them."""
+        """End a lasting fault, or all of them; they have ended when this returns."""
         self.call("clear", kind=kind)
 
     def status(self) -> dict[str, Any]:

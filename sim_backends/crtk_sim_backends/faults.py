@@ -46,18 +46,18 @@ class Parameter:
         if self.type is list:
             if not isinstance(value, list | tuple) or len(value) != self.length:
                 raise FaultError(f"{where}: {name} must be a list of {self.length} numbers")
-            number = Parameter(float)
+            number = Parameter(float, minimum=self.minimum, maximum=self.maximum)
             return tuple(number.check(where, f"{name}[{i}]", v) for i, v in enumerate(value))
         if self.type in (float, int):
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise FaultError(f"{where}: {name} must be a number, not {value!r}")
-            if self.type is int and value != int(value):
-                raise FaultError(f"{where}: {name} must be a whole number, not {value!r}")
             if not (math.isfinite(value) and self.minimum <= value <= self.maximum):
                 raise FaultError(
                     f"{where}: {name} must lie in [{self.minimum:g}, {self.maximum:g}], "
                     f"not {value!r}"
                 )
+            if self.type is int and value != int(value):
+                raise FaultError(f"{where}: {name} must be a whole number, not {value!r}")
             return self.type(value)
         if not isinstance(value, self.type):
             raise FaultError(f"{where}: {name} must be {self.type.__name__}, not {value!r}")
@@ -232,8 +232,8 @@ class Timeline:
                 self._schedule(at + action.fault.duration, Action(action.fault, begin=False))
         return actions
 
-    def forget(self, kind: str) -> None:
-        """Drop the scheduled ends of `kind`, because it was cleared by hand."""
+    def forget(self, fault: Fault) -> None:
+        """Drop the scheduled end of `fault`, because something else has ended it."""
         self._scheduled = [
-            entry for entry in self._scheduled if entry[2].begin or entry[2].fault.kind != kind
+            entry for entry in self._scheduled if entry[2].begin or entry[2].fault is not fault
         ]

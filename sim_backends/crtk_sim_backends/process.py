@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
+import logging
 import os
 import select
 import signal
@@ -20,6 +21,8 @@ from crtk_sim_backends.control import ControlClient
 
 AUTO: Final = "auto"
 
+_REALTIME_PRIORITY: Final = 20
+
 _RUN_MODULE: Final = (
     "import json, runpy, sys;"
     "module, path = sys.argv[1], json.loads(sys.argv[2]);"
@@ -29,6 +32,8 @@ _RUN_MODULE: Final = (
 )
 
 Bound = TypeVar("Bound")
+
+log = logging.getLogger(__name__)
 
 
 class SimStartError(RuntimeError):
@@ -96,6 +101,14 @@ def bind_somewhere(host: str, bind: Callable[[str], Bound]) -> tuple[str, Bound]
         except AddressInUseError as error:
             last = error
     raise SimStartError(f"no free loopback address found, the last try: {last}")
+
+
+def use_realtime_priority() -> None:
+    """Run this process with SCHED_FIFO if the system permits it; a warning tells when it does not."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_REALTIME_PRIORITY))
+    except (AttributeError, OSError) as error:
+        log.warning("no real-time priority, the periods may be less even: %s", error)
 
 
 class Readiness:

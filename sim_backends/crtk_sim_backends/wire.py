@@ -118,11 +118,13 @@ class _Lane:
 
     def __init__(self) -> None:
         self._pieces: deque[tuple[float, bytes]] = deque()
+        self.size = 0  # bytes
 
     def __len__(self) -> int:
         return len(self._pieces)
 
     def put(self, pieces: Pieces, now: float) -> None:
+        self.size += sum(len(data) for _, data in pieces)
         if pieces and self._pieces:
             waiting, held = self._pieces[-1]
             if waiting > now and waiting >= now + pieces[0][0]:
@@ -137,6 +139,7 @@ class _Lane:
         due = []
         while self._pieces and self._pieces[0][0] <= now:
             due.append(self._pieces.popleft()[1])
+            self.size -= len(due[-1])
         return due
 
 
@@ -149,6 +152,7 @@ class Connection:
     """
 
     RECEIVE_SIZE: Final = 65536
+    RECEIVED_LIMIT: Final = 1 << 22  # bytes on a slow wire; then the peer has to wait
     PIECES_UNDER_WAY: Final = 10_000  # on a slow wire; more are dropped
 
     def __init__(self, sock: socket.socket, limit: int, *, send_buffer: int | None = None) -> None:
@@ -174,6 +178,11 @@ class Connection:
         return self._socket.fileno()
 
     @property
+    def ended(self) -> bool:
+        """Whether this side or the peer has closed it, so that nothing more can be read."""
+        return self.closed or self.peer_closed
+
+    @property
     def blocked(self) -> bool:
         """Whether the peer has left data untaken."""
         return bool(self._backlog)
@@ -184,6 +193,8 @@ class Connection:
 
     def read(self, now: float) -> None:
         """Take what the socket has; notes it in `peer_closed` when the peer has closed."""
+        if self._incoming.size > self.RECEIVED_LIMIT:
+            return
         try:
             data = self._socket.recv(self.RECEIVE_SIZE)
         except (BlockingIOError, InterruptedError):
@@ -215,7 +226,7 @@ class Connection:
             pieces = self.hook(Direction.OUT, data, now) if self.hook else [(0.0, data)]
             self._outgoing.put(pieces, now)
             self.flush(now)
-        if len(self._backlog) > self._limit:
+        if len(self._backlog) + self._outgoing.size > self._limit:
             self.closed = True
 
     def send_fresh(self, package: bytes, now: float) -> bool:
@@ -233,9 +244,7 @@ class Connection:
         if self.closed:
             return
         if self._backlog:
-            pending = bytes(self._backlog)
-            self._backlog.clear()
-            self._transmit(pending, now)
+            self._drain(now)
         for piece in self._outgoing.take_due(now) if self._outgoing else ():
             self._transmit(piece, now)
 
@@ -243,20 +252,31 @@ class Connection:
         if self._backlog:
             self._backlog += data
             return
+        sent = self._put(data)
+        if sent < len(data):
+            self._backlog += data[sent:]
+            self._blocked_since = now
+
+    def _drain(self, now: float) -> None:
+        """Send what the peer did not take before."""
+        sent = self._put(self._backlog)
+        del self._backlog[:sent]
+        if not self._backlog:
+            self._blocked_since = None
+        elif sent:
+            self._blocked_since = now
+
+    def _put(self, data: bytes | bytearray) -> int:
+        """Give data to the kernel; how many bytes it took, and `closed` when that failed."""
         try:
             sent = self._socket.send(data)
         except (BlockingIOError, InterruptedError):
-            sent = 0
+            return 0
         except OSError:
             self.closed = True
-            return
+            return 0
         self.bytes_out += sent
-        if sent == len(data):
-            self._blocked_since = None
-        else:
-            self._backlog += data[sent:]
-            if sent or self._blocked_since is None:
-                self._blocked_since = now
+        return sent
 
     def close(self) -> None:
         """Close the socket; safe to repeat."""

@@ -123,5 +123,5 @@ def test_an_injected_fault_begins_at_once_and_its_end_can_be_forgotten():
     fault = check_fault(KINDS, "split", {"duration": 1.0}, "inject")
     timeline.begin(fault, 5.0)
     assert timeline.due(5.0) == [Action(fault, begin=True)]
-    timeline.forget("split")
+    timeline.forget(fault)
     assert timeline.due(10.0) == []

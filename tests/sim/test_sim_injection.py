@@ -61,9 +61,19 @@ def test_disconnect_with_a_duration_closes_new_connections_too(sim, stream):
     DashboardClient(sim.host).close()
 
 
+def test_every_connection_can_be_cut_at_once_again_and_again(sim):
+    for _ in range(5):
+        clients = [TcpClient(sim.host, port) for port in (*PORTS.values(), *PORTS.values())]
+        sim.control.inject("disconnect", port="all")
+        for client in clients:
+            assert client.closed_by_peer()
+            client.close()
+    connections = sim.control.status()["connections"]
+    assert {name for name, clients in connections.items() if clients} == {"control"}
+
+
 def test_silence_keeps_connections_open_and_sends_nothing(sim, stream):
     sim.control.inject("silence", port="rtde")
-    wait_until(lambda: sim.control.status()["faults"])
     drain(stream)
     assert stream.silent_for(0.1)
     DashboardClient(sim.host).close()  # the other ports still answer
@@ -78,7 +88,6 @@ def test_silence_keeps_connections_open_and_sends_nothing(sim, stream):
 
 def test_no_answer_accepts_and_never_answers(sim, stream):
     sim.control.inject("no_answer", port="all")
-    wait_until(lambda: sim.control.status()["faults"])
     with TcpClient(sim.host, "dashboard") as mute:
         mute.send(b"robotmode\n")
         assert mute.silent_for(0.1)
@@ -87,7 +96,7 @@ def test_no_answer_accepts_and_never_answers(sim, stream):
 
 def test_stall_freezes_everything_but_the_control_socket(sim, stream):
     sim.control.inject("stall")
-    wait_until(lambda: sim.control.status()["faults"] == [{"kind": "stall"}])
+    assert sim.control.status()["faults"] == [{"kind": "stall"}]
     before = sim.control.status()["time"]
     drain(stream)
     assert stream.silent_for(0.1)
@@ -102,7 +111,6 @@ def test_stall_freezes_everything_but_the_control_socket(sim, stream):
 def test_a_timed_stall_ends_by_itself_without_a_burst(sim, stream):
     ticks = sim.control.status()["ticks"]
     sim.control.inject("stall", duration=0.3)
-    wait_until(lambda: sim.control.status()["faults"])
     wait_until(lambda: not sim.control.status()["faults"])
     assert sim.control.status()["ticks"] >= ticks
     times = [stream.data()[0] for _ in range(20)]
@@ -111,7 +119,6 @@ def test_a_timed_stall_ends_by_itself_without_a_burst(sim, stream):
 
 def test_split_data_is_the_same_data(sim):
     sim.control.inject("split", port="all", size=1)
-    wait_until(lambda: sim.control.status()["faults"])
     with DashboardClient(sim.host) as dashboard, RtdeClient(sim.host) as rtde:
         assert dashboard.ask("robotmode") == "Robotmode: RUNNING"
         assert rtde.setup_outputs("timestamp,actual_q", 10) == (1, ["DOUBLE", "VECTOR6D"])
@@ -125,7 +132,6 @@ def test_split_data_is_the_same_data(sim):
 def test_delayed_answers_come_late_and_complete(sim):
     with DashboardClient(sim.host) as dashboard:
         sim.control.inject("delay", port="dashboard", seconds=0.3, direction="out")
-        wait_until(lambda: sim.control.status()["faults"])
         dashboard.send(b"robotmode\n")
         assert dashboard.silent_for(0.1)
         assert dashboard.line() == "Robotmode: RUNNING"
@@ -133,7 +139,6 @@ def test_delayed_answers_come_late_and_complete(sim):
 
 def test_coalesced_packages_arrive_in_lumps(sim, stream):
     sim.control.inject("coalesce", port="rtde", seconds=0.2, direction="out")
-    wait_until(lambda: sim.control.status()["faults"])
     drain(stream)
     lump = stream.socket.recv(65536)
     assert len(lump) > 20 * 80
@@ -142,7 +147,6 @@ def test_coalesced_packages_arrive_in_lumps(sim, stream):
 def test_corrupt_data_reaches_the_client(sim):
     with DashboardClient(sim.host) as dashboard:
         sim.control.inject("corrupt", port="dashboard", every=1, direction="out")
-        wait_until(lambda: sim.control.status()["faults"])
         dashboard.send(b"robotmode\n")
         answer = dashboard.read(len("Robotmode: RUNNING\n"))
         assert sum(a != b for a, b in zip(answer, b"Robotmode: RUNNING\n", strict=True)) == 1
@@ -166,6 +170,34 @@ def test_the_safety_system_stops_the_program(kind, safety_mode):
         client.wait_for(lambda values: values == (1, 2))
         own.control.inject(kind)
         client.wait_for(lambda values: values[0] == safety_mode and values[1] != 2)
+
+
+def test_a_fault_is_in_force_when_its_injection_is_answered(sim):
+    control = sim.control
+    for kind, name, value in (
+        ("reduced_mode", "safety_mode", 2),
+        ("safeguard_stop", "safety_mode", 5),
+        ("speed_slider", "target_speed_fraction", 0.5),
+    ):
+        before = control.outputs(name)
+        control.inject(kind, **({"fraction": 0.5} if kind == "speed_slider" else {}))
+        assert control.outputs(name) == {name: value}
+        control.clear(kind)
+        assert control.outputs(name) == before
+
+
+def test_answers_of_a_megabyte_arrive_whole(sim):
+    with RtdeClient(sim.host) as client:
+        names = ",".join(f"input_double_register_{i}" for i in range(48))
+        recipe, _ = client.setup_inputs(names)
+        for number in range(1500):
+            client.write_data(recipe, "48d", *([number / 7.0] * 48))
+        before = sim.control.status()["input_packages"]
+        wait_until(lambda: sim.control.status()["input_packages"] >= max(before, 1500))
+        trace = sim.control.trace()
+    assert len(trace) >= 1500
+    assert trace[-1]["values"]["input_double_register_47"] == 1499 / 7.0
+    assert sim.control.outputs().keys() >= {"actual_q", "output_double_register_47"}
 
 
 def test_a_failing_program_ends_with_a_runtime_exception(sim):
@@ -226,7 +258,20 @@ def test_wrong_requests_are_refused_and_the_control_socket_lives(sim):
     with pytest.raises(ControlError, match="inject"):
         sim.control.call("inject", nothing=1)
     with ControlClient(sim.host, sim.ports["control"]) as other:
-        for nonsense in (b"\n", b"{}\n", b"[]\n", b"1\n", b"\xff\xff\n", b'{"do": {}}\n'):
+        wrong = (
+            b'{"do": "inject", "with": {"kind": "corrupt", "parameters": {"port": "rtde", %s}}}\n'
+        )
+        for nonsense in (
+            b"\n",
+            b"{}\n",
+            b"[]\n",
+            b"1\n",
+            b"\xff\xff\n",
+            b'{"do": {}}\n',
+            b"[" * 100_000 + b"\n",
+            wrong % b'"seed": Infinity',
+            wrong % (b'"seed": 1' + b"0" * 400),
+        ):
             other._socket.sendall(nonsense)
             assert b'"ok": false' in other._lines.readline()
         assert other.status()["model"] == "ur5e"

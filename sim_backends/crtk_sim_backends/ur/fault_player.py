@@ -52,12 +52,13 @@ class FaultPlayer:
         self._timeline.event(name, now)
 
     def inject(self, kind: str, parameters: Mapping[str, Any], now: float) -> None:
-        """Let a fault begin with the next period.
+        """Let a fault begin now.
 
         Raises:
             FaultError: when there is no such kind or a parameter is wrong.
         """
         self._timeline.begin(check_fault(KINDS, kind, parameters, "inject"), now)
+        self.play(now)
 
     def clear(self, kind: str | None = None) -> None:
         """End the lasting faults of a kind, or all of them.
@@ -69,7 +70,7 @@ class FaultPlayer:
             raise FaultError(unknown("kind of fault", kind, KINDS))
         for fault in self.active:
             if kind in (None, fault.kind):
-                self._timeline.forget(fault.kind)
+                self._timeline.forget(fault)
                 self._end(fault)
 
     def play(self, now: float) -> bool:
@@ -94,6 +95,9 @@ class FaultPlayer:
             if fault.kind == "disconnect":
                 self._disconnect(port)
         if KINDS[fault.kind].lasting:
+            replaced = self._active.get(_place(fault))
+            if replaced is not None:
+                self._timeline.forget(replaced)
             self._active[_place(fault)] = fault
         if fault.kind == "disconnect" and fault.duration is None:
             self._end(fault)

@@ -124,7 +124,9 @@ KINDS: Final[Mapping[str, FaultKind]] = {
         ),
         _wire_kind("drop", "every n-th piece of data is lost", every=_EVERY, direction=_DIRECTION),
         _robot_kind(
-            "protective_stop", "the robot stops protectively", code=Parameter(int, 158, minimum=0)
+            "protective_stop",
+            "the robot stops protectively",
+            code=Parameter(int, 158, minimum=0, maximum=2**31 - 1),
         ),
         _robot_kind("emergency_stop", "the emergency stop is pressed; cleared: released"),
         _robot_kind("safeguard_stop", "the safeguard input opens; cleared: closes"),

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import gc
 import logging
-import os
 import select
+import socket
 import sys
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -23,14 +22,19 @@ from typing import Any, Final
 from crtk_sim_backends import wire
 from crtk_sim_backends.control import ControlSession
 from crtk_sim_backends.faults import FaultError, read_faults
-from crtk_sim_backends.process import SimStartError, bind_somewhere, listen
+from crtk_sim_backends.process import (
+    SimStartError,
+    bind_somewhere,
+    listen,
+    use_realtime_priority,
+)
 from crtk_sim_backends.ur import realtime
 from crtk_sim_backends.ur.config import SimConfig
 from crtk_sim_backends.ur.controller import Controller
 from crtk_sim_backends.ur.dashboard import GREETING, DashboardSession, Robot
 from crtk_sim_backends.ur.fault_player import FaultPlayer
 from crtk_sim_backends.ur.injection import EVENTS, KINDS
-from crtk_sim_backends.ur.messages import ErrorMessage, KeyMessage, ReportLevel
+from crtk_sim_backends.ur.messages import KeyMessage
 from crtk_sim_backends.ur.ports import Client, Mute, Port, Session
 from crtk_sim_backends.ur.primary import (
     STATE_PERIOD,
@@ -40,25 +44,25 @@ from crtk_sim_backends.ur.primary import (
 )
 from crtk_sim_backends.ur.rtde import InputClaims, RtdeError, RtdeSession, Trace
 from crtk_sim_backends.ur.script_port import ScriptSession
+from crtk_sim_backends.ur.script_queue import ScriptQueue
 from crtk_sim_backends.ur.script_sockets import ScriptSockets
 
 log = logging.getLogger(__name__)
 
 CONTROL: Final = "control"
-SCRIPT_REFUSED: Final = 210  # error code: script on a port that is read-only
 
 _SEND_BUFFER: Final = 65536  # bytes that the kernel keeps for one client
 _BACKLOG_LIMIT: Final = 1 << 18  # bytes of untaken replies that end a connection
+_CONTROL_BACKLOG_LIMIT: Final = 1 << 27  # the same on the control socket: whole traces
 _SLOW_READER_LIMIT: Final = 5.0  # s without taking anything that end an RTDE connection
 _CLIENTS_PER_PORT: Final = 64
+_HIGHEST_FD: Final = 1023  # that `select` can watch
 _CATCH_UP_SPEED: Final = 2.0  # times real time, at which delayed periods are made up for
 _CATCH_UP_LIMIT: Final = 0.1  # s; after a longer delay the periods are left out
 _WAKE_UPS: Final = 8  # times that data is handled on arrival in one period, then at its end
 _LAST_COMMANDS: Final = 20
 _WRITABLE: Final = ("primary", "secondary", "realtime")
-_LONG_SCRIPT: Final = 1000  # characters; a shorter one is compiled within a period
 _SWITCH_INTERVAL: Final = 1e-4  # s that the loop waits for the thread that compiles
-_REALTIME_PRIORITY: Final = 20
 
 
 @dataclass
@@ -101,6 +105,7 @@ class UrServer:
         self.ports = {name: port.listener.getsockname()[1] for name, port in self._ports.items()}
         self._by_fd: dict[int, Port | tuple[Port, Client]] = {}
         self._watched: list[int] = []
+        self._watch_again = True  # connections came, went, or must not be read any more
 
         self._sockets = ScriptSockets(self.host)
         self.controller = Controller(
@@ -114,8 +119,7 @@ class UrServer:
         self._faults = FaultPlayer(
             faults, self.controller, self._ports, (CONTROL,), self._disconnect
         )
-        self._compiler = ThreadPoolExecutor(1, "script compiler")
-        self._compiling: deque[tuple[str, Future[None]]] = deque()
+        self._scripts = ScriptQueue(self.controller)
         self._period = self.controller.dt
         self._state_every = round(STATE_PERIOD / self._period)
         self._encoder = RobotStateEncoder(config.robot, config.software)
@@ -127,9 +131,7 @@ class UrServer:
         )
         self._was_remote = self.controller.remote
         self._was_moving = False
-        self._scripts: deque[dict[str, Any]] = deque(maxlen=_LAST_COMMANDS)
         self._dashboard_commands: deque[str] = deque(maxlen=_LAST_COMMANDS)
-        self._watch()
 
     # Life
 
@@ -162,7 +164,6 @@ class UrServer:
 
     def close(self) -> None:
         """Close every socket."""
-        self._compiler.shutdown(cancel_futures=True)
         self._sockets.close_all()
         self._close_ports()
 
@@ -176,7 +177,7 @@ class UrServer:
     def run(self) -> None:
         """Run in real time until :meth:`stop`, or until the parent process has died."""
         if self.config.realtime:
-            _use_realtime_priority()
+            use_realtime_priority()
         sys.setswitchinterval(_SWITCH_INTERVAL)
         gc.collect()
         gc.freeze()
@@ -203,15 +204,21 @@ class UrServer:
 
     def step(self, now: float) -> None:
         """Advance one control period; `now` is the monotonic time, s. Called by :meth:`run`."""
+        answers = self._do_requests(now)
         if self._faults.play(now - self._epoch):
-            self._watch()
-        if self._faults.stalled:
-            self._push(self._ports[CONTROL], now)
-            return
+            self._watch_again = True
+        if not self._faults.stalled:
+            self._advance(now)
+        for client, answer in answers:
+            client.connection.send(answer, now)
+            self._remove_if_ended(self._ports[CONTROL], client)
+
+    def _advance(self, now: float) -> None:
+        """Move everything on by one control period, unless the controller hangs."""
         for port in self._ports.values():
-            if not port.silent and port.clients:
+            if not port.silent and port.clients and port.name != CONTROL:
                 self._push(port, now)
-        self._run_compiled_scripts()
+        self._scripts.run_compiled()
         self.controller.tick()
         self.statistics.ticks += 1
         self._report(now)
@@ -219,11 +226,22 @@ class UrServer:
         self._send_rtde(now)
         self._sockets.flush()
 
+    def _do_requests(self, now: float) -> list[tuple[Client, bytes]]:
+        """Do what was asked on the control socket; it is answered once that has taken effect."""
+        answers = []
+        for client in self._ports[CONTROL].clients:
+            client.connection.flush(now)
+            if client.connection.has_input or client.connection.ended:
+                answers.append((client, self._answer(CONTROL, client, now)))
+        return answers
+
     # Receiving
 
     def _serve_until(self, deadline: float) -> None:
         """Handle what arrives until the deadline; at least once."""
         for _ in range(_WAKE_UPS):
+            if self._watch_again:
+                self._watch()
             wait = deadline - time.monotonic()
             ready, _, _ = select.select(self._watched, (), (), max(0.0, wait))
             if ready:
@@ -241,20 +259,24 @@ class UrServer:
                     self.stop()
             elif isinstance(owner, Port):
                 self._accept(owner, now)
-            else:
+            elif not owner[1].connection.closed:
                 port, client = owner
                 client.connection.read(now)
-                self._process(port, client, now)
+                if client.connection.peer_closed:
+                    self._watch_again = True
+                if port.name != CONTROL:  # whose requests are done at the next period
+                    self._process(port, client, now)
 
     def _watch(self) -> None:
         """Collect the file descriptors that are read now."""
+        self._watch_again = False
         self._by_fd = {}
         for port in self._ports.values():
             if port.silent or (self._faults.stalled and port.name != CONTROL):
                 continue
             self._by_fd[port.listener.fileno()] = port
             for client in port.clients:
-                if not client.connection.peer_closed:
+                if not client.connection.ended:
                     self._by_fd[client.connection.fileno()] = (port, client)
         self._watched = list(self._by_fd)
         if self._parent_fd is not None:
@@ -269,19 +291,30 @@ class UrServer:
             except OSError as error:
                 log.warning("cannot accept on the %s port: %s", port.name, error)
                 break
-            if "disconnect" in port.faults or len(port.clients) >= _CLIENTS_PER_PORT:
+            full = len(port.clients) >= _CLIENTS_PER_PORT or sock.fileno() > _HIGHEST_FD
+            if full or "disconnect" in port.faults:
                 sock.close()
                 continue
-            self.statistics.accepted += 1
-            connection = wire.Connection(sock, _BACKLOG_LIMIT, send_buffer=_SEND_BUFFER)
-            number = self.statistics.accepted
-            mute = "no_answer" in port.faults
-            session = Mute() if mute else self._session(port.name, number)
-            port.add(Client(number, connection, session))
-            self._event(f"{port.name}_connected", now)
-            if not mute:
-                connection.send(port.greet(), now)
-        self._watch()
+            self._welcome(port, sock, now)
+
+    def _welcome(self, port: Port, sock: socket.socket, now: float) -> None:
+        """Make a client of an accepted connection."""
+        limit = _CONTROL_BACKLOG_LIMIT if port.name == CONTROL else _BACKLOG_LIMIT
+        try:
+            connection = wire.Connection(sock, limit, send_buffer=_SEND_BUFFER)
+        except OSError as error:
+            log.info("a client of the %s port was gone at once: %s", port.name, error)
+            sock.close()
+            return
+        self.statistics.accepted += 1
+        number = self.statistics.accepted
+        mute = "no_answer" in port.faults
+        session = Mute() if mute else self._session(port.name, number)
+        port.add(Client(number, connection, session))
+        self._watch_again = True
+        self._event(f"{port.name}_connected", now)
+        if not mute:
+            connection.send(port.greet(), now)
 
     def _session(self, name: str, number: int) -> Session:
         match name:
@@ -301,27 +334,41 @@ class UrServer:
                         "trace": self._trace_after,
                     }
                 )
-        return ScriptSession(self._run_script if name in _WRITABLE else self._refuse_script)
+        return ScriptSession(self._scripts.put if name in _WRITABLE else self._scripts.refuse)
 
     def _process(self, port: Port, client: Client, now: float) -> None:
+        """Let a client's session take what has arrived, and send its answer."""
+        client.connection.send(self._answer(port.name, client, now), now)
+        self._remove_if_ended(port, client)
+
+    def _answer(self, port: str, client: Client, now: float) -> bytes:
+        """What a client's session answers to what has arrived."""
         connection = client.connection
         try:
-            for piece in connection.take(now):
-                connection.send(client.session.receive(piece), now)
+            return b"".join([client.session.receive(piece) for piece in connection.take(now)])
         except RtdeError as error:
-            log.warning("closing %s connection %d: %s", port.name, client.number, error)
-            connection.close()
+            log.warning("closing %s connection %d: %s", port, client.number, error)
         except Exception:
-            log.exception("a defect of the simulator closes %s client %d", port.name, client.number)
-            connection.close()
-        if connection.peer_closed or connection.closed or client.session.ended:
+            log.exception("a defect of the simulator closes %s client %d", port, client.number)
+        connection.close()
+        return b""
+
+    def _remove_if_ended(self, port: Port, client: Client) -> None:
+        if client.connection.ended or client.session.ended:
             self._remove(port, client)
 
     def _remove(self, port: Port, client: Client) -> None:
-        client.session.close()
-        client.connection.close()
         port.clients.remove(client)
-        self._watch()
+        client.connection.close()
+        self._watch_again = True
+        try:
+            client.session.close()
+        except Exception:
+            log.exception("a defect of the simulator, as %s client %d went", port, client.number)
+
+    def _disconnect(self, port: Port) -> None:
+        for client in list(port.clients):
+            self._remove(port, client)
 
     # Sending
 
@@ -329,7 +376,7 @@ class UrServer:
         """Move on what a slow peer or a delaying wire has held back."""
         for client in list(port.clients):
             client.connection.flush(now)
-            if client.connection.has_input or client.connection.closed:
+            if client.connection.has_input or client.connection.ended:
                 self._process(port, client, now)
 
     def _report(self, now: float) -> None:
@@ -398,49 +445,31 @@ class UrServer:
                 log.warning("closing RTDE connection %d: it does not read", client.number)
                 self._remove(port, client)
 
-    # Scripts
-
-    def _disconnect(self, port: Port) -> None:
-        for client in list(port.clients):
-            self._remove(port, client)
-
-    def _run_script(self, unit: str) -> None:
-        """Run a unit in its turn; a long one is compiled beside the loop before."""
-        first_line = unit.partition("\n")[0]
-        self._scripts.append(
-            {"time": self.controller.time, "length": len(unit), "text": first_line[:200]}
-        )
-        if len(unit) > _LONG_SCRIPT or self._compiling:
-            compiling = self._compiler.submit(self.controller.prepare_script, unit)
-            self._compiling.append((unit, compiling))
-        else:
-            self.controller.run_script(unit)
-
-    def _run_compiled_scripts(self) -> None:
-        while self._compiling and self._compiling[0][1].done():
-            unit, compiling = self._compiling.popleft()
-            compiling.result()
-            self.controller.run_script(unit)
-
-    def _refuse_script(self, unit: str) -> None:
-        text = "Script refused: this port is read-only"
-        self.controller.post(ErrorMessage(SCRIPT_REFUSED, 0, ReportLevel.WARNING, text))
-
     # Requests on the control socket
 
     def _inject(self, kind: str, parameters: dict[str, Any]) -> None:
         self._faults.inject(kind, parameters, time.monotonic() - self._epoch)
+        self._watch_again = True
 
     def _clear(self, kind: str | None = None) -> None:
         self._faults.clear(kind)
-        self._watch()
+        self._watch_again = True
 
     def _outputs(self, names: list[str]) -> dict[str, Any]:
         outputs = self.controller.outputs
         return {name: outputs[name] for name in names} if names else dict(outputs)
 
     def _trace_after(self, after: int) -> list[dict[str, Any]]:
-        return [asdict(entry) for entry in self._trace.after(after)]
+        return [
+            {
+                "number": entry.number,
+                "time_ns": entry.time_ns,
+                "connection": entry.connection,
+                "recipe": entry.recipe,
+                "values": entry.values,
+            }
+            for entry in self._trace.after(after)
+        ]
 
     def status(self) -> dict[str, Any]:
         """Everything that a test or a person wants to know, ready for JSON."""
@@ -459,7 +488,7 @@ class UrServer:
             "statistics": asdict(self.statistics),
             "connections": {name: self._connections(port) for name, port in self._ports.items()},
             "input_packages": self._trace.count,
-            "scripts": list(self._scripts),
+            "scripts": list(self._scripts.last),
             "dashboard_commands": list(self._dashboard_commands),
             "faults": [{"kind": fault.kind, **fault.parameters} for fault in self._faults.active],
             "outputs": dict(controller.outputs),
@@ -477,10 +506,3 @@ class UrServer:
             }
             for client in port.clients
         ]
-
-
-def _use_realtime_priority() -> None:
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_REALTIME_PRIORITY))
-    except (AttributeError, OSError) as error:
-        log.warning("no real-time priority, the periods may be less even: %s", error)
