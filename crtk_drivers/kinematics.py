@@ -423,7 +423,7 @@ def _libraries() -> tuple[Any, Any]:
     try:
         import eigenpy
         import pinocchio
-    except ImportError:
+    except ModuleNotFoundError:  # a broken installation says itself what it lacks
         raise MissingExtra("pinocchio", "kinematics") from None
     return pinocchio, eigenpy.LDLT
 
