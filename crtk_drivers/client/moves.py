@@ -19,6 +19,8 @@ ACCEPT_TIMEOUT = 1.0
 """Seconds to wait for a sign that a move has begun, before the handle is returned without one."""
 ACCEPT_TIME = 0.03
 """Seconds that busy must last, or be on already, without a refusal, to count as accepted."""
+REPEATED_ACCEPT_TIME = 0.7
+"""The same after a refusal: a driver may thin busy pulses out, and end one with its next heartbeat."""
 REFUSAL_TIME = 0.3
 """Seconds after a busy pulse in which the refusal that may be its cause arrives."""
 REPEATED_REFUSAL_TIME = 3.0
@@ -59,6 +61,9 @@ class RemoteMove(Move):
         self._idle_since: float | None = None
         self._state: OperatingState | None = None
         self._refusal_time = REPEATED_REFUSAL_TIME if refused_before else REFUSAL_TIME
+        self._accept_time = ACCEPT_TIME
+        if refused_before:
+            self._accept_time = REPEATED_REFUSAL_TIME if was_busy else REPEATED_ACCEPT_TIME
         self.accepted = False
         self.refusal: CommandRefused | None = None
 
@@ -149,7 +154,7 @@ class RemoteMove(Move):
         """Whether busy lasted too long to be the pulse of a refused move."""
         if self._busy_since is None or self._idle_since is None:
             return False
-        return self._idle_since - self._busy_since > ACCEPT_TIME
+        return self._idle_since - self._busy_since > self._accept_time
 
     def is_busy(self) -> bool:
         """Whether it has not ended yet."""
