@@ -89,8 +89,12 @@ class ControlLink:
         self._start()
 
     def _start(self) -> None:
-        self.process.start()
         self._started_at = time.monotonic()
+        try:
+            self.process.start()
+        except ConnectionLost as error:
+            # It died as soon as it was born; `follow` will find that out.
+            logger.warning("%s", error)
         self._remote_asked = 0
         self.program_runs = False
         self._replies.clear()
