@@ -338,6 +338,18 @@ def test_f16_killed_control_process(bench, moving):
     assert_enables_at_rest(bench)
 
 
+def test_f16_a_program_left_by_an_interrupted_start_is_stopped_by_the_next_enable():
+    """Killed between upload and watchdog, the process leaves a program that nothing ends by itself."""
+    with ur_bench(CONFIG) as bench:
+        bench.until_connected()
+        bench.engine.state_command("enable")
+        eventually(lambda: bench.sim.control.status()["scripts"], "an upload")
+        os.kill(bench.child, signal.SIGKILL)
+        bench.until_state("FAULT", "the control process")
+        bench.until_outputs(runtime_state=(PLAYING,))
+        assert_enables_at_rest(bench)
+
+
 def test_f16_frozen_control_process(bench):
     move = start_moving(bench)
     child = bench.child

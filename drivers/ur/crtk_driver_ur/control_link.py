@@ -25,6 +25,9 @@ REMOTE_CHECK_PERIOD = 0.5
 RESTART_PERIOD = 1.0
 """Seconds at least between two starts of the control process."""
 
+PROGRAM_START_ALLOWED = 6.0
+"""Seconds after an upload in which the program may still start."""
+
 _MOVE_FAILURES = {
     EventKind.INTERRUPTED: "another command took its place",
     EventKind.MOTION_FAILED: "the controller did not carry it out",
@@ -61,6 +64,7 @@ class ControlLink:
         self._remote_asked = 0
         self._remote_asked_at = -math.inf
         self._was_local = False
+        self._interrupted_at = -math.inf
         self._started_at = -math.inf
         self._connected_process = 0
         self._motion = 0
@@ -229,13 +233,37 @@ class ControlLink:
         Raises:
             TransitionFailed: with the library's reason.
         """
-        uploaded = yield from self._upload()
-        if uploaded:
-            return
-        if self._connected_process == self.process.status.starts:
-            self.restart()
-        yield from self._answer("connect", self.send(self.process.connect))
+        try:
+            uploaded = yield from self._upload()
+            if uploaded:
+                return
+            if self._connected_process == self.process.status.starts:
+                self.restart()
+            yield from self._answer("connect", self.send(self.process.connect))
+        except BaseException:
+            self._interrupted_at = time.monotonic()
+            raise
         self._connected_process, self._was_local = self.process.status.starts, False
+
+    @property
+    def left_program(self) -> bool:
+        """Whether a program of ours may run unattended: its start ended before its watchdog was armed."""
+        return self._interrupted_at > -math.inf
+
+    def program_stands(self) -> None:
+        """No program is running on the controller."""
+        self.program_runs = False
+        if time.monotonic() > self._interrupted_at + PROGRAM_START_ALLOWED:
+            self._interrupted_at = -math.inf
+
+    def end_left_program(self) -> Steps:
+        """Stop the program of which `left_program` speaks.
+
+        Raises:
+            TransitionFailed: the controller did not.
+        """
+        logger.warning("%s: a control program left by an interrupted start is stopped", self._where)
+        yield from self.ask("stop_program")
 
     def stop_program(self) -> Steps:
         """Stop our control program. If the process cannot, the controller's watchdog does."""

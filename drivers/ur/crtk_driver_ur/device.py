@@ -278,7 +278,7 @@ class UrDevice(Device):
             return None
         before, self._state = self._state, state
         if state.runtime_state in (RuntimeState.STOPPING, RuntimeState.STOPPED):
-            self._link.program_runs = False
+            self._link.program_stands()
         elif self._link.program_runs and self._paused():
             self._link.end_paused_program()
         if state.safety_mode == SafetyMode.PROTECTIVE_STOP and (
@@ -420,6 +420,9 @@ class UrDevice(Device):
     def _require_no_program(self, command: str) -> Steps:
         """Leave a program alone that somebody else runs, for it may be moving the arm."""
         yield from self._until(lambda: not self._playing(), OTHER_PROGRAM_TIMEOUT)
+        if self._playing() and self._link.left_program:
+            yield from self._link.end_left_program()
+            yield from self._until(lambda: not self._playing(), OTHER_PROGRAM_TIMEOUT)
         if self._playing():
             raise CommandRefused(
                 "state_command",
