@@ -34,7 +34,7 @@ SPIN_PERIOD = 0.1
 """Longest time in s that a signal waits for the executor."""
 SWITCH_INTERVAL = 0.0005
 """Seconds after which Python lets another thread run: at the default, I/O would be 4 ms late."""
-CLOSE_TIMEOUT = 1.0
+CLOSE_TIMEOUT = 1.2
 
 
 class Serving:

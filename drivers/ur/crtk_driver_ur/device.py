@@ -66,7 +66,7 @@ STOP_TIMEOUT = 5.0
 AT_REST = 1e-3
 """rad/s below which a target speed counts as standing still."""
 
-CLOSE_TIMEOUT = 1.0
+CLOSE_TIMEOUT = 0.7
 """Seconds for the control process to stop the arm and end."""
 
 DEAD_AFTER = 0.1
