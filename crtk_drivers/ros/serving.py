@@ -1,8 +1,4 @@
-"""Running the node: ROS context, executor, signals, and the way out.
-
-The executor is rclpy's EventsExecutor, whose cost does not grow with the number of topics. Its `spin` hangs
-in some builds, so `spin_once` is called with a timeout instead.
-"""
+"""Running the node: ROS context, executor, signals, and the way out."""
 
 from __future__ import annotations
 
@@ -19,19 +15,18 @@ from typing import Self
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 
 from crtk_drivers.config import NodeConfig
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.ros.executors import SPIN_PERIOD, make_executor
 from crtk_drivers.ros.node import PUBLISHER_TIMEOUT, DriverNode
 from crtk_drivers.session import Session
 
 logger = logging.getLogger(__name__)
 
-SPIN_PERIOD = 0.1
-"""Longest time in s that a signal waits for the executor."""
 SWITCH_INTERVAL = 0.0005
 """Seconds after which Python lets another thread run: at the default, I/O would be 4 ms late."""
 CLOSE_TIMEOUT = 1.2
@@ -72,7 +67,7 @@ class Serving:
         except BaseException:
             self._context.try_shutdown()
             raise
-        self._executor = _executor(self._context)
+        self._executor = make_executor(self._context)
         self._executor.add_node(self.driver.node)
 
     def spin(self, stop: threading.Event, idle: Callable[[], None] | None = None) -> None:
@@ -111,14 +106,6 @@ class Serving:
         self.driver.node.destroy_node()
         self._context.try_shutdown()
         return True
-
-
-def _executor(context: Context) -> Executor:
-    try:
-        from rclpy.experimental import EventsExecutor
-    except ImportError:
-        return SingleThreadedExecutor(context=context)
-    return EventsExecutor(context=context)
 
 
 def run(
