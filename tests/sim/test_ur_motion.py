@@ -8,9 +8,9 @@ from math import sqrt
 import pytest
 from ur_virtual import Bench, apart
 
-from crtk_sim_backends.ur.kinematics import to_transform
+from crtk_sim_backends.ur.kinematics import cross, norm, to_transform
 from crtk_sim_backends.ur.messages import ErrorMessage, RuntimeExceptionMessage, TextMessage
-from crtk_sim_backends.ur.motion import Arc, Line, Trapezoid
+from crtk_sim_backends.ur.paths import Arc, Line, Trapezoid
 from crtk_sim_backends.ur.safety import RuntimeState, SafetyMode
 
 GOAL = [0.3, -1.2, 1.4, -1.6, -1.5, 0.2]
@@ -236,6 +236,28 @@ def test_stopj_takes_the_time_its_deceleration_asks_for(bench: Bench) -> None:
 def test_stopl_stops_the_tool_within_its_deceleration(bench: Bench) -> None:
     ticks = bench.run("speedl([0, 0, 0.2, 0, 0, 0], a=1.0, t=0.4)\nstopl(1.0)")
     assert ticks * 0.002 == pytest.approx(0.4 + 0.2, abs=0.01)
+
+
+def test_stopl_stays_on_the_line(bench: Bench) -> None:
+    bench.start(
+        "speedl([0.1, 0.25, -0.1, 0, 0, 0.2], 2, 0.5)\nstopl(0.5)\nwhile True:\nsync()\nend"
+    )
+    bench.seconds(0.5)
+    start = bench["target_TCP_pose"][:3]
+    speed = (0.1, 0.25, -0.1)
+    line = [v / norm(speed) for v in speed]
+    bench.until(lambda: not bench.arm.moving)
+    moved = [b - a for a, b in zip(start, bench["target_TCP_pose"][:3], strict=True)]
+    assert norm(moved) == pytest.approx(norm(speed) ** 2 / (2 * 0.5), rel=0.02)
+    assert norm(cross(moved, line)) < 1.5e-4
+
+
+def test_stopl_in_a_singularity_stops_all_the_same(bench: Bench) -> None:
+    bench.start("movej([0, -1.57, 1.57, -1.57, 0, 0], v=3, a=30)\nspeedj([0.5,0,0,0,0,0],40,0.1)")
+    bench.seconds(1.0)
+    bench.run("speedj([0.5,0,0,0,0,0],40,0.1)\nstopl(2)")
+    assert bench["target_qd"] == (0.0,) * 6
+    assert bench["safety_mode"] == 1
 
 
 def test_a_program_that_ends_in_motion_leaves_a_ramp(bench: Bench) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from ur_virtual import Bench, apart
 
-from crtk_sim_backends.ur.messages import ErrorMessage, KeyMessage, SafetyModeMessage
+from crtk_sim_backends.ur.messages import ErrorMessage, KeyMessage, SafetyModeMessage, TextMessage
 from crtk_sim_backends.ur.safety import (
     SAFETY_RULES,
     JointMode,
@@ -139,6 +139,32 @@ def test_emergency_stop_powers_off_and_stays_until_released(bench: Bench) -> Non
     assert modes_passed(bench, RobotMode.RUNNING)[-1] == RobotMode.RUNNING
 
 
+def test_an_emergency_stop_of_a_moment_is_completed_before_power_returns(bench: Bench) -> None:
+    moving(bench)
+    bench.controller.emergency_stop()
+    bench.controller.release_emergency_stop()
+    assert not bench.controller.brake_release()
+    passed = []
+    while bench["robot_mode"] != RobotMode.POWER_OFF or bench["safety_mode"] != 1:
+        bench.ticks(1)
+        assert bench.controller.time < 2
+        state = (bench["safety_mode"], bench["robot_mode"])
+        if not passed or passed[-1] != state:
+            passed.append(state)
+        assert not bench.controller.power_on() or state == (1, RobotMode.POWER_OFF)
+    # The mode is NORMAL again only when the power is off.
+    assert passed == [(7, RobotMode.RUNNING), (1, RobotMode.POWER_OFF)]
+    assert bench["target_qd"] == (0.0,) * 6
+    assert modes_passed(bench, RobotMode.IDLE)[-1] == RobotMode.IDLE
+
+
+def test_power_on_is_refused_while_the_power_is_being_cut(bench: Bench) -> None:
+    bench.controller.power_off()
+    assert not bench.controller.power_on()
+    bench.seconds(0.3)
+    assert bench.controller.power_on()
+
+
 def test_safeguard_stop_pauses_and_play_resumes(bench: Bench) -> None:
     moving(bench)
     bench.controller.safeguard_stop(True)
@@ -210,7 +236,9 @@ def test_frozen_joint_ends_in_a_protective_stop_and_no_jump_follows(bench: Bench
 def test_the_gravest_cause_shows(bench: Bench) -> None:
     bench.controller.safeguard_stop(True)
     bench.controller.emergency_stop()
+    assert bench.controller.safety_mode == SafetyMode.ROBOT_EMERGENCY_STOP
     bench.controller.release_emergency_stop()
+    bench.seconds(0.3)
     assert bench.controller.safety_mode == SafetyMode.SAFEGUARD_STOP
     assert gravest({SafetyMode.REDUCED, SafetyMode.FAULT}) == SafetyMode.FAULT
     assert gravest(set()) == SafetyMode.NORMAL
@@ -247,6 +275,21 @@ def test_local_control_refuses_scripts_on_e_series_alone(model: str, accepted: b
     bench.controller.set_remote(True)
     bench.start(FOREVER)
     assert bench.controller.runtime_state == RuntimeState.PLAYING
+
+
+def test_switching_to_local_control_stops_what_remote_clients_run(bench: Bench) -> None:
+    moving(bench)
+    bench.controller.run_script("sec beside():\nwhile True:\ntextmsg(1)\nsync()\nend\nend\n")
+    bench.ticks(2)
+    bench.controller.set_remote(False)
+    assert bench.controller.runtime_state == RuntimeState.STOPPING
+    bench.messages.clear()
+    bench.seconds(0.3)
+    assert bench.controller.runtime_state == RuntimeState.STOPPED
+    assert bench["target_qd"] == (0.0,) * 6
+    assert not bench.of_type(TextMessage)
+    bench.controller.load_program("simulation.urp")
+    assert bench.controller.play()  # on the pendant
 
 
 def test_watchdog_stops_the_program_when_its_input_stays_away(bench: Bench) -> None:

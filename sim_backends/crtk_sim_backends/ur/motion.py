@@ -4,30 +4,26 @@ Every step claims the arm. Two threads that command it in the same period stop t
 the robot; a thread that ends or is killed lets go of it at once.
 
 Blending is not simulated: a blend radius `r` is accepted and the arm stops at every waypoint.
-Decelerations scale all joints alike, so a `stopl` departs slightly from the straight line.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
-from math import atan2, cos, isfinite, pi, sin, sqrt
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from crtk_sim_backends.ur.arguments import positive, six
 from crtk_sim_backends.ur.arm import approach
 from crtk_sim_backends.ur.kinematics import (
     Floats,
     Transform,
     compose,
-    cross,
-    invert,
     multiply,
     norm,
-    rotation_matrix,
-    rotation_vector,
     solve,
     to_pose,
     to_transform,
 )
+from crtk_sim_backends.ur.paths import TIME_TOLERANCE, Arc, Line, Trapezoid
 from crtk_sim_backends.ur.urscript import Builtin, Pose, ScriptRuntimeError
 
 if TYPE_CHECKING:
@@ -35,137 +31,8 @@ if TYPE_CHECKING:
 
 Motion: TypeAlias = Generator[None, None, None]
 
-ROTATION_RADIUS = 0.2  # m: a rotation counts as the path of a point at this distance
 LOOKAHEAD_RANGE = (0.03, 0.2)  # s
 GAIN_RANGE = (100.0, 2000.0)
-_TIME_TOLERANCE = 1e-9  # s
-
-
-class Trapezoid:
-    """Distance over time with constant acceleration, constant speed, constant deceleration."""
-
-    def __init__(self, distance: float, speed: float, acceleration: float) -> None:
-        self.distance = distance
-        self.acceleration = acceleration
-        self.speed = min(speed, sqrt(distance * acceleration))
-        self._ramp = self.speed / acceleration
-        self.duration = distance / self.speed + self._ramp if distance > 0.0 else 0.0
-
-    @classmethod
-    def timed(cls, distance: float, duration: float) -> Trapezoid:
-        """Profile that takes exactly `duration`, s, in three equal parts."""
-        speed = 1.5 * distance / duration
-        return cls(distance, speed, 3.0 * speed / duration)
-
-    def at(self, t: float) -> tuple[float, float]:
-        """Distance covered and speed after `t` seconds."""
-        if t >= self.duration - _TIME_TOLERANCE:
-            return self.distance, 0.0
-        if t < self._ramp:
-            return 0.5 * self.acceleration * t * t, self.acceleration * t
-        left = self.duration - t
-        if left < self._ramp:
-            return (
-                self.distance - 0.5 * self.acceleration * left * left,
-                self.acceleration * left,
-            )
-        return self.speed * (t - 0.5 * self._ramp), self.speed
-
-
-class Line:
-    """Straight path in tool space from `start` to `end`, with a rotation about one axis."""
-
-    def __init__(self, start: Transform, end: Transform) -> None:
-        self._start = start
-        relative = compose(invert(start), end)
-        self._shift = relative[9:]
-        self._turn = rotation_vector(relative)
-        self.length = max(norm(self._shift), norm(self._turn) * ROTATION_RADIUS)
-
-    def at(self, fraction: float) -> Transform:
-        """Transform after `fraction` of the path."""
-        rx, ry, rz = self._turn
-        x, y, z = self._shift
-        step: Any = (
-            *rotation_matrix(rx * fraction, ry * fraction, rz * fraction),
-            x * fraction,
-            y * fraction,
-            z * fraction,
-        )
-        return compose(self._start, step)
-
-
-class Arc:
-    """Circular path from `start` through the position of `via` to `end`.
-
-    With `fixed` orientation the tool keeps its angle to the tangent, else it turns from the
-    orientation of `start` to that of `end`.
-    """
-
-    def __init__(self, start: Transform, via: Transform, end: Transform, fixed: bool) -> None:
-        self._line = Line(start, end)
-        self._start = start
-        self._fixed = fixed
-        p0, p1, p2 = start[9:], via[9:], end[9:]
-        u = [b - a for a, b in zip(p0, p1, strict=True)]
-        v = [b - a for a, b in zip(p0, p2, strict=True)]
-        normal = cross(u, v)
-        size = norm(normal)
-        if size < 1e-12:
-            raise ScriptRuntimeError("movec: the three positions do not lie on a circle")
-        uu = sum(x * x for x in u)
-        vv = sum(x * x for x in v)
-        weighted = [uu * b - vv * a for a, b in zip(u, v, strict=True)]
-        to_centre = [x / (2 * size * size) for x in cross(weighted, normal)]
-        self._centre = [a + b for a, b in zip(p0, to_centre, strict=True)]
-        self._axis = [x / size for x in normal]
-        self._radius_x = [-x for x in to_centre]
-        self._radius_y = cross(self._axis, self._radius_x)
-        self._radius = norm(to_centre)
-        self._angle = self._angle_of(p2)
-        self.length = max(self._radius * self._angle, self._line.length)
-
-    def _angle_of(self, point: Floats) -> float:
-        arm = [p - c for p, c in zip(point, self._centre, strict=True)]
-        x = sum(a * b for a, b in zip(arm, self._radius_x, strict=True))
-        y = sum(a * b for a, b in zip(arm, self._radius_y, strict=True))
-        return atan2(y, x) % (2 * pi)
-
-    def at(self, fraction: float) -> Transform:
-        """Transform after `fraction` of the path."""
-        angle = self._angle * fraction
-        c = cos(angle)
-        s = sin(angle)
-        position = [
-            m + c * x + s * y
-            for m, x, y in zip(self._centre, self._radius_x, self._radius_y, strict=True)
-        ]
-        rotation: Any
-        if self._fixed:
-            x, y, z = (a * angle for a in self._axis)
-            turn: Any = (*rotation_matrix(x, y, z), 0.0, 0.0, 0.0)
-            rotation = compose(turn, self._start)[:9]
-        else:
-            rotation = self._line.at(fraction)[:9]
-        return (*rotation, *position)
-
-
-def six(name: str, value: Any) -> list[float]:
-    """Check that `value` is a list of six finite numbers."""
-    if (
-        not isinstance(value, (list, tuple))
-        or len(value) != 6
-        or not all(isinstance(x, (int, float)) and isfinite(x) for x in value)
-    ):
-        raise ScriptRuntimeError(f"{name}: expected six finite numbers, got {value}")
-    return [float(x) for x in value]
-
-
-def positive(name: str, value: Any) -> float:
-    """Check that `value` is a finite number above zero."""
-    if not isinstance(value, (int, float)) or not isfinite(value) or value <= 0:
-        raise ScriptRuntimeError(f"{name}: expected a number above zero, got {value}")
-    return float(value)
 
 
 class MotionLibrary:
@@ -358,17 +225,33 @@ class MotionLibrary:
         yield from self._halt_at(positive("stopj a", a), at_least_once=True)
 
     def stopl(self, a: float = 10.0, aRot: Any = None) -> Motion:  # noqa: N803
-        """Slow the tool down to rest with `a`, m/s^2 (rotation: `aRot`, rad/s^2)."""
+        """Slow the tool down to rest on its straight line, with `a`, m/s^2 (`aRot`, rad/s^2).
+
+        In a singularity, where that is impossible, the joints slow down alike.
+        """
         linear = positive("stopl a", a)
         turn = positive("stopl aRot", aRot) if isinstance(aRot, (int, float)) else linear
         arm = self._arm
-        self._claim()
-        twist = multiply(self._kinematics.jacobian(arm.plan_q, self._controller.tool), arm.plan_qd)
+        if not any(arm.plan_qd):
+            yield from self._dwell()
+            return
+        matrix = self._kinematics.jacobian(arm.plan_q, self._controller.tool)
+        twist = multiply(matrix, arm.plan_qd)
+        # Both come to rest together, so that the path stays what it was.
         seconds = max(norm(twist[:3]) / linear, norm(twist[3:]) / turn)
-        leading = max(map(abs, arm.plan_qd))
-        # The same time in joint space; joints that turn without moving the tool stop with `a`.
-        deceleration = max(leading / seconds if seconds > 0.0 else 0.0, linear)
-        yield from self._halt_at(deceleration, at_least_once=True)
+        left = seconds
+        while True:
+            self._claim()
+            left -= arm.dt * arm.scale
+            matrix = self._kinematics.jacobian(arm.plan_q, self._controller.tool)
+            qd = solve(matrix, [v * left / seconds for v in twist]) if left > 0.0 else [0.0] * 6
+            if qd is None:
+                yield from self._halt_at(linear)
+                return
+            arm.command_velocity(qd)
+            yield
+            if left <= 0.0:
+                return
 
     def direct_torque(
         self,
@@ -396,7 +279,7 @@ class MotionLibrary:
     def _claim(self) -> None:
         """Take the arm for this period. Raises ScriptRuntimeError when another thread has it."""
         controller = self._controller
-        caller = controller.caller()
+        caller = controller.player.caller()
         if caller[0].program.kind == "sec":
             raise ScriptRuntimeError("A secondary program must not move the robot")
         if not self._arm.enabled:
@@ -461,7 +344,7 @@ class MotionLibrary:
     def _follow(self, profile: Trapezoid, put: Callable[[float, float], None]) -> Motion:
         """Call `put(distance, speed)` in every period until the profile ends."""
         t = 0.0
-        while t < profile.duration - _TIME_TOLERANCE:
+        while t < profile.duration - TIME_TOLERANCE:
             self._claim()
             t += self._arm.dt * self._arm.scale
             put(*profile.at(t))
@@ -486,7 +369,7 @@ class MotionLibrary:
             profile = Trapezoid(path.length, positive(f"{name} v", v), positive(f"{name} a", a))
         arm = self._arm
         travelled = 0.0
-        while travelled < profile.duration - _TIME_TOLERANCE:
+        while travelled < profile.duration - TIME_TOLERANCE:
             self._claim()
             h = arm.dt * arm.scale
             travelled += h
@@ -497,7 +380,7 @@ class MotionLibrary:
             if q is None or self._leaps(before, q):
                 yield from self._stopped_protectively(154)
                 return
-            if travelled >= profile.duration - _TIME_TOLERANCE:
+            if travelled >= profile.duration - TIME_TOLERANCE:
                 arrived = end is not None and max(abs(x - y) for x, y in zip(q, end, strict=True))
                 final = end if end is not None and arrived < 1e-6 else q
                 arm.command(list(final), [0.0] * 6)

@@ -115,7 +115,7 @@ class UrServer:
             remote=config.remote,
             extra_builtins=self._sockets.builtins,
         )
-        self.controller.program_ended = self._sockets.close_all
+        self.controller.player.ended = self._sockets.close_all
         self._faults = FaultPlayer(
             faults, self.controller, self._ports, (CONTROL,), self._disconnect
         )
