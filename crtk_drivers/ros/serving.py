@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import signal
 import sys
@@ -29,6 +30,8 @@ logger = logging.getLogger(__name__)
 
 SWITCH_INTERVAL = 0.0005
 """Seconds after which Python lets another thread run: at the default, I/O would be 4 ms late."""
+SAME_SIGNAL = 1.0
+"""Seconds in which a second SIGINT is taken for the first."""
 CLOSE_TIMEOUT = 1.2
 
 
@@ -152,11 +155,19 @@ def run(
 
 @contextmanager
 def _signals(stop: threading.Event) -> Iterator[None]:
-    """Set `stop` at SIGINT and SIGTERM; a second SIGINT has its usual effect."""
+    """Set `stop` at SIGINT and SIGTERM.
+
+    A later SIGINT has its usual effect; one that follows at once is the same one, sent to the process
+    and passed on by its launcher.
+    """
+    first = math.inf
 
     def ask(number: int, frame: FrameType | None) -> None:
+        nonlocal first
         stop.set()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        first = min(first, time.monotonic())
+        if number == signal.SIGINT and time.monotonic() - first > SAME_SIGNAL:
+            signal.default_int_handler(number, frame)
 
     before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

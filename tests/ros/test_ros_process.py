@@ -33,14 +33,19 @@ def process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         child.communicate()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_end_it_with_the_arm_held(number: signal.Signals) -> None:
+@pytest.mark.parametrize(
+    "numbers",
+    [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT, signal.SIGINT]],
+    ids=["interrupted", "terminated", "interrupted twice, as by a launcher that passes it on"],
+)
+def test_signals_end_it_with_the_arm_held(numbers: list[signal.Signals]) -> None:
     with RosClient("/signalled") as client, process("/signalled") as child:
         client.check_connections()
         client.reach("enable", "ENABLED")
         client.send("move_jp", JointState(position=[0.9, 0.0, 0.0, 0.0]))
         client["operating_state"].wait(lambda m: m.is_busy)
-        child.send_signal(number)
+        for number in numbers:
+            child.send_signal(number)
         out, err = child.communicate(timeout=EXIT)
         assert child.returncode == 0, err
         assert "held" in out
