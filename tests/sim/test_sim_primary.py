@@ -164,3 +164,10 @@ def test_a_motion_sent_as_text_moves_the_arm(model, version):
         wait_until(
             lambda: own.control.outputs("actual_q")["actual_q"] == pytest.approx(goal, abs=1e-3)
         )
+
+
+def test_a_long_title_of_a_popup_is_cut(sim):
+    with PrimaryClient(sim.host) as primary:
+        primary.send(b'def ask():\n  popup("text", title="' + b"t" * 400 + b'")\nend\n')
+        body = primary.message(2)
+        assert body[8:] == b"\xff" + b"t" * 255 + b"text"

@@ -60,10 +60,11 @@ def test_what_a_program_sends_arrives(sim, server):
 
 
 def test_it_connects_from_the_address_of_the_robot(sim, server):
-    with start(sim, server, "sleep(10)"):
+    with start(sim, server, "sleep(10)") as primary:
         peer, address = server.accept()
         peer.close()
         assert address[0] == sim.host
+        assert primary.message(0) == b"open True"  # none is left for the next client
 
 
 @pytest.mark.parametrize(

@@ -227,6 +227,19 @@ def test_joint_limit_stops_protectively(bench: Bench) -> None:
     assert [(m.code, m.argument) for m in bench.of_type(ErrorMessage)] == [(150, 0)]
 
 
+def test_servoj_brings_a_lookahead_that_is_no_number_into_its_range(bench: Bench) -> None:
+    bench.write(input_double_register_0=float("nan"))
+    bench.run("servoj([0.1,-1.57,1.57,-1.57,-1.57,0], 0, 0, 2, read_input_float_register(0))")
+    assert bench["actual_q"][0] == pytest.approx(0.1, abs=1e-4)
+
+
+def test_a_plan_without_a_number_stops_protectively(bench: Bench) -> None:
+    bench.arm.command([float("nan")] * 6, [0.0] * 6)
+    bench.ticks(2)
+    assert bench.controller.safety_mode == SafetyMode.PROTECTIVE_STOP
+    assert bench["actual_q"] == (0.0, -1.57, 1.57, -1.57, -1.57, 0.0)
+
+
 def test_stopj_takes_the_time_its_deceleration_asks_for(bench: Bench) -> None:
     ticks = bench.run("speedj([0.5, 0, 0, 0, 0, 0], a=5.0)\nstopj(2.0)")
     assert ticks * 0.002 == pytest.approx(0.1 + 0.25, abs=0.008)
@@ -249,7 +262,7 @@ def test_stopl_stays_on_the_line(bench: Bench) -> None:
     bench.until(lambda: not bench.arm.moving)
     moved = [b - a for a, b in zip(start, bench["target_TCP_pose"][:3], strict=True)]
     assert norm(moved) == pytest.approx(norm(speed) ** 2 / (2 * 0.5), rel=0.02)
-    assert norm(cross(moved, line)) < 1.5e-4
+    assert norm(cross(moved, line)) < 3e-4
 
 
 def test_stopl_in_a_singularity_stops_all_the_same(bench: Bench) -> None:

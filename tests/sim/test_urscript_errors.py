@@ -216,3 +216,23 @@ def test_values_cannot_grow_without_bound_in_one_tick() -> None:
     assert failure("def f():\n n = 3\n while True:\n  n = n * n\n end\nend")[2] == (
         "Value out of range: integer overflow"
     )
+    assert failure("def f():\n n = 3\n while True:\n  n = n + n\n end\nend")[2] == (
+        "Value out of range: integer overflow"
+    )
+    assert failure("def f():\n n = [3]\n while True:\n  n = [n, n]\n end\nend")[2] == (
+        "Type error: lists are nested too deep"
+    )
+
+
+def test_slow_builtins_in_an_endless_loop_do_not_hang_the_simulator() -> None:
+    slow = Builtin("slow", lambda: sum(range(20_000)))
+    text = failure("def f():\n while True:\n  slow()\n end\nend", slow)[2]
+    assert text.startswith("Runtime too much behind: infinite loop detected")
+
+
+def test_threads_have_a_limit() -> None:
+    script = (
+        "def f():\n thread t():\n  while True:\n   sync()\n  end\n end\n"
+        " while True:\n  run t()\n  sync()\n end\nend"
+    )
+    assert failure(script)[2] == "Too many threads: more than 100"

@@ -169,7 +169,8 @@ class Session:
         dashboard.unlockProtectiveStop()
         result["released"] = wait_until(lambda: not receive.isProtectiveStopped())
         control.reuploadScript()
-        result["playing"] = wait_until(lambda: receive.getRuntimeState() == 2)
+        # The control interface refuses to move until its own stream, too, shows a program.
+        result["playing"] = wait_until(control.isProgramRunning)
         result["moves_again"] = control.moveJ(self.home, 1.0, 2.0)
         result["arrived"] = self.arrived(self.home)
         dashboard.disconnect()

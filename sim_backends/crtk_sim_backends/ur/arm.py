@@ -207,7 +207,8 @@ class Arm:
             if abs(q) > model.position[i] and abs(q) > abs(before):
                 return LimitViolation(150, i)
             limit = model.velocity[i] * _SPEED_TOLERANCE
-            if abs(pending[1][i]) > limit or abs(q - before) > limit * dt * _SPEED_TOLERANCE:
+            step = limit * dt * _SPEED_TOLERANCE
+            if not (abs(pending[1][i]) <= limit and abs(q - before) <= step):  # NaN included
                 return LimitViolation(204, i)
         return None
 

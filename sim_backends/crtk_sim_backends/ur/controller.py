@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from crtk_sim_backends.ur import variables
+from crtk_sim_backends.ur.arguments import LARGEST
 from crtk_sim_backends.ur.arm import Arm
 from crtk_sim_backends.ur.compliance import Compliance
 from crtk_sim_backends.ur.dynamics import Dynamics
@@ -261,8 +262,10 @@ class Controller:
             outputs["target_speed_fraction"] = max(0.0, min(1.0, fraction))
         self.signals.take(values)
         if "external_force_torque" in values:
-            self.force_sensor.external = tuple(values["external_force_torque"])
-            self.load_changed()
+            wrench = tuple(values["external_force_torque"])
+            if all(abs(x) <= LARGEST for x in wrench):  # the rest is no measurement
+                self.force_sensor.external = wrench
+                self.load_changed()
 
     # Tool and load.
 

@@ -163,8 +163,8 @@ class MotionLibrary:
     ) -> Motion:
         """Follow `q`, rad, for `t` s through a filter; `a` and `v` are not used (manual)."""
         goal = six("servoj", q)
-        lookahead = min(max(lookahead_time, LOOKAHEAD_RANGE[0]), LOOKAHEAD_RANGE[1])
-        gain = min(max(gain, GAIN_RANGE[0]), GAIN_RANGE[1])
+        lookahead = max(LOOKAHEAD_RANGE[0], min(LOOKAHEAD_RANGE[1], lookahead_time))
+        gain = max(GAIN_RANGE[0], min(GAIN_RANGE[1], gain))
         for _ in range(self._ticks(t)):
             self._claim()
             self._arm.servo(goal, lookahead, gain)

@@ -45,12 +45,17 @@ def _message(source: int, kind: int, time: float, body: bytes) -> bytes:
     return _frame(ROBOT_MESSAGE, struct.pack(">Qbb", int(time * 1e6), source, kind) + body)
 
 
+def _short(text: str) -> bytes:
+    """Text behind its length in one byte; what is longer is cut."""
+    data = text.encode()[:255]
+    return bytes([len(data)]) + data
+
+
 def version_message(version: Version, time: float) -> bytes:
     """Build the version message, the first thing a client gets."""
-    name = b"URControl"
     major, minor, bugfix, build = version
     numbers = struct.pack(">BBii", major, minor, bugfix, build)
-    body = bytes([len(name)]) + name + numbers + b"01-01-2025, 00:00:00"
+    body = _short("URControl") + numbers + b"01-01-2025, 00:00:00"
     return _message(_SOURCE_VERSION, _VERSION_MESSAGE, time, body)
 
 
@@ -60,16 +65,16 @@ def robot_message(message: Message, time: float) -> bytes:
         case TextMessage(text):
             return _message(_SOURCE_CONTROLLER, 0, time, text.encode())
         case PopupMessage(title, text, warning, error):
-            head = struct.pack(">IB???B", 0, 0, warning, error, False, len(title.encode()))
-            return _message(_SOURCE_CONTROLLER, 2, time, head + title.encode() + text.encode())
+            head = struct.pack(">IB???", 0, 0, warning, error, False)
+            return _message(_SOURCE_CONTROLLER, 2, time, head + _short(title) + text.encode())
         case SafetyModeMessage(mode):
             return _message(_SOURCE_CONTROLLER, 5, time, struct.pack(">iiBII", 0, 0, mode, 0, 0))
         case ErrorMessage(code, argument, level, text):
             head = struct.pack(">iiiII", code, argument, level, 0, 0)
             return _message(_SOURCE_CONTROLLER, 6, time, head + text.encode())
         case KeyMessage(title, text):
-            head = struct.pack(">iiB", 0, 0, len(title.encode()))
-            return _message(_SOURCE_CONTROLLER, 7, time, head + title.encode() + text.encode())
+            head = struct.pack(">ii", 0, 0)
+            return _message(_SOURCE_CONTROLLER, 7, time, head + _short(title) + text.encode())
         case RuntimeExceptionMessage(line, column, text):
             head = struct.pack(">ii", line, column)
             return _message(_SOURCE_CONTROLLER, 10, time, head + text.encode())
@@ -165,15 +170,7 @@ _JOINT_COLUMNS: Final = (
 
 
 def _joints(outputs: Mapping[str, Any]) -> bytes:
-    names = [
-        "actual_q",
-        "target_q",
-        "actual_qd",
-        "actual_current",
-        "actual_joint_voltage",
-        "joint_temperatures",
-    ]
-    columns = [outputs[name] for name in names]
+    columns = [outputs[name] for name in _JOINT_COLUMNS]
     return b"".join(
         struct.pack(">3d4fB", *row[:6], row[5], row[6])
         for row in zip(*columns, outputs["joint_mode"], strict=True)

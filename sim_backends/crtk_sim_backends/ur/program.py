@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+import time
 from collections.abc import Callable, Generator
 from typing import Any
 
@@ -13,6 +14,19 @@ STEPS_PER_SECOND = 50_000_000
 """How many calls and turns of loops a program may make, per second of control period, before it
 counts as an infinite loop: 100,000 in 2 ms, which a legitimate computation stays far below and a
 simulator gets over in some hundredths of a second."""
+
+SECONDS_PER_TICK = 0.1
+"""Processor time, s, that a program may use in one control period, however few its steps are."""
+
+INFINITE_LOOP = (
+    "Runtime too much behind: infinite loop detected, the program used too much time without "
+    "instructing the robot what to do (add sync() or sleep())"
+)
+
+_STEPS_BETWEEN_CHECKS = 100
+
+THREAD_LIMIT = 100
+"""How many threads a program may run at a time."""
 
 _log = logging.getLogger(__name__)
 
@@ -49,6 +63,8 @@ class ProgramRuntime:
         self.on_thread_end: Callable[[int], None] | None = None
         """Called with the handle of each thread that ended, was killed or was stopped."""
         self._steps_per_tick = round(STEPS_PER_SECOND * tick_seconds)
+        self._steps_left = 0
+        self._deadline = 0.0
         self._budget = [0]
         self._threads: dict[int, Generator[None]] = {}
         self._order: list[int] = []
@@ -59,7 +75,7 @@ class ProgramRuntime:
         """Create the main thread; it runs at the next :meth:`step`."""
         if self._last_handle:
             raise RuntimeError(f"program {self.program.name!r} was already started")
-        main = self.program.start(self._run, self._kill, self._join, self._budget)
+        main = self.program.start(self._run, self._kill, self._join, self._budget, self._check_use)
         self._main = self._run(main)
 
     def step(self) -> None:
@@ -67,7 +83,9 @@ class ProgramRuntime:
 
         :raises ScriptRuntimeError: with line and column; the program is stopped then.
         """
-        self._budget[0] = self._steps_per_tick
+        self._steps_left = self._steps_per_tick
+        self._deadline = time.thread_time() + SECONDS_PER_TICK
+        self._budget[0] = _STEPS_BETWEEN_CHECKS
         try:
             for handle in self._order:  # grows while threads start others
                 if handle in self._threads:
@@ -109,6 +127,9 @@ class ProgramRuntime:
             self.on_thread_end(handle)
 
     def _run(self, thread: Generator[None]) -> int:
+        if len(self._threads) >= THREAD_LIMIT:
+            thread.close()
+            raise ScriptRuntimeError(f"Too many threads: more than {THREAD_LIMIT}")
         self._last_handle += 1
         self._threads[self._last_handle] = thread
         self._order.append(self._last_handle)
@@ -126,6 +147,13 @@ class ProgramRuntime:
     def _join(self, handle: Any) -> Generator[None]:
         while handle in self._threads:
             yield
+
+    def _check_use(self) -> None:
+        """Let the program make some more steps, or end it as an infinite loop."""
+        self._steps_left -= _STEPS_BETWEEN_CHECKS
+        if self._steps_left < 0 or time.thread_time() > self._deadline:
+            raise ScriptRuntimeError(INFINITE_LOOP)
+        self._budget[0] = _STEPS_BETWEEN_CHECKS
 
     def _runtime_error(self, error: Exception) -> ScriptRuntimeError:
         """Put whatever a thread raised into the controller's words, with the script's position."""

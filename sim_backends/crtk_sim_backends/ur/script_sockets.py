@@ -16,6 +16,7 @@ import struct
 from collections.abc import Callable, Generator, Iterable
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 
+from crtk_sim_backends.ur.urscript.errors import ScriptRuntimeError
 from crtk_sim_backends.ur.urscript.values import Builtin, List, to_text
 
 if TYPE_CHECKING:
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 CONNECT_TIMEOUT: Final = 2.0  # s, of controller time
 READ_TIMEOUT: Final = 2.0
 _LIMIT: Final = 1 << 20  # bytes that a socket keeps in either direction
+_SOCKETS: Final = 32  # open at a time
+_COUNT: Final = 1024  # numbers that one call reads
 _DEFAULT: Final = "socket_0"
 
 T = TypeVar("T")
@@ -123,6 +126,10 @@ class ScriptSockets:
     def socket_open(self, address: str, port: int, socket_name: str = _DEFAULT) -> Steps[bool]:
         """Connect to an IPv4 address or localhost; True when that succeeded within the timeout."""
         self.socket_close(socket_name)
+        if len(self._sockets) >= _SOCKETS:
+            raise ScriptRuntimeError(f"socket_open: more than {_SOCKETS} sockets")
+        if not 0 < port < 65536:
+            raise ScriptRuntimeError(f"socket_open: no port {port}")
         sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         try:
             address = "127.0.0.1" if address == "localhost" else address
@@ -188,7 +195,7 @@ class ScriptSockets:
         self, number: int, socket_name: str = _DEFAULT, timeout: float = READ_TIMEOUT
     ) -> Steps[List]:
         """Read 32-bit integers: ``[count, value, ...]``, or ``[0, -1, ...]`` on failure."""
-        count = int(number)
+        count = _count(number)
 
         def parse(data: bytearray) -> tuple[int, tuple[int, ...]] | None:
             size = 4 * count
@@ -201,7 +208,7 @@ class ScriptSockets:
         self, number: int, socket_name: str = _DEFAULT, timeout: float = READ_TIMEOUT
     ) -> Steps[List]:
         """Read bytes: ``[count, value, ...]``, or ``[0, -1, ...]`` on failure."""
-        count = int(number)
+        count = _count(number)
 
         def parse(data: bytearray) -> tuple[int, bytes] | None:
             return (count, bytes(data[:count])) if len(data) >= count else None
@@ -213,7 +220,7 @@ class ScriptSockets:
         self, number: int, socket_name: str = _DEFAULT, timeout: float = READ_TIMEOUT
     ) -> Steps[List]:
         """Read ``(v1, v2, ...)``: ``[count, value, ...]``, or ``[0, nan, ...]`` on failure."""
-        count = int(number)
+        count = _count(number)
         text = yield from self._read(_parenthesis, socket_name, timeout)
         try:
             values = [float(item) for item in (text or "").split(",")]
@@ -276,6 +283,12 @@ class ScriptSockets:
             yield
         yield
         return None
+
+
+def _count(number: Any) -> int:
+    if not 0 <= number <= _COUNT:
+        raise ScriptRuntimeError(f"Value out of range: {number} numbers to read from a socket")
+    return int(number)
 
 
 def _line(data: bytearray) -> tuple[int, str] | None:

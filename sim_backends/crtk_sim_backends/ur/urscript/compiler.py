@@ -28,11 +28,6 @@ CACHED_PROGRAMS = 64
 DEPTH_LIMIT = 80
 """How deep an expression may nest, a chain of operators included (Python's own limit is 200)."""
 
-INFINITE_LOOP = (
-    "Runtime too much behind: infinite loop detected, the program used too much time without "
-    "instructing the robot what to do (add sync() or sleep())"
-)
-
 _FILE = "<urscript>"
 _HELPERS: dict[str, object] = {
     "add": values.add,
@@ -71,19 +66,16 @@ class Program:
         kill: Callable[[Any], None],
         join: Callable[[Any], Generator[None]],
         budget: list[int],
+        overrun: Callable[[], None],
     ) -> Generator[None]:
         """Return the main thread of a new execution with variables of its own.
 
         :param run: starts a thread and returns its handle.
         :param kill: ends the thread with a handle.
         :param join: waits for the end of the thread with a handle.
-        :param budget: its only item goes down by one for each call and each turn of a loop;
-            below zero the program fails as an infinite loop.
+        :param budget: its only item goes down by one for each call and each turn of a loop.
+        :param overrun: called when that is below zero; raises to end the program, or fills it up.
         """
-
-        def overrun() -> NoReturn:
-            raise ScriptRuntimeError(INFINITE_LOOP)
-
         namespace: dict[str, Any] = {
             **_HELPERS,
             **{f"b_{name}": builtin.call for name, builtin in self.builtins.items()},
@@ -116,7 +108,10 @@ def compile_program(text: str, builtins: Mapping[str, Builtin]) -> Program:
     :raises CompileError: with line, column and the controller's text.
     """
     signature = frozenset((name, builtin.blocking) for name, builtin in builtins.items())
-    name, kind, code, positions = _compile(text, signature)
+    compiled = _compile(text, signature)
+    if isinstance(compiled, CompileError):
+        raise compiled.with_traceback(None)
+    name, kind, code, positions = compiled
     return Program(name, kind, builtins, code, positions)
 
 
@@ -124,7 +119,15 @@ _Compiled = tuple[str, ProgramKind, CodeType, Sequence[tuple[int, int]]]
 
 
 @functools.lru_cache(CACHED_PROGRAMS)
-def _compile(text: str, builtins: frozenset[tuple[str, bool]]) -> _Compiled:
+def _compile(text: str, builtins: frozenset[tuple[str, bool]]) -> _Compiled | CompileError:
+    """Compile, or return the error: the cache keeps it too."""
+    try:
+        return _compiled(text, builtins)
+    except CompileError as error:
+        return error
+
+
+def _compiled(text: str, builtins: frozenset[tuple[str, bool]]) -> _Compiled:
     main, kind = _main_function(parse(text))
     blocking = frozenset(name for name, blocks in builtins if blocks)
     root = analyse(main, blocking)

@@ -15,6 +15,8 @@ from typing import Any, Self
 from crtk_sim_backends.ur.urscript.errors import ScriptRuntimeError
 
 INTEGER_LIMIT = 2**63
+NESTING_LIMIT = 4
+"""How deep lists can be nested; without a limit, ``a = [a, a]`` in a loop doubles a list for ever."""
 
 
 @dataclass(frozen=True)
@@ -66,9 +68,13 @@ class List(list[Any]):
 
     __slots__ = ()
 
-    def copy(self) -> Self:
-        """Return a copy that shares no nested list with this one."""
-        return type(self)([copy_value(item) for item in self])
+    def copy(self, depth: int = NESTING_LIMIT) -> Self:
+        """Return a copy that shares no nested list with this one, nested to `depth` at most."""
+        if not depth:
+            raise ScriptRuntimeError("Type error: lists are nested too deep")
+        return type(self)(
+            [item.copy(depth - 1) if isinstance(item, List) else item for item in self]
+        )
 
     def __neg__(self) -> Self:
         return type(self)([-item for item in self])
@@ -112,10 +118,13 @@ def copy_value(value: Any) -> Any:
 
 
 def add(a: Any, b: Any) -> Any:
-    """Compute ``a + b``; strings are joined by str_cat alone."""
+    """Compute ``a + b``; strings are joined by str_cat alone, an integer result fits 64 bits."""
     if a.__class__ is str:
         raise ScriptRuntimeError("Type error: operator + does not take strings, use str_cat")
-    return a + b
+    total = a + b
+    if total.__class__ is int and not -INTEGER_LIMIT <= total < INTEGER_LIMIT:
+        raise ScriptRuntimeError("Value out of range: integer overflow")
+    return total
 
 
 def modulo(a: Any, b: Any) -> Any:
