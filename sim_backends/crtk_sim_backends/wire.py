@@ -152,8 +152,8 @@ class Connection:
     """
 
     RECEIVE_SIZE: Final = 65536
-    RECEIVED_LIMIT: Final = 1 << 22  # bytes on a slow wire; then the peer has to wait
-    PIECES_UNDER_WAY: Final = 10_000  # on a slow wire; more are dropped
+    RECEIVED_LIMIT: Final = 1 << 18  # bytes under way to us; then the peer has to wait
+    PIECES_UNDER_WAY: Final = 10_000  # then the peer has to wait, or packages for it are dropped
 
     def __init__(self, sock: socket.socket, limit: int, *, send_buffer: int | None = None) -> None:
         sock.setblocking(False)
@@ -193,7 +193,8 @@ class Connection:
 
     def read(self, now: float) -> None:
         """Take what the socket has; notes it in `peer_closed` when the peer has closed."""
-        if self._incoming.size > self.RECEIVED_LIMIT:
+        incoming = self._incoming
+        if incoming.size > self.RECEIVED_LIMIT or len(incoming) > self.PIECES_UNDER_WAY:
             return
         try:
             data = self._socket.recv(self.RECEIVE_SIZE)

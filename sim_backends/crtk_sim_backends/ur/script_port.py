@@ -25,6 +25,7 @@ class ScriptCutter:
     def __init__(self) -> None:
         self._buffer = bytearray()
         self._scanned = 0  # bytes of the buffer that hold complete lines already followed
+        self._searched = 0  # bytes of the buffer after which the next line end is
         self._depth = 0  # open blocks of the program at the start of the buffer
         self.discarded = 0  # bytes given up because no program ended in MAX_PROGRAM
 
@@ -32,17 +33,18 @@ class ScriptCutter:
         """Take received bytes and return the units that they complete, in order."""
         self._buffer += data
         units = []
-        while (newline := self._buffer.find(b"\n", self._scanned)) >= 0:
+        while (newline := self._buffer.find(b"\n", self._searched)) >= 0:
             line = bytes(self._buffer[self._scanned : newline])
-            self._scanned = newline + 1
+            self._scanned = self._searched = newline + 1
             if self._depth or _UNIT_START.match(line):
                 self._depth = max(0, self._depth + _blocks_opened(line))
             if self._depth == 0:
                 units += self._cut()
+        self._searched = len(self._buffer)
         if len(self._buffer) > MAX_PROGRAM:
             self.discarded += len(self._buffer)
             self._buffer.clear()
-            self._scanned = self._depth = 0
+            self._scanned = self._searched = self._depth = 0
         return units
 
     def finish(self) -> list[str]:
@@ -52,7 +54,7 @@ class ScriptCutter:
     def _cut(self) -> list[str]:
         text = self._buffer[: self._scanned].decode("utf-8", "replace").strip()
         del self._buffer[: self._scanned]
-        self._scanned = 0
+        self._scanned = self._searched = 0
         return [text] if text and not text.startswith("#") else []
 
 
