@@ -179,3 +179,22 @@ def test_coriolis_vanishes_at_rest_and_grows_with_the_square_of_speed() -> None:
     assert apart([4 * t for t in single], double) < 1e-9
     assert max(map(abs, single)) > 1e-3
     assert dynamics.coriolis(q, [0.0] * 6, 0.0, (0.0,) * 3) == [0.0] * 6
+
+
+@given(JOINTS, st.lists(st.floats(-1, 1), min_size=6, max_size=6))
+def test_joint_rates_move_the_tool_as_asked(q: list[float], twist: list[float]) -> None:
+    matrix = Kinematics(MODELS["ur10e"]).jacobian(q, TOOL)
+    rates = k.joint_rates(matrix, twist, 1e-3)
+    assume(rates is not None)
+    assert apart(k.multiply(matrix, rates), twist) < 1e-9
+
+
+@pytest.mark.parametrize(
+    "q",
+    [
+        [0.3, -1.1, 0.0, -0.9, -1.4, 0.6],  # elbow stretched
+        [0.3, -1.1, 1.2, -0.9, 0.0, 0.6],  # wrist axes 4 and 6 parallel
+    ],
+)
+def test_in_a_singularity_there_are_no_joint_rates(q: list[float]) -> None:
+    assert k.joint_rates(Kinematics(MODELS["ur5e"]).jacobian(q), [0.1] * 6) is None

@@ -85,7 +85,7 @@ class Arm:
     @property
     def deviation(self) -> float:
         """Largest distance between target and actual joint position, rad."""
-        return max(abs(t - a) for t, a in zip(self.target_q, self.actual_q, strict=True))
+        return max([abs(t - a) for t, a in zip(self.target_q, self.actual_q, strict=True)])
 
     def command(self, q: list[float], qd: list[float]) -> None:
         """Plan position `q` at the end of this period, and its velocity in path time."""

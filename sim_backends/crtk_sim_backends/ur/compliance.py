@@ -17,9 +17,9 @@ from crtk_sim_backends.ur.kinematics import (
     Kinematics,
     Matrix,
     Transform,
+    joint_rates,
     rotate,
     rotate_back,
-    solve,
     transpose_multiply,
 )
 
@@ -82,7 +82,7 @@ class Compliance:
     def near_singularity(self) -> bool:
         """Whether freedrive along Cartesian axes is hindered by a singularity."""
         matrix = self._kinematics.jacobian(self._arm.target_q)
-        return solve(matrix, (1.0,) * 6, 1e-2) is None
+        return joint_rates(matrix, (1.0,) * 6, 1e-2) is None
 
     def step(self, wrench: Floats, tool: Transform) -> None:
         """Set the arm's drift for one period: `wrench` (N, N.m) acts at the tool, base axes."""
@@ -99,7 +99,7 @@ class Compliance:
             self._approach(self._tool_speed(task, wrench), joint_space=False)
             linear = rotate(task.frame, self._speed[:3])
             angular = rotate(task.frame, self._speed[3:])
-            qd = solve(matrix, (*linear, *angular)) or [0.0] * 6
+            qd = joint_rates(matrix, (*linear, *angular)) or [0.0] * 6
         self._qd = qd
         self._arm.drift(qd)
 

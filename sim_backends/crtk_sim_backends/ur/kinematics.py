@@ -208,45 +208,64 @@ def interpolate_pose(a: Floats, b: Floats, fraction: float) -> tuple[float, ...]
     return to_pose(compose(ta, turned))
 
 
-def solve(matrix: Sequence[Floats], vector: Floats, tolerance: float = 1e-6) -> list[float] | None:
-    """Solution x of matrix . x = vector, or None when a pivot is smaller than `tolerance`."""
-    n = len(vector)
-    rows = [[*row, value] for row, value in zip(matrix, vector, strict=True)]
-    for i in range(n):
-        best = i
-        largest = abs(rows[i][i])
-        for j in range(i + 1, n):
-            candidate = abs(rows[j][i])
-            if candidate > largest:
-                best, largest = j, candidate
-        if largest < tolerance:
-            return None
-        rows[i], rows[best] = rows[best], rows[i]
-        pivot = rows[i]
-        for j in range(i + 1, n):
-            row = rows[j]
-            if row[i]:
-                factor = row[i] / pivot[i]
-                for k in range(i + 1, n + 1):
-                    row[k] -= factor * pivot[k]
-    x = [0.0] * n
-    for i in range(n - 1, -1, -1):
-        row = rows[i]
-        total = row[n]
-        for k in range(i + 1, n):
-            total -= row[k] * x[k]
-        x[i] = total / row[i]
-    return x
+def joint_rates(
+    jacobian: Sequence[Floats], twist: Floats, tolerance: float = 1e-6
+) -> list[float] | None:
+    """Joint rates that move the tool with `twist`, None where a determinant is below `tolerance`.
+
+    Seen along and across the plane in which joints 2 to 4 turn, the equations fall into two times
+    three: joints 1, 5 and 6 alone move the tool across that plane and turn it out of it.
+    """
+    x, y, z, turn_x, turn_y, turn_z = jacobian
+    s = turn_x[1]  # the axis of joints 2 to 4 is (s, -c, 0)
+    c = -turn_y[1]
+    vx, vy, vz, wx, wy, wz = twist
+    across_1 = s * x[0] - c * y[0]
+    across_5 = s * x[4] - c * y[4] - across_1 * turn_z[4]
+    across_6 = s * x[5] - c * y[5] - across_1 * turn_z[5]
+    tilt_5 = c * turn_x[4] + s * turn_y[4]
+    tilt_6 = c * turn_x[5] + s * turn_y[5]
+    determinant = across_5 * tilt_6 - across_6 * tilt_5
+    if abs(determinant) < tolerance:
+        return None
+    across = s * vx - c * vy - across_1 * wz
+    tilt = c * wx + s * wy
+    q5 = (across * tilt_6 - across_6 * tilt) / determinant
+    q6 = (across_5 * tilt - across * tilt_5) / determinant
+    q1 = wz - turn_z[4] * q5 - turn_z[5] * q6
+    # What is left for joints 2 to 4, whose rates add up to `turn`.
+    turn = s * (wx - turn_x[4] * q5 - turn_x[5] * q6) - c * (wy - turn_y[4] * q5 - turn_y[5] * q6)
+    along_2 = c * x[1] + s * y[1]
+    along_3 = c * x[2] + s * y[2] - along_2
+    along_4 = c * x[3] + s * y[3] - along_2
+    up_2 = z[1]
+    up_3 = z[2] - up_2
+    up_4 = z[3] - up_2
+    determinant = along_3 * up_4 - along_4 * up_3
+    if abs(determinant) < tolerance:
+        return None
+    along = (
+        c * (vx - x[0] * q1 - x[4] * q5 - x[5] * q6)
+        + s * (vy - y[0] * q1 - y[4] * q5 - y[5] * q6)
+        - along_2 * turn
+    )
+    up = vz - z[4] * q5 - z[5] * q6 - up_2 * turn
+    q3 = (along * up_4 - along_4 * up) / determinant
+    q4 = (along_3 * up - along * up_3) / determinant
+    return [q1, turn - q3 - q4, q3, q4, q5, q6]
 
 
 def multiply(matrix: Sequence[Floats], vector: Floats) -> tuple[float, ...]:
-    """Product of a matrix with six columns and a 6-vector."""
+    """Product of a 6x6 matrix and a 6-vector."""
     a, b, c, d, e, f = vector
-    return tuple(
-        [
-            row[0] * a + row[1] * b + row[2] * c + row[3] * d + row[4] * e + row[5] * f
-            for row in matrix
-        ]
+    r0, r1, r2, r3, r4, r5 = matrix
+    return (
+        r0[0] * a + r0[1] * b + r0[2] * c + r0[3] * d + r0[4] * e + r0[5] * f,
+        r1[0] * a + r1[1] * b + r1[2] * c + r1[3] * d + r1[4] * e + r1[5] * f,
+        r2[0] * a + r2[1] * b + r2[2] * c + r2[3] * d + r2[4] * e + r2[5] * f,
+        r3[0] * a + r3[1] * b + r3[2] * c + r3[3] * d + r3[4] * e + r3[5] * f,
+        r4[0] * a + r4[1] * b + r4[2] * c + r4[3] * d + r4[4] * e + r4[5] * f,
+        r5[0] * a + r5[1] * b + r5[2] * c + r5[3] * d + r5[4] * e + r5[5] * f,
     )
 
 
@@ -311,20 +330,21 @@ class Kinematics:
         t = self.flange(q)
         return to_pose(t if tool is IDENTITY else compose(t, tool))
 
-    def elbow(self, q: Floats) -> tuple[float, float, float]:
-        """Position of the elbow, m."""
+    def elbow(self, q: Floats, qd: Floats) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Position, m, and velocity, m/s, of the elbow."""
+        s1 = sin(q[0])
+        c1 = cos(q[0])
         radius = self._a2 * cos(q[1])
-        return (radius * cos(q[0]), radius * sin(q[0]), self._d1 + self._a2 * sin(q[1]))
-
-    def elbow_velocity(self, q: Floats, qd: Floats) -> tuple[float, float, float]:
-        """Velocity of the elbow, m/s."""
-        x, y, z = self.elbow(q)
-        height = z - self._d1
-        return (
-            -y * qd[0] - height * cos(q[0]) * qd[1],
-            x * qd[0] - height * sin(q[0]) * qd[1],
-            self._a2 * cos(q[1]) * qd[1],
+        height = self._a2 * sin(q[1])
+        x = radius * c1
+        y = radius * s1
+        turn, lift = qd[0], qd[1]
+        velocity = (
+            -y * turn - height * c1 * lift,
+            x * turn - height * s1 * lift,
+            radius * lift,
         )
+        return (x, y, self._d1 + height), velocity
 
     def jacobian(
         self, q: Floats, tool: Transform = IDENTITY, flange: Transform | None = None

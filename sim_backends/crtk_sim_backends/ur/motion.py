@@ -17,9 +17,9 @@ from crtk_sim_backends.ur.kinematics import (
     Floats,
     Transform,
     compose,
+    joint_rates,
     multiply,
     norm,
-    solve,
     to_pose,
     to_transform,
 )
@@ -210,7 +210,7 @@ class MotionLibrary:
                 *_approach_vector(twist[:3], goal[:3], acceleration * h),
                 *_approach_vector(twist[3:], goal[3:], turn * h),
             )
-            qd = solve(matrix, reached)
+            qd = joint_rates(matrix, reached)
             if qd is None:
                 yield from self._stopped_protectively(154)
                 return
@@ -244,7 +244,11 @@ class MotionLibrary:
             self._claim()
             left -= arm.dt * arm.scale
             matrix = self._kinematics.jacobian(arm.plan_q, self._controller.tool)
-            qd = solve(matrix, [v * left / seconds for v in twist]) if left > 0.0 else [0.0] * 6
+            qd = (
+                joint_rates(matrix, [v * left / seconds for v in twist])
+                if left > 0.0
+                else [0.0] * 6
+            )
             if qd is None:
                 yield from self._halt_at(linear)
                 return

@@ -73,9 +73,9 @@ class ProcessImage:
         if still != self._still or any(arm.target_qdd):
             self._still = still
             self._update_joints(out)
-        power = STANDBY_POWER + sum(
-            abs(m * v) for m, v in zip(self._moment, arm.actual_qd, strict=True)
-        )
+        power = STANDBY_POWER
+        if any(arm.actual_qd):
+            power += sum([abs(m * v) for m, v in zip(self._moment, arm.actual_qd, strict=True)])
         self._energy += power * c.dt
         out["actual_robot_energy_consumed"] = self._energy
 
@@ -130,12 +130,10 @@ class ProcessImage:
         self._twist = twist
         out["actual_TCP_speed"] = twist
         out["target_TCP_speed"] = target_twist
-        elbow = kinematics.elbow(arm.actual_q)
-        out["elbow_position"] = elbow
-        out["elbow_velocity"] = kinematics.elbow_velocity(arm.actual_q, arm.actual_qd)
+        out["elbow_position"], out["elbow_velocity"] = kinematics.elbow(arm.actual_q, arm.actual_qd)
         self._update_forces(out, flange, target_flange, jacobian)
         out["actual_momentum"] = norm(twist[:3]) * self._moving_mass
-        out["joint_position_deviation_ratio"] = arm.deviation / DEVIATION_LIMIT
+        out["joint_position_deviation_ratio"] = 0.0 if resting else arm.deviation / DEVIATION_LIMIT
 
     def _update_load(self, out: dict[str, Any]) -> None:
         c = self._controller
