@@ -1,0 +1,261 @@
+"""Cartesian streams (servo_cv, servo_cp, servo_cr) on joints, through the Jacobian.
+
+Frames, for twists (`twist_in_base`) and for increments (`increment_in_base`), by sub-namespace:
+
+    none       axes of the base frame, at the tool point. An increment moves the tool point along the axes of
+               the base frame and turns the tool about these axes, through the tool point: p + dp, dR · R.
+    local/     the same with the axes of the device's own base, which has a pose in the base frame.
+    body/      axes of the tool, at the tool point: p + R · dp, R · dR.
+    spatial/   the twist of the point of the tool, extended, that is at the base frame's origin; an
+               increment moves the tool as a rigid motion of the whole base frame: T' = dT · T.
+
+The joint velocities of a twist are those of the Jacobian's inverse (the smallest, if there are more joints
+than axes; the nearest twist, if fewer), with three exceptions, in this order:
+
+1. Near a singularity, damping. Along a singular direction whose singular value s is below
+   `Damping.threshold` t, the inverse 1/s is replaced by s / (s² + d²) with d² = (t/2)² · (1 - (s/t)²). It
+   grows from nothing at t, so that there is no jump, and the inverse is never above 1.16/t; at the
+   singularity the direction is given up, while all others are exact. Singular values depend on units:
+   here m and rad.
+2. Velocity limits, and the room to the position limits. A joint that moves outwards may be as fast as can
+   still be stopped at its limit with half of its acceleration. What is too fast is scaled as a whole, so
+   that the direction is kept; with a joint at its limit and moving outwards, everything stands still.
+   Moving inwards is free, also from beyond a limit.
+3. Acceleration limits, if the velocity before is given: the change is scaled as a whole. Position limits
+   go before: a joint that could not be stopped otherwise is stopped anyway.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from crtk_drivers.device import CartesianLimits, JointLimits
+from crtk_drivers.geometry import (
+    matrix_from_quaternion,
+    quaternion_product,
+)
+from crtk_drivers.rotation import cross, inverse, turn
+from crtk_drivers.samples import Array, Pose, Vector, vector
+
+FRAMES = ("", "local", "body", "spatial")
+"""Sub-namespaces of Cartesian commands, see the module."""
+
+
+@dataclass(frozen=True, slots=True)
+class Damping:
+    """How a singularity is met.
+
+    Attributes:
+        threshold: the singular value of the Jacobian below which a direction is damped. A joint does not
+            move faster than 1.16/threshold rad/s for each m/s or rad/s.
+
+    Raises:
+        ValueError: not above zero.
+    """
+
+    threshold: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.threshold < math.inf:
+            raise ValueError(f"the threshold is {self.threshold}, not above zero")
+
+    def gains(self, singular_values: Vector) -> Vector:
+        """Return what stands for the inverses of the singular values."""
+        t = self.threshold
+        shares = np.minimum(singular_values / t, 1.0)
+        gains: Vector = singular_values / (singular_values**2 + (t / 2.0) ** 2 * (1.0 - shares**2))
+        return gains
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointRate:
+    """What the joints do.
+
+    Attributes:
+        velocity: (n,) in rad/s (m/s).
+        scale: in [0, 1], by how much limits made it slower.
+        smallest: singular value of the Jacobian.
+        is_damped: near a singularity, a part of the twist is given up.
+    """
+
+    velocity: Vector
+    scale: float
+    smallest: float
+    is_damped: bool
+
+
+class ResolvedRate:
+    """Turns twists and poses into joint velocities.
+
+    Args:
+        limits: one a joint.
+        cartesian_limits: of the tool; None if it has none.
+        cycle: seconds for which a velocity will be in force.
+        damping: near singularities.
+    """
+
+    def __init__(
+        self,
+        limits: Sequence[JointLimits],
+        cartesian_limits: CartesianLimits | None,
+        cycle: float,
+        damping: Damping = Damping(),
+    ) -> None:
+        self._lower = vector([limit.lower for limit in limits])
+        self._upper = vector([limit.upper for limit in limits])
+        self._velocity = vector([limit.velocity for limit in limits])
+        self._acceleration = vector([limit.acceleration for limit in limits])
+        self._cartesian = cartesian_limits
+        self._cycle = cycle
+        self._damping = damping
+
+    def follow_twist(
+        self, joints: Vector, jacobian: Array, twist: Vector, before: Vector | None = None
+    ) -> JointRate:
+        """Return the joint velocity of a twist (servo_cv).
+
+        Args:
+            joints: (n,) where they are (the setpoint).
+            jacobian: (6, n) there, geometric, at the tool point, in base axes.
+            twist: (6,) of the tool point in base axes, linear before angular, in m/s and rad/s.
+            before: (n,) velocity in force now; None leaves acceleration unlimited.
+
+        Raises:
+            ValueError: not finite, or of wrong sizes.
+        """
+        if jacobian.shape != (6, joints.size) or twist.shape != (6,):
+            raise ValueError(f"a Jacobian {jacobian.shape} for {joints.size} joints, {twist.shape}")
+        if not (np.isfinite(twist).all() and np.isfinite(jacobian).all()):
+            raise ValueError("a twist or Jacobian that is not finite")
+        twist = self._slowed(twist)
+        left, values, right = np.linalg.svd(jacobian, full_matrices=False)
+        wanted = right.T @ (self._damping.gains(values) * (left.T @ twist))
+        smallest = float(values[-1])
+        velocity, scale = self._limited(joints, wanted, before)
+        return JointRate(vector(velocity), scale, smallest, smallest < self._damping.threshold)
+
+    def follow_pose(
+        self,
+        joints: Vector,
+        pose: Pose,
+        jacobian: Array,
+        goal: Pose,
+        time: float,
+        before: Vector | None = None,
+    ) -> JointRate:
+        """Return the joint velocity that takes the tool from `pose` towards `goal` (servo_cp, servo_cr).
+
+        Args:
+            joints, jacobian, before: as for `follow_twist`.
+            pose: of the tool with these joints.
+            goal: in the same frame.
+            time: seconds in which it would be there, were there no limits; a few cycles.
+        """
+        way = np.concatenate(
+            (goal.position - pose.position, turn(goal.orientation, pose.orientation))
+        )
+        return self.follow_twist(joints, jacobian, way / max(time, self._cycle), before)
+
+    def _slowed(self, twist: Vector) -> Vector:
+        """Scale a twist as a whole into the tool's velocity limits."""
+        if self._cartesian is None:
+            return twist
+        excess = max(
+            math.hypot(*twist[:3]) / self._cartesian.linear_velocity,
+            math.hypot(*twist[3:]) / self._cartesian.angular_velocity,
+        )
+        return twist / excess if excess > 1.0 else twist
+
+    def _limited(
+        self, joints: Vector, wanted: Vector, before: Vector | None
+    ) -> tuple[Vector, float]:
+        down, up = self._room(self._lower - joints, -1.0), self._room(self._upper - joints, 1.0)
+        scale = _fitting(wanted, down, up)
+        velocity = wanted * scale
+        if before is None:
+            return velocity, scale
+        change = velocity - before
+        most = self._acceleration * self._cycle
+        slewed = before + change * _fitting(change, -most, most)
+        # Each by itself: what is left over from before may have any direction.
+        return np.minimum(np.maximum(slewed, down), up), scale
+
+    def _room(self, distance: Vector, sign: float) -> Vector:
+        """Return the velocity (n,) towards limits that are `distance` away, which can be stopped there."""
+        room = np.maximum(distance * sign, 0.0)
+        braking = self._acceleration / 2.0
+        t = self._cycle
+        allowed = braking * (np.sqrt(t * t + 2.0 * room / braking) - t)
+        return sign * np.minimum(allowed, self._velocity)
+
+
+def twist_in_base(twist: Vector, pose: Pose, frame: str = "", base: Pose | None = None) -> Vector:
+    """Return a twist of the tool point in base axes, see the module.
+
+    Args:
+        twist: (6,) linear before angular.
+        pose: of the tool, in the base frame.
+        frame: one of `FRAMES`.
+        base: for ``local``, the pose of the device's own base in the base frame.
+
+    Raises:
+        KeyError: no such frame.
+    """
+    linear, angular = twist[:3], twist[3:]
+    if frame == "spatial":
+        carried = cross(angular.tolist(), pose.position.tolist())
+        return vector(np.concatenate((linear + np.array(carried), angular)))
+    axes = _axes(frame, pose, base)
+    if axes is None:
+        return vector(twist)
+    rotation = matrix_from_quaternion(axes)
+    return vector(np.concatenate((rotation @ linear, rotation @ angular)))
+
+
+def increment_in_base(
+    pose: Pose, increment: Pose, frame: str = "", base: Pose | None = None
+) -> Pose:
+    """Return the pose (in the base frame) after an increment, see the module.
+
+    Args:
+        pose: before it, in the base frame; for a stream, the sum of the increments before.
+        increment: translation in m and unit quaternion.
+        frame, base: as for `twist_in_base`.
+
+    Raises:
+        KeyError: no such frame.
+    """
+    step, change = increment.position, increment.orientation
+    axes = _axes(frame, pose, base)
+    position = pose.position
+    if frame == "spatial":
+        position = matrix_from_quaternion(change) @ position
+    if axes is not None:
+        step = matrix_from_quaternion(axes) @ step
+        change = quaternion_product(quaternion_product(axes, change), inverse(axes))
+    orientation = quaternion_product(change, pose.orientation)
+    orientation = vector(orientation / math.sqrt(float(orientation @ orientation)))
+    return Pose(vector(position + step), orientation, pose.frame_id)
+
+
+def _axes(frame: str, pose: Pose, base: Pose | None) -> Vector | None:
+    """Return the quaternion of the axes in which a command is given; None for those of the base."""
+    if frame not in FRAMES:
+        raise KeyError(frame)
+    if frame == "body":
+        return pose.orientation
+    return base.orientation if frame == "local" and base is not None else None
+
+
+def _fitting(values: Vector, lowest: Vector, highest: Vector) -> float:
+    """Return the largest share in [0, 1] of a vector that is within bounds around zero."""
+    share = 1.0
+    for value, low, high in zip(values.tolist(), lowest.tolist(), highest.tolist(), strict=True):
+        bound = high if value > 0.0 else low
+        if abs(value) > abs(bound):
+            share = min(share, bound / value)
+    return share
