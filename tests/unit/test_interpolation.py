@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import CartesianLimits, JointLimits
@@ -204,6 +205,17 @@ def test_a_stream_faster_than_a_joint_is_followed_at_its_limit_and_the_lag_shows
     assert track.value[-1] == pytest.approx([0.92], abs=1e-6)
 
 
+@pytest.mark.parametrize("rate", [10, 20, 50, 100])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_ramp_to_the_end_of_the_range_stops_there_without_a_jump(rate: int, sign: float) -> None:
+    motion = joints(SOFT, 1)
+    motion.start((0.0,), 0.0)
+    stream = sampled(lambda t: np.array((sign * 0.5 * t,)), rate, 2.0 + 1.0 / rate)
+    track = Track(motion, stream, 4.0)
+    assert_smooth(track, SOFT)
+    assert track.value[-1] == pytest.approx([sign], abs=1e-6)
+
+
 def test_a_flood_is_followed() -> None:
     motion = joints(HARD, 1)
     motion.start((0.0,), 0.0)
@@ -281,7 +293,7 @@ def test_a_late_cycle_makes_no_jump() -> None:
 @pytest.mark.parametrize(
     "goal", [(math.nan, 0.0), (math.inf, 0.0), (0.0,), (0.0, 0.0, 0.0), ((0, 0),)]
 )
-def test_what_is_not_a_goal_is_refused_and_changes_nothing(goal: object) -> None:
+def test_what_is_not_a_goal_is_refused_and_changes_nothing(goal: ArrayLike) -> None:
     motion = joints()
     motion.start((0.0, 0.0), 0.0)
     motion.command((0.1, 0.1), 0.0)
@@ -354,7 +366,9 @@ def test_a_twist_keeps_the_accelerations_and_ends_at_zero() -> None:
 # ------------------------------------------------------------------------------------------------- poses
 
 
-def poses(motion: PoseInterpolator, stream: list[tuple[float, Pose]], duration: float) -> tuple:
+def poses(
+    motion: PoseInterpolator, stream: list[tuple[float, Pose]], duration: float
+) -> tuple[np.ndarray, ...]:
     waiting, rows = list(stream), []
     for index in range(round(duration / CYCLE)):
         now = index * CYCLE
