@@ -17,7 +17,7 @@ def parser() -> argparse.ArgumentParser:
     result = argparse.ArgumentParser(prog="python -m crtk_sim_backends.ur", description=SIM.summary)
     for entry in dataclasses.fields(SimConfig):
         flag = "--" + entry.name.replace("_", "-")
-        description = f"{entry.metadata['help']} (default: {entry.default})"
+        description = f"{entry.metadata['help']} (default: {_readable(entry.default)})"
         if isinstance(entry.default, bool):
             result.add_argument(
                 flag,
@@ -37,6 +37,12 @@ def parser() -> argparse.ArgumentParser:
     for pipe in ("--ready-fd", "--parent-fd"):
         result.add_argument(pipe, type=int, default=None, help=argparse.SUPPRESS)
     return result
+
+
+def _readable(default: object) -> object:
+    if isinstance(default, bool):
+        return "yes" if default else "no"
+    return "none" if default == "" else default
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
