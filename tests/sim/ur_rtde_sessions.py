@@ -58,7 +58,8 @@ class Session:
     def short(self):
         target = [q + 0.1 for q in self.home]
         return {
-            **self.constructs(),
+            "connected": self.control.isConnected() and self.receive.isConnected(),
+            "playing": wait_until(lambda: self.receive.getRuntimeState() == 2),
             "moveJ": self.control.moveJ(target, 1.0, 2.0),
             "arrived": self.arrived(target),
         }
@@ -135,7 +136,7 @@ class Session:
 
     def watchdog(self):
         control, receive = self.control, self.receive
-        result = {"set": control.setWatchdog(10.0)}
+        result = {"set": control.setWatchdog(4.0)}
         for _ in range(20):
             result["kicked"] = control.kickWatchdog()
             time.sleep(0.02)
