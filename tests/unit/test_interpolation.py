@@ -216,6 +216,15 @@ def test_a_ramp_to_the_end_of_the_range_stops_there_without_a_jump(rate: int, si
     assert track.value[-1] == pytest.approx([sign], abs=1e-6)
 
 
+@pytest.mark.parametrize("start", [0.66, 0.68, 0.70])
+@pytest.mark.parametrize("slope", [0.1, 0.2])
+def test_catching_up_at_the_end_of_the_range_can_be_stopped(start: float, slope: float) -> None:
+    motion = joints(SOFT, 1)
+    motion.start((start,), 0.0, (1.0,))
+    stream = [(0.0, np.array((0.98 - slope * 0.1,))), (0.1, np.array((0.98,)))]
+    assert_smooth(Track(motion, stream, 1.5), SOFT)
+
+
 def test_a_flood_is_followed() -> None:
     motion = joints(HARD, 1)
     motion.start((0.0,), 0.0)
@@ -407,14 +416,29 @@ def test_any_stream_of_poses_becomes_smooth_motion_within_the_limits(
     assert np.diff(place, axis=0) == pytest.approx(mean[:, :3], abs=2e-6)
     turned = np.array([turn(vector(b), vector(a)) for a, b in pairwise(facing)])
     assert turned == pytest.approx(mean[:, 3:], abs=5e-6), "the twist is the orientation's own"
-    steps = np.abs(np.diff(twist, axis=0)) / CYCLE
-    assert steps[:, :3].max() <= TOOL.linear_acceleration + 1e-6
-    assert steps[:, 3:].max() <= TOOL.angular_acceleration * 1.3
+    steps = np.diff(twist, axis=0) / CYCLE
+    assert np.linalg.norm(steps[:, :3], axis=1).max() <= TOOL.linear_acceleration + 1e-6
+    assert np.linalg.norm(steps[:, 3:], axis=1).max() <= TOOL.angular_acceleration * 1.3
     jumps = np.abs(np.diff(acceleration, axis=0)).max()
     assert jumps <= 2.0 * TOOL.angular_acceleration / 0.1 * CYCLE, "of acceleration: none"
     assert place[-1] == pytest.approx(goals[-1][0], abs=1e-6)
     rest = turn(vector(facing[-1]), quaternion_from_rotvec(vector(goals[-1][1])))
     assert np.abs(rest).max() < 1e-6
+
+
+def test_a_diagonal_step_keeps_the_norms() -> None:
+    motion = PoseInterpolator(TOOL, CYCLE, TIMEOUT)
+    motion.start(Pose(vector((0.0, 0.0, 0.0)), UPRIGHT), 0.0)
+    goal = Pose(vector((0.5, 0.5, 0.5)), quaternion_from_rotvec(vector((1.0, 1.0, 1.0))))
+    _, _, twist, acceleration = poses(motion, [(0.0, goal)], 3.0)
+    for part, limit in (
+        (twist[:, :3], TOOL.linear_velocity),
+        (twist[:, 3:], TOOL.angular_velocity),
+        (acceleration[:, :3], TOOL.linear_acceleration),
+        (acceleration[:, 3:], TOOL.angular_acceleration),
+    ):
+        assert np.linalg.norm(part, axis=1).max() <= limit + 1e-6
+    assert np.linalg.norm(twist[:, :3], axis=1).max() > 0.99 * TOOL.linear_velocity
 
 
 def test_one_goal_is_reached_in_a_straight_line_and_on_a_geodesic() -> None:

@@ -175,6 +175,15 @@ def test_a_new_line_while_moving_goes_on_without_a_jump_and_keeps_the_limits(
         assert np.linalg.norm(changes[:, 3:], axis=1).max() <= TOOL.angular_acceleration * 1.1
 
 
+def test_the_angular_acceleration_of_a_blend_is_the_derivative() -> None:
+    twist = vector((0.0, 0.0, 0.0, 0.9, 0.0, 0.0))
+    line = LineProfile(pose((0, 0, 0)), pose((0, 0, 0), (0.0, 1.5, 0.0)), TOOL, Ratios(), twist)
+    for time in np.arange(0.05, line.duration - 0.01, 0.01):
+        (_, before), (_, after) = (line.at(float(time) + dt) for dt in (-1e-5, 1e-5))
+        change = line.state(float(time))[2]
+        assert change == pytest.approx((after - before) / 2e-5, abs=2e-3)
+
+
 def test_a_line_to_where_it_is_takes_no_time() -> None:
     line = LineProfile(pose((0.1, 0, 0)), pose((0.1, 0, 0)), TOOL)
     assert line.duration == 0.0
