@@ -41,6 +41,8 @@ _SEVERITY = {
     OperatingState.FAULT: 3,
 }
 
+_EXPLAINED = (OperatingState.PAUSED, OperatingState.FAULT)
+
 _AFTER_STREAM = {"pause": OperatingState.PAUSED, "fault": OperatingState.FAULT}
 
 _WAY_TO_ENABLED = {
@@ -400,9 +402,12 @@ class Engine:
                 self._leave(after, f"{ended} stopped for more than {limit}")
 
     def _follow_condition(self) -> None:
-        condition = self.device.condition
-        if _SEVERITY[condition.allows] > _SEVERITY[self.status.state]:
+        condition, status = self.device.condition, self.status
+        if _SEVERITY[condition.allows] > _SEVERITY[status.state]:
             self._leave(condition.allows, condition.reason)
+        elif condition.allows is status.state and status.state in _EXPLAINED:
+            # What came first is not always what tells the reader most.
+            self._board.update(status.state, condition.reason)
         elif self.capabilities.needs_homing:
             self._board.update(homed=self.device.is_homed)
 

@@ -279,6 +279,19 @@ def test_stamps_are_checked_only_if_the_user_wants_that() -> None:
     assert (old.reason, early.reason) == (Reason.TOO_OLD, Reason.FROM_FUTURE)
 
 
+@pytest.mark.parametrize("state", [S.PAUSED, S.FAULT])
+def test_the_detail_follows_what_the_hardware_says(state: OperatingState) -> None:
+    rig = Rig().enabled()
+    rig.device.reported = Condition(state, "the program was stopped")
+    rig.cycle()
+    rig.device.reported = Condition(state, "the pendant has control")
+    rig.cycle()
+    assert rig.engine.status.detail == "the pendant has control"
+    rig.device.reported = Condition()
+    rig.cycle()
+    assert rig.engine.status.detail == "the pendant has control", "why it stopped is kept"
+
+
 @pytest.mark.parametrize("state", [S.DISABLED, S.PAUSED, S.FAULT])
 @pytest.mark.parametrize(
     ("name", "value"),

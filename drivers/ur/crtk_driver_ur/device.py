@@ -20,7 +20,7 @@ from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import CB3, JOINT_NAMES, RobotModel, model_named
 from crtk_driver_ur.motion_sequencer import MotionOptions
 from crtk_driver_ur.rtde.stream import RTDE_PORT, RtdeStream, StateSample
-from crtk_driver_ur.safety import RobotMode, RuntimeState, SafetyMode, condition_of
+from crtk_driver_ur.safety import PROGRAM_PAUSED, RobotMode, RuntimeState, SafetyMode, condition_of
 from crtk_driver_ur.samples import BASE_FRAME, TOOL_FRAME, SampleMaker, pose_of
 from crtk_drivers.device import (
     Capabilities,
@@ -117,6 +117,7 @@ class UrDevice(Device):
         self._stopped_at = -math.inf
         self._has_freedrive = False
         self._in_control = False
+        self._why_stopped = _PROGRAM_STOPPED
 
     # ------------------------------------------------------------------------------------ description
 
@@ -190,7 +191,7 @@ class UrDevice(Device):
             return found
         if self._link.loss:
             return Condition(OperatingState.FAULT, self._link.loss)
-        return found if self._link.program_runs else _PROGRAM_STOPPED
+        return found if self._link.program_runs else self._why_stopped
 
     @property
     def counters(self) -> Mapping[str, float]:
@@ -281,6 +282,7 @@ class UrDevice(Device):
             self._link.program_stands()
         elif self._link.program_runs and self._paused():
             self._link.end_paused_program()
+            self._why_stopped = PROGRAM_PAUSED
         if state.safety_mode == SafetyMode.PROTECTIVE_STOP and (
             before is None or before.safety_mode != SafetyMode.PROTECTIVE_STOP
         ):
@@ -416,6 +418,7 @@ class UrDevice(Device):
         yield from self._configure()
         yield from self._until(self._playing, safe=True)
         self._link.program_runs = self._in_control = True
+        self._why_stopped = _PROGRAM_STOPPED
 
     def _require_no_program(self, command: str) -> Steps:
         """Leave a program alone that somebody else runs, for it may be moving the arm."""
