@@ -262,6 +262,10 @@ def test_key_messages_frame_a_program(bench: Bench) -> None:
 def test_a_new_program_replaces_the_running_one(bench: Bench) -> None:
     bench.start(FOREVER, name="first")
     bench.start(FOREVER, name="second")
+    bench.ticks(1)
+    assert bench.controller.outputs["runtime_state"] == RuntimeState.STOPPED, "its end is seen"
+    bench.ticks(1)
+    assert bench.controller.outputs["runtime_state"] == RuntimeState.PLAYING
     assert [m.text for m in bench.of_type(KeyMessage)] == ["first", "first", "second"]
     assert bench.controller.program_name == "second"
 
@@ -274,6 +278,7 @@ def test_local_control_refuses_scripts_on_e_series_alone(model: str, accepted: b
     assert [m.code for m in bench.of_type(ErrorMessage)] == ([] if accepted else [210])
     bench.controller.set_remote(True)
     bench.start(FOREVER)
+    bench.ticks(2)
     assert bench.controller.runtime_state == RuntimeState.PLAYING
 
 

@@ -27,6 +27,15 @@ _STEPPED: Final = (RuntimeState.PLAYING, RuntimeState.PAUSING, RuntimeState.RESU
 
 
 @dataclass
+class _Next:
+    """A program that takes another's place, once the end of that one was shown for a control period."""
+
+    runtime: ProgramRuntime
+    name: str
+    end_shown: bool = False
+
+
+@dataclass
 class _Watchdog:
     period: float
     action: str
@@ -48,6 +57,7 @@ class ProgramPlayer:
         self._controller = controller
         self._builtins: Mapping[str, Builtin] = {}
         self._program: ProgramRuntime | None = None
+        self._next: _Next | None = None
         self._secondary: list[ProgramRuntime] = []
         self._stepping: ProgramRuntime | None = None
         self._watchdogs: dict[str, _Watchdog] = {}
@@ -59,8 +69,8 @@ class ProgramPlayer:
 
     @property
     def loaded(self) -> bool:
-        """Whether a program plays or is paused."""
-        return self._program is not None
+        """Whether a program plays or is paused, or is about to."""
+        return self._program is not None or self._next is not None
 
     def set_builtins(self, builtins: Mapping[str, Builtin]) -> None:
         """Give the functions that programs can call."""
@@ -95,19 +105,38 @@ class ProgramPlayer:
             self._secondary.append(runtime)
             runtime.start()
             return
+        replaces = self._program is not None or self._next is not None
         self.end()
         if not controller.can_play:
             state = f"{controller.robot_mode.name}, {controller.safety_mode.name}"
             self._warn(f"Program {program.name} refused: robot is {state}")
             return
+        if replaces:
+            self._next = _Next(runtime, program.name)
+        else:
+            self._start(runtime, program.name)
+
+    def _start(self, runtime: ProgramRuntime, name: str) -> None:
         self._program = runtime
-        self.name = program.name
+        self.name = name
         self.state = RuntimeState.PLAYING
-        controller.post(KeyMessage("PROGRAM_XXX_STARTED", program.name))
+        self._controller.post(KeyMessage("PROGRAM_XXX_STARTED", name))
         runtime.start()
+
+    def _start_next(self) -> None:
+        following = self._next
+        if following is None:
+            return
+        if not following.end_shown:
+            following.end_shown = True
+            return
+        self._next = None
+        if self._controller.can_play:
+            self._start(following.runtime, following.name)
 
     def step(self) -> None:
         """Let every program run for one control period."""
+        self._start_next()
         if self._watchdogs:
             self._check_watchdogs()
         if self._program is not None and self.state in _STEPPED:
@@ -164,6 +193,7 @@ class ProgramPlayer:
 
     def end(self) -> None:
         """Stop the program, let the arm slow down, leave what only a program can hold."""
+        self._next = None
         runtime = self._program
         if runtime is None:
             return
