@@ -554,3 +554,15 @@ def test_f20_a_second_writer_is_refused_by_name_of_the_cause():
         assert "close it" in second.until_state("FAULT").detail
         first.enable()
         assert math.isclose(first.arm.setpoint_jp()[0], first.q()[0], abs_tol=1e-3)
+
+
+def test_f20_a_program_that_takes_the_place_of_ours_is_noticed(bench):
+    """Anybody may send a program; ours is gone then, and its commands would go nowhere."""
+    bench.enable()
+    with socket.create_connection((bench.sim.host, 30002), LONG) as peer:
+        peer.sendall(b"def other():\n  while True:\n    sync()\n  end\nend\n")
+        bench.until_state("PAUSED", "control program was stopped")
+    with bench.refused("not_enabled", "servo_jp"):
+        bench.arm.servo_jp(bench.arm.measured_jp())
+    assert dashboard(bench, "stop") == "Stopped"
+    assert_enables_at_rest(bench)
