@@ -15,8 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,51 +28,23 @@ from crtk_drivers.errors import (
     CommandRefused,
     ConnectionFailed,
     DataTimeout,
-    Reason,
     TransitionFailed,
 )
+from crtk_drivers.fronts import DEFAULT_AGE, DEFAULT_WAIT, DeviceFront
 from crtk_drivers.health import Health
 from crtk_drivers.moves import Move
-from crtk_drivers.samples import (
-    EMPTY,
-    JointState,
-    Pose,
-    Stamp,
-    Twist,
-    Value,
-    Vector,
-    Wrench,
-    joint_state,
-    vector,
-)
+from crtk_drivers.payloads import value_for
+from crtk_drivers.samples import EMPTY, Pose, Stamp, Value, Vector, vector
 from crtk_drivers.session import Session, open_session
 from crtk_drivers.sims import RunningSim
-from crtk_drivers.state import OperatingState, StateCommand, Status, target_of
+from crtk_drivers.state import StateCommand, Status, target_of
 
 logger = logging.getLogger(__name__)
-
-DEFAULT_AGE = 0.1
-"""Seconds that feedback may be old unless `age` says otherwise."""
-
-DEFAULT_WAIT = 1.0
-"""Seconds to wait for fresh feedback unless `wait` says otherwise."""
 
 LOG_INTERVAL = 2.0
 """Seconds in which a warning or refusal of one kind is logged once."""
 
 _POLL = 0.001
-
-_SIX: dict[Payload, Callable[[Vector, Vector], Value]] = {
-    Payload.TWIST: Twist,
-    Payload.WRENCH: Wrench,
-}
-
-_PAYLOAD_HELP = {
-    Payload.JOINT_STATE: "Pass one number per joint, or a JointState.",
-    Payload.POSE: "Pass a Pose, or 7 numbers: position and quaternion x, y, z, w.",
-    Payload.TWIST: "Pass a Twist, or 6 numbers: linear and angular velocity.",
-    Payload.WRENCH: "Pass a Wrench, or 6 numbers: force and torque.",
-}
 
 
 class _Wait:
@@ -131,7 +102,7 @@ class _StatusWatch(Observer):
                 self._waits.remove(wait)
 
 
-class LocalDevice:
+class LocalDevice(DeviceFront):
     """A device in this process. Made by `connect`; close it, or use it in a ``with`` statement."""
 
     def __init__(self, session: Session) -> None:
@@ -143,17 +114,6 @@ class LocalDevice:
             self._add(name, command)
 
     # ----------------------------------------------------------------------------------- life cycle
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Leave the hardware holding and disconnect."""
@@ -195,37 +155,12 @@ class LocalDevice:
         """Return state, is_homed and is_busy."""
         return self._watch.latest
 
-    def is_enabled(self) -> bool:
-        """Whether the state is ENABLED."""
-        return self.operating_state().state is OperatingState.ENABLED
-
-    def is_homed(self) -> bool:
-        """Whether positions can be trusted."""
-        return self.operating_state().is_homed
-
-    def is_busy(self) -> bool:
-        """Whether a move or homing is running."""
-        return self.operating_state().is_busy
-
-    def wait_for_busy(self, is_busy: bool = False, timeout: float = 30.0) -> bool:
-        """Wait until is_busy is as asked; return whether it was in time."""
-        return self._watch.wait_for(lambda status: status.is_busy is is_busy, timeout)
-
-    def wait_for_operating_state(self, state: str, timeout: float = 30.0) -> bool:
-        """Wait until the state is as asked; return whether it was in time."""
-        return self._watch.wait_for(lambda status: status.state == state, timeout)
+    def wait_for_status(self, test: Callable[[Status], bool], timeout: float) -> bool:
+        """Wait until `test` holds for an announced status; return whether it did in time."""
+        return self._watch.wait_for(test, timeout)
 
     def state_command(self, command: str, timeout: float = 30.0) -> None:
-        """Send a state command and wait until it is carried out.
-
-        Args:
-            command: enable, disable, pause, resume, home or unhome.
-            timeout: in seconds; 0 does not wait.
-
-        Raises:
-            CommandRefused: invalid in this state.
-            TransitionFailed: it ended in another state, or did not end in time.
-        """
+        """See the base class."""
         refusals: list[CommandRefused] = []
         watch = _RefusalWatch(refusals)
         self._engine.add_observer(watch)
@@ -253,30 +188,6 @@ class LocalDevice:
                 )
         finally:
             self._engine.remove_observer(watch)
-
-    def enable(self, timeout: float = 30.0) -> None:
-        """Power up and accept motion commands. See `state_command`."""
-        self.state_command(StateCommand.ENABLE, timeout)
-
-    def disable(self, timeout: float = 30.0) -> None:
-        """Power down. See `state_command`."""
-        self.state_command(StateCommand.DISABLE, timeout)
-
-    def pause(self, timeout: float = 30.0) -> None:
-        """Stop and ignore motion commands, with power on. See `state_command`."""
-        self.state_command(StateCommand.PAUSE, timeout)
-
-    def resume(self, timeout: float = 30.0) -> None:
-        """Go on after PAUSED. See `state_command`."""
-        self.state_command(StateCommand.RESUME, timeout)
-
-    def home(self, timeout: float = 60.0) -> None:
-        """Find the reference positions. See `state_command`."""
-        self.state_command(StateCommand.HOME, timeout)
-
-    def unhome(self, timeout: float = 30.0) -> None:
-        """Forget the reference positions. See `state_command`."""
-        self.state_command(StateCommand.UNHOME, timeout)
 
     # ------------------------------------------------------------------------------------ CRTK names
 
@@ -370,30 +281,11 @@ class LocalDevice:
         self._attach(name, sender, f"{command.level}: {command.summary} ({command.units}).")
 
     def _payload(self, command: Command, value: Any) -> Value:
-        if isinstance(value, JointState | Pose | Twist | Wrench):
-            return value
         try:
-            return self._from_numbers(command, vector(value))
-        except (TypeError, ValueError) as error:
-            refusal = CommandRefused(
-                command.name,
-                Reason.WRONG_TYPE,
-                f"cannot make a {command.payload} of {type(value).__name__}: {error}",
-                where=self._engine.where,
-                remedy=_PAYLOAD_HELP[command.payload],
-            )
+            return value_for(command, value, self._engine.where)
+        except CommandRefused as refusal:
             self._engine.report_refusal(refusal)
-            raise refusal from error
-
-    @staticmethod
-    def _from_numbers(command: Command, numbers: Vector) -> Value:
-        if command.payload is Payload.JOINT_STATE:
-            return joint_state(command.kind, numbers)
-        if numbers.size == 6 and command.payload in _SIX:
-            return _SIX[command.payload](numbers[:3], numbers[3:])
-        if numbers.size == 7 and command.payload is Payload.POSE:
-            return Pose(numbers[:3], numbers[3:])
-        raise ValueError(f"it has {numbers.size} numbers")
+            raise
 
     def _add_query(self, name: str, command: Command) -> None:
         engine = self._engine

@@ -16,25 +16,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crtk_drivers.client.conversions import as_pose
 from crtk_drivers.client.goals import goal_test
 from crtk_drivers.client.moves import RemoteMove
-from crtk_drivers.client.payloads import value_for
 from crtk_drivers.client.space import PARTS, NotOffered, Space
 from crtk_drivers.client.transitions import Transition
 from crtk_drivers.commands import COMMANDS, SUB_NAMESPACES, Command, Direction, Level, Payload
+from crtk_drivers.conversions import as_pose
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, ConnectionLost, DataTimeout
-from crtk_drivers.front import DEFAULT_AGE, DEFAULT_WAIT
+from crtk_drivers.fronts import DEFAULT_AGE, DEFAULT_WAIT, DeviceFront
+from crtk_drivers.payloads import value_for
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace
 from crtk_drivers.samples import EMPTY, Pose, Value, Vector, vector
-from crtk_drivers.state import OperatingState, StateCommand, Status, parse_command, target_of
+from crtk_drivers.state import Status, parse_command, target_of
 
 if TYPE_CHECKING:
     from crtk_drivers.client.status import StatusTracker
@@ -48,7 +47,7 @@ GRACE = 0.1
 """Seconds in which the refusal of `hold` or `free` arrives: there is no other answer to them."""
 
 
-class RemoteDevice:
+class RemoteDevice(DeviceFront):
     """A device in a ROS namespace. Made by `connect`; close it, or use it in a ``with`` statement.
 
     Thread-safe. Nothing waits for ever: what waits has a timeout, or ends when the device is gone.
@@ -59,17 +58,6 @@ class RemoteDevice:
         self._children: dict[str, RemoteDevice] = {}
 
     # ----------------------------------------------------------------------------------- life cycle
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Leave ROS. The device goes on as it is: neither stopped nor disabled."""
@@ -335,27 +323,9 @@ class RemoteDevice:
             raise ConnectionLost(lost, where=self.namespace, remedy="Is the driver still running?")
         return tracker.latest
 
-    def is_enabled(self) -> bool:
-        """Whether the state is ENABLED."""
-        return self.operating_state().state is OperatingState.ENABLED
-
-    def is_homed(self) -> bool:
-        """Whether positions can be trusted."""
-        return self.operating_state().is_homed
-
-    def is_busy(self) -> bool:
-        """Whether a move or homing is running."""
-        return self.operating_state().is_busy
-
-    def wait_for_busy(self, is_busy: bool = False, timeout: float = 30.0) -> bool:
-        """Wait until is_busy is as asked; return whether it was in time."""
-        tracker = self._space.status()
-        return tracker.wait_for(lambda status: status.is_busy is is_busy, timeout)
-
-    def wait_for_operating_state(self, state: str, timeout: float = 30.0) -> bool:
-        """Wait until the state is as asked; return whether it was in time."""
-        tracker = self._space.status()
-        return tracker.wait_for(lambda status: status.state == state, timeout)
+    def wait_for_status(self, test: Callable[[Status], bool], timeout: float) -> bool:
+        """Wait until `test` holds for an announced status; return whether it did in time."""
+        return self._space.status().wait_for(test, timeout)
 
     def on_status(self, callback: Callable[[Status], Any]) -> Callable[[], None]:
         """Call `callback(status)` whenever the status is another; return what ends that. See `on`."""
@@ -366,16 +336,7 @@ class RemoteDevice:
         return self._space.status().on_refusal(callback)
 
     def state_command(self, command: str, timeout: float = 30.0) -> None:
-        """Send a state command and wait until it is carried out.
-
-        Args:
-            command: enable, disable, pause, resume, home or unhome.
-            timeout: in seconds; 0 does not wait.
-
-        Raises:
-            CommandRefused: invalid in this state, or refused by the device.
-            TransitionFailed: it ended in another state, or did not end in time.
-        """
+        """See the base class."""
         deadline = time.monotonic() + timeout
         wanted = parse_command(command)
         space = self._space
@@ -399,30 +360,6 @@ class RemoteDevice:
             raise
         finally:
             tracker.unwatch(watch)
-
-    def enable(self, timeout: float = 30.0) -> None:
-        """Power up and accept motion commands. See `state_command`."""
-        self.state_command(StateCommand.ENABLE, timeout)
-
-    def disable(self, timeout: float = 30.0) -> None:
-        """Power down. See `state_command`."""
-        self.state_command(StateCommand.DISABLE, timeout)
-
-    def pause(self, timeout: float = 30.0) -> None:
-        """Stop and ignore motion commands, with power on. See `state_command`."""
-        self.state_command(StateCommand.PAUSE, timeout)
-
-    def resume(self, timeout: float = 30.0) -> None:
-        """Go on after PAUSED. See `state_command`."""
-        self.state_command(StateCommand.RESUME, timeout)
-
-    def home(self, timeout: float = 60.0) -> None:
-        """Find the reference positions. See `state_command`."""
-        self.state_command(StateCommand.HOME, timeout)
-
-    def unhome(self, timeout: float = 30.0) -> None:
-        """Forget the reference positions. See `state_command`."""
-        self.state_command(StateCommand.UNHOME, timeout)
 
 
 def connect(

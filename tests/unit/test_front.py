@@ -212,7 +212,7 @@ def test_what_raises_nowhere_is_logged_once_in_a_while(
 
 def test_payloads_of_another_kind_are_refused(arm: LocalDevice) -> None:
     arm.enable()
-    with pytest.raises(CommandRefused, match="got Wrench"):
+    with pytest.raises(CommandRefused, match="cannot make a twist of Wrench"):
         arm.servo_cv(Wrench(vector((0, 0, 0)), vector((0, 0, 0))))
 
 

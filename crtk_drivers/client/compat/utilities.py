@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 
 from crtk_drivers.client.compat.handles import WaitMoveHandle
-from crtk_drivers.client.conversions import as_pose, have_kdl, to_kdl
 from crtk_drivers.client.goals import goal_test
 from crtk_drivers.client.moves import RemoteMove
-from crtk_drivers.client.payloads import value_for
 from crtk_drivers.client.space import PARTS
 from crtk_drivers.client.status import StatusTracker
 from crtk_drivers.client.transitions import QUIET_TIME
 from crtk_drivers.commands import COMMANDS, Command, Direction, Level, Payload
+from crtk_drivers.conversions import as_pose, have_kdl, to_kdl
 from crtk_drivers.errors import CommandRefused, DataTimeout, KinematicsError
+from crtk_drivers.payloads import value_for
 from crtk_drivers.ros.link import MESSAGE_TYPES, Caller, Inbox, Outbox, Received
 from crtk_drivers.ros.ral import Ral
 from crtk_drivers.samples import JointState, Pose, Value, vector

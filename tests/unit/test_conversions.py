@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_drivers.client import conversions
+from crtk_drivers import conversions
 from crtk_drivers.geometry import matrix_from_quaternion
 from crtk_drivers.samples import Pose
 

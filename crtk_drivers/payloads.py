@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from crtk_drivers.client.conversions import as_pose
 from crtk_drivers.commands import Command, Payload
+from crtk_drivers.conversions import as_pose
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.samples import JointState, Pose, Twist, Value, Wrench, joint_state, vector
 
