@@ -125,7 +125,7 @@ class RemoteMove(Move):
             repeated = (
                 self._refusal_time == REPEATED_REFUSAL_TIME and self._busy_since == self._sent
             )
-            enough = self._refusal_time if repeated else ACCEPT_TIME
+            enough = self._refusal_time if repeated else self._accept_time
             return self._busy_since + enough - now
         if self._at_goal():
             return 0.0
