@@ -6,8 +6,6 @@ free drive. An order ends what was going on before it begins its own.
 
 from __future__ import annotations
 
-import numpy as np
-
 from crtk_drivers.arbiter import Arbiter, Order
 from crtk_drivers.board import StatusBoard
 from crtk_drivers.commands import Kind
@@ -16,10 +14,10 @@ from crtk_drivers.errors import CommandRefused, MotionAborted
 from crtk_drivers.feedback import Feedback
 from crtk_drivers.health import HealthRecorder
 from crtk_drivers.limits import SetpointLimiter
-from crtk_drivers.motion import JointProfile
 from crtk_drivers.moves import Move, MoveExecution, NativeMove, Outcome, ProfileMove
 from crtk_drivers.procedures import close
-from crtk_drivers.samples import JointState, vector
+from crtk_drivers.profiles import JointProfile, Ratios
+from crtk_drivers.samples import JointState, Vector, vector
 from crtk_drivers.state import OperatingState
 from crtk_drivers.watchdog import Deadman
 
@@ -151,21 +149,18 @@ class MotionExecutor:
             self._feedback.follow_device()
             self._move = NativeMove(order.move, self._device, order.goal)
             return
-        start = self._feedback.joint_setpoint()
-        at_rest = vector(np.zeros(order.joints.size))
         profile = JointProfile(
-            self._feedback.reference_joints(),
-            start.velocity if start.velocity.size else at_rest,
+            *self._feedback.motion(),
             order.joints,
             self._capabilities.limits,
-            order.goal.ratio,
+            Ratios.both(order.goal.ratio),
         )
         period = 1.0 / self._capabilities.rate
         self._move = ProfileMove(order.move, profile, self._send_point, now, period)
 
-    def _send_point(self, name: str, point: JointState, now: float) -> None:
+    def _send_point(self, name: str, point: JointState, acceleration: Vector, now: float) -> None:
         self._send(self._limit(name, Setpoint(Mode.JOINT_POSITION, point.position), now))
-        self._feedback.trajectory(point)
+        self._feedback.trajectory(Mode.JOINT_POSITION, point, acceleration)
 
     def _limit(self, name: str, setpoint: Setpoint, now: float) -> Setpoint:
         before = self._feedback.before(setpoint.mode)

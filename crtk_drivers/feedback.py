@@ -48,6 +48,7 @@ class _Active:
     mode: Mode | None = None
     joints: JointState = field(default_factory=JointState)
     pose: Vector = field(default_factory=empty)
+    acceleration: Vector = field(default_factory=empty)
 
 
 class Feedback:
@@ -94,9 +95,15 @@ class Feedback:
         else:
             self._active = _Active(setpoint.mode)
 
-    def trajectory(self, point: JointState) -> None:
-        """A point of a trajectory of ours went out: its velocity belongs to the setpoint."""
-        self._active = _Active(Mode.JOINT_POSITION, point)
+    def trajectory(self, mode: Mode, point: JointState, acceleration: Vector) -> None:
+        """A point of a trajectory of ours went out: its velocity belongs to the setpoint.
+
+        Args:
+            mode: in which it went out.
+            point: what ``setpoint_js`` says.
+            acceleration: (n,) of the joints, for the motion that follows; empty if unknown.
+        """
+        self._active = _Active(mode, point, acceleration=acceleration)
 
     def follow_device(self) -> None:
         """The hardware makes its own setpoints from now on."""
@@ -166,6 +173,17 @@ class Feedback:
         """Return the joint position (n,) that relative commands and kinematics start from."""
         position = self.joint_setpoint().position
         return position if position.size else self._measured().position
+
+    def motion(self) -> tuple[Vector, Vector, Vector]:
+        """Return joint position, velocity and acceleration (n,) that a new motion starts from."""
+        position = self.reference_joints()
+        velocity, acceleration = self.joint_setpoint().velocity, self._active.acceleration
+        at_rest = vector(np.zeros(position.size))
+        return (
+            position,
+            velocity if velocity.size else at_rest,
+            acceleration if acceleration.size else at_rest,
+        )
 
     def before(self, mode: Mode) -> Vector:
         """Return what a new setpoint of `mode` is compared with to find a jump."""
