@@ -2,7 +2,7 @@
 
 It is one deep. A newer absolute command replaces an older one; increments are added up, so that none
 is lost; `hold`, `free` and moves replace whatever lies there. Two clients that stream different kinds of
-servo command do not alternate: the second is refused until the first has been silent for the dwell.
+command do not alternate: the second is refused until the first has been silent for the dwell.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from crtk_drivers.samples import EMPTY, Value, Vector, empty, vector
 class Order:
     """A command that passed its checks.
 
-    A servo has a `setpoint`, or an `increment` (n,) to the joint setpoint; a move has its `goal` and the
+    A servo has a `setpoint`, or an `increment` (n,) to the joint setpoint; an interpolation has
+    its `target`, or an `increment` to the newest target; a move has its `goal` and the
     joint position `joints` (n,) where the goal lies and in `goals` what ``goal_*`` will say; hold and free
     have neither.
     """
@@ -30,25 +31,34 @@ class Order:
     name: str
     setpoint: Setpoint | None = None
     increment: Vector = field(default_factory=empty)
+    target: Value | None = None
     goal: Goal | None = None
     joints: Vector = field(default_factory=empty)
     goals: Mapping[str, Value] = field(default_factory=dict)
     move: Move | None = None
 
     @property
-    def is_servo(self) -> bool:
+    def level(self) -> Level:
+        """That of the command."""
+        return COMMANDS[self.name].level
+
+    @property
+    def is_stream(self) -> bool:
         """Whether it belongs to a stream."""
-        return COMMANDS[self.name].level is Level.SERVO
+        return self.level in (Level.SERVO, Level.INTERPOLATE)
 
 
 class Arbiter:
     """The mailbox. Thread-safe.
 
     Args:
-        dwell: seconds that a stream must have been silent before one of another kind may take over.
+        dwell: seconds that a servo stream must be silent before one of another kind may take over.
+        slow_dwell: the same for an interpolated stream, whose commands are further apart.
     """
 
-    def __init__(self, dwell: float, where: str) -> None:
+    def __init__(self, dwell: float, where: str, slow_dwell: float | None = None) -> None:
+        slow = dwell if slow_dwell is None else slow_dwell
+        self._dwells = {Level.SERVO: dwell, Level.INTERPOLATE: slow}
         self._dwell = dwell
         self._where = where
         self._lock = threading.Lock()
@@ -63,8 +73,8 @@ class Arbiter:
             CommandRefused: another kind of stream is running.
         """
         with self._lock:
-            if order.is_servo:
-                self._keep_stream(order.name, now)
+            if order.is_stream:
+                self._keep_stream(order, now)
             else:
                 self._stream = ""
             replaced = self._order.move if self._order is not None else None
@@ -93,7 +103,8 @@ class Arbiter:
             self._stream = ""
         return lost
 
-    def _keep_stream(self, name: str, now: float) -> None:
+    def _keep_stream(self, order: Order, now: float) -> None:
+        name = order.name
         if self._stream not in ("", name) and now - self._streamed < self._dwell:
             raise CommandRefused(
                 name,
@@ -103,6 +114,7 @@ class Arbiter:
                 remedy=f"Stop it for {self._dwell} s, or send hold, before you send {name}.",
             )
         self._stream, self._streamed = name, now
+        self._dwell = self._dwells[order.level]
 
 
 def _combined(old: Order | None, new: Order) -> Order:

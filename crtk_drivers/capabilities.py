@@ -30,6 +30,10 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         ),
         "servo_cv": (frozenset({Mode.CARTESIAN_VELOCITY}),),
         "servo_cf": (frozenset({Mode.CARTESIAN_EFFORT}),),
+        "interpolate_jp": (frozenset({Mode.JOINT_POSITION}),),
+        "interpolate_jr": (frozenset({Mode.JOINT_POSITION}),),
+        "interpolate_jv": (frozenset({Mode.JOINT_VELOCITY}),),
+        "interpolate_jf": (frozenset({Mode.JOINT_EFFORT}),),
         "move_jp": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
         "move_jr": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
         "move_cp": (
@@ -43,7 +47,12 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         "inverse_kinematics": (frozenset({KINEMATICS}),),
         "setpoint_js": (frozenset({ANY_MODE}),),
         "setpoint_cp": (frozenset({ANY_MODE, KINEMATICS}),),
-        "goal_js": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
+        "goal_js": (
+            frozenset({Mode.JOINT_POSITION}),
+            frozenset({Mode.JOINT_VELOCITY}),
+            frozenset({Mode.JOINT_EFFORT}),
+            frozenset({NATIVE + "move_jp"}),
+        ),
         "goal_cp": (
             frozenset({NATIVE + "move_cp"}),
             frozenset({Mode.JOINT_POSITION, KINEMATICS}),

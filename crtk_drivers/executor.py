@@ -1,14 +1,14 @@
 """Motion in the I/O thread: takes orders, writes setpoints, follows moves, ends streams.
 
-At any time one of four things is going on: nothing (the position is held), a servo stream, a move, or
-free drive. An order ends what was going on before it begins its own.
+At any time one of five things is going on: nothing (the position is held), a servo stream, an interpolated
+stream, a move, or free drive. An order ends what was going on before it begins its own.
 """
 
 from __future__ import annotations
 
 from crtk_drivers.arbiter import Arbiter, Order
 from crtk_drivers.board import StatusBoard
-from crtk_drivers.commands import Kind
+from crtk_drivers.commands import Kind, Level
 from crtk_drivers.device import Device, Mode, Setpoint, Steps
 from crtk_drivers.errors import CommandRefused, MotionAborted
 from crtk_drivers.feedback import Feedback
@@ -19,6 +19,7 @@ from crtk_drivers.procedures import close
 from crtk_drivers.profiles import JointProfile, Ratios
 from crtk_drivers.samples import JointState, Vector, vector
 from crtk_drivers.state import OperatingState
+from crtk_drivers.streams import JointStream, Stream
 from crtk_drivers.watchdog import Deadman
 
 
@@ -34,6 +35,7 @@ class MotionExecutor:
         board: told when moves end, and what is refused.
         health: counts.
         stream_timeout: seconds after which a silent servo stream has ended.
+        interpolate_timeout: the same for an interpolated stream.
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class MotionExecutor:
         board: StatusBoard,
         health: HealthRecorder,
         stream_timeout: float,
+        interpolate_timeout: float,
     ) -> None:
         self._device = device
         self._where = where
@@ -56,6 +59,8 @@ class MotionExecutor:
         self._board = board
         self._health = health
         self._stream = Deadman(stream_timeout)
+        self._interpolate_timeout = interpolate_timeout
+        self._interpolated: Stream | None = None
         self._move: MoveExecution | None = None
         self._starting: Move | None = None
         self._freeing: Steps | None = None
@@ -65,7 +70,7 @@ class MotionExecutor:
         """Do this cycle's part.
 
         Returns:
-            the name of the servo stream that ended in this cycle because it fell silent, or "".
+            the name of the stream that ended in this cycle because it fell silent, or "".
 
         Raises:
             DeviceError: writing failed.
@@ -77,6 +82,8 @@ class MotionExecutor:
             elif self._move is not None:
                 if self._move.step(now):
                     self._finish_move(Outcome.REACHED)
+            elif self._interpolated is not None:
+                return self._go_on(self._interpolated, now)
             elif self._freeing is not None:
                 next(self._freeing, None)
             elif self._stream.expired(now):
@@ -91,9 +98,7 @@ class MotionExecutor:
         """End all motion of ours because the device leaves ENABLED; the hardware is not told."""
         self.abandon(reason)
         self._move = self._starting = None
-        self._stream.disarm()
-        self._health.stream = ""
-        self._last_setpoint = None
+        self._forget_stream()
         self._feedback.hold()
         self._board.update(busy=False)
         freeing, self._freeing = self._freeing, None
@@ -108,17 +113,20 @@ class MotionExecutor:
                 move.finish(Outcome.ABORTED, reason)
 
     def _execute(self, order: Order, now: float) -> None:
-        if order.is_servo:
+        if order.level is Level.SERVO:
             self._servo(order, now)
             return
-        self._stream.disarm()
-        self._health.stream = ""
-        self._last_setpoint = None
+        if order.level is Level.INTERPOLATE:
+            self._interpolate(order, now)
+            return
+        self._forget_stream()
         self._starting = order.move
         self._supersede(order.name)
         if order.move is not None:
             self._start_move(order, now)
             self._starting = None
+            if isinstance(self._move, ProfileMove) and self._move.step(now):
+                self._finish_move(Outcome.REACHED)
         elif order.name == "hold":
             self._device.stop()
             self._feedback.hold()
@@ -140,6 +148,44 @@ class MotionExecutor:
         self._send(limited)
         self._stream.feed(now)
         self._health.stream = order.name
+
+    def _interpolate(self, order: Order, now: float) -> None:
+        stream = self._interpolated
+        if stream is None or stream.name != order.name:
+            stream = self._begin_stream(order.name, now)
+        try:
+            stream.feed(order, now)
+        except CommandRefused as refusal:
+            self._board.refused(refusal)  # and what was going on goes on
+            return
+        if stream is not self._interpolated:
+            self._supersede(order.name)
+            self._stream.disarm()
+            self._interpolated = stream
+            self._health.stream = order.name
+        goals = stream.goals
+        self._feedback.accept_goals(goals)
+        for goal in goals:
+            self._board.goal_accepted(goal)
+        self._go_on(stream, now)
+
+    def _begin_stream(self, name: str, now: float) -> Stream:
+        return JointStream(
+            name, self._device, self._feedback, self._clamp, self._interpolate_timeout, now
+        )
+
+    def _clamp(self, name: str, positions: Vector, before: Vector) -> Vector:
+        clamped, warning = self._limiter.into_range(name, positions, before)
+        if warning:
+            self._warn_clamped(name, warning)
+        return clamped
+
+    def _go_on(self, stream: Stream, now: float) -> str:
+        point = stream.step(now)
+        self._send(self._limit(stream.name, point.setpoint, now))
+        if point.joints is not None:
+            self._feedback.trajectory(point.setpoint.mode, point.joints, point.acceleration)
+        return self._end_stream() if stream.is_over else ""
 
     def _start_move(self, order: Order, now: float) -> None:
         assert order.goal is not None
@@ -166,9 +212,12 @@ class MotionExecutor:
         before = self._feedback.before(setpoint.mode)
         limited = self._limiter.limit(name, setpoint, before, now)
         if limited.warning:
-            self._health.clamped += 1
-            self._board.warned(f"{name}: {limited.warning}")
+            self._warn_clamped(name, limited.warning)
         return limited.setpoint
+
+    def _warn_clamped(self, name: str, warning: str) -> None:
+        self._health.clamped += 1
+        self._board.warned(f"{name}: {warning}")
 
     def _send(self, setpoint: Setpoint) -> None:
         self._write(setpoint)
@@ -186,6 +235,7 @@ class MotionExecutor:
         if freeing is not None:
             close(freeing, self._where)
             self._device.stop()
+        self._interpolated = None
         superseded, self._move = self._move, None
         if superseded is not None:
             superseded.move.finish(Outcome.PREEMPTED, f"by {name}")
@@ -211,8 +261,16 @@ class MotionExecutor:
             self._board.refused(error)
         else:
             self._board.warned(f"{starting.name if starting else name}: {error}")
+        if self._interpolated is not None:
+            self._forget_stream()
         self._device.stop()
         self._feedback.hold()
+
+    def _forget_stream(self) -> None:
+        self._stream.disarm()
+        self._interpolated = None
+        self._health.stream = ""
+        self._last_setpoint = None
 
     def _not_busy(self) -> None:
         """Announce that no move is running, unless the next one has been accepted."""
@@ -222,6 +280,7 @@ class MotionExecutor:
 
     def _end_stream(self) -> str:
         self._stream.disarm()
+        self._interpolated = None
         self._health.stream_timeouts += 1
         ended, self._health.stream = self._health.stream, ""
         last = self._last_setpoint

@@ -10,6 +10,9 @@ The contents of a setpoint depend on the command that made it:
     servo_jf              effort sent; neither position nor velocity
     servo_cv, servo_cf    the hardware's own setpoint if it reports one; setpoint_cp is invalid
     move_jp, move_cp      p(t) and v(t) of the trajectory
+    interpolate_jp, _jr   p(t) and v(t) of the interpolation
+    interpolate_jv        v(t); no position
+    interpolate_jf        the effort at the time; neither position nor velocity
     none (holding)        the position held
 """
 
@@ -178,12 +181,19 @@ class Feedback:
         """Return joint position, velocity and acceleration (n,) that a new motion starts from."""
         position = self.reference_joints()
         velocity, acceleration = self.joint_setpoint().velocity, self._active.acceleration
+        if not velocity.size and self._active.mode not in _POSITION_MODES:
+            velocity = self._measured().velocity  # an effort or a twist is in force
         at_rest = vector(np.zeros(position.size))
         return (
             position,
             velocity if velocity.size else at_rest,
             acceleration if acceleration.size else at_rest,
         )
+
+    def commanded_effort(self) -> Vector:
+        """Return the joint effort (n,) that was sent last; empty unless an effort is in force."""
+        is_effort = self._active.mode is Mode.JOINT_EFFORT
+        return self._active.joints.effort if is_effort else EMPTY
 
     def before(self, mode: Mode) -> Vector:
         """Return what a new setpoint of `mode` is compared with to find a jump."""

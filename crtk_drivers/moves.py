@@ -118,7 +118,7 @@ class ProfileMove(MoveExecution):
         super().__init__(move)
         self._profile = profile
         self._send = send
-        self._last = now
+        self._last = now - period  # when the setpoint went out from which it starts
         self._longest = 2.0 * period
         self._time = 0.0
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from crtk_drivers.arbiter import Order
-from crtk_drivers.commands import Command, Level
+from crtk_drivers.commands import Command, Kind, Level
 from crtk_drivers.device import Device, Goal, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, KinematicsError, Reason
 from crtk_drivers.feedback import Feedback
@@ -55,13 +55,15 @@ class OrderMaker:
         self._feedback = feedback
 
     def make(self, command: Command, value: Value) -> Order:
-        """Return the order of a servo or move command whose value passed its check.
+        """Return the order of a motion command whose value passed its check.
 
         Raises:
             CommandRefused: too far from the present setpoint, or out of reach.
         """
         if command.level is Level.MOVE:
             return self._move(command, value)
+        if command.level is Level.INTERPOLATE:
+            return self._interpolate(command, value)
         return self._servo(command, value)
 
     def _servo(self, command: Command, value: Value) -> Order:
@@ -87,6 +89,15 @@ class OrderMaker:
             numbers = np.concatenate((value.position, value.orientation))
             return Setpoint(Mode.CARTESIAN_POSITION, vector(numbers))
         return Setpoint(Mode.JOINT_POSITION, self._reach(command, value))
+
+    def _interpolate(self, command: Command, value: Value) -> Order:
+        assert isinstance(value, JointState)
+        before = self._reference(command)
+        if command.is_relative:
+            return Order(command.name, increment=value.position)
+        if command.kind is Kind.POSITION:
+            self._limiter.into_range(command.name, value.position, before)
+        return Order(command.name, target=value)
 
     def _move(self, command: Command, value: Value) -> Order:
         name = command.name

@@ -8,7 +8,7 @@
 import math
 
 import numpy as np
-from engine_rig import PERIOD, Rig, jf, jp, jv, pose
+from engine_rig import LIMIT, PERIOD, Rig, jf, jp, jv, pose
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
@@ -28,6 +28,7 @@ class Promises(RuleBasedStateMachine):
         self.rig = Rig()
         self.moves: list[Move] = []
         self.commanded = False
+        self.smooth = ""
         device = self.rig.device
         record = device.write
 
@@ -43,6 +44,7 @@ class Promises(RuleBasedStateMachine):
         assert self.commanded, "written without a command since the device was enabled"
         values = setpoint.values
         assert np.isfinite(values).all()
+        self.judge_smooth(setpoint)
         if setpoint.mode is Mode.JOINT_POSITION:
             assert np.abs(values).max() <= 1.0 + 1e-12
             assert np.abs(values - self.rig.device.position).max() <= 0.1 + 1e-9
@@ -50,6 +52,19 @@ class Promises(RuleBasedStateMachine):
             assert np.abs(values).max() <= 1.0
         else:
             assert np.abs(values).max() <= 5.0
+
+    def judge_smooth(self, setpoint: Setpoint) -> None:
+        """A motion that the core makes itself does not step: at most two cycles' worth."""
+        going_on = self.rig.engine.health().stream
+        is_move = any(not _ended(move) for move in self.moves) and not going_on
+        if setpoint.mode is Mode.JOINT_POSITION and (is_move or "interpolate" in going_on):
+            step = np.abs(setpoint.values - self.rig.device.position).max()
+            assert step <= 2.0 * PERIOD * LIMIT.velocity * 1.01 + 1e-9
+        if self.smooth == going_on != "":
+            change = np.abs(setpoint.values - self.rig.written[-1].values).max()
+            most = {"interpolate_jv": LIMIT.acceleration, "interpolate_jf": LIMIT.effort / 0.1}
+            assert change <= 2.0 * PERIOD * most.get(going_on, math.inf) + 1e-9
+        self.smooth = going_on if self.rig.state is OperatingState.ENABLED else ""
 
     def submit(self, name: str, value: object) -> None:
         try:
@@ -80,6 +95,18 @@ class Promises(RuleBasedStateMachine):
     @rule(a=st.floats(-1.5, 1.5), name=st.sampled_from(["servo_cp", "move_cp"]))
     def cartesian(self, a: float, name: str) -> None:
         self.submit(name, pose(a))
+
+    @rule(a=number, b=number, name=st.sampled_from(["interpolate_jp", "interpolate_jr"]))
+    def slow_position(self, a: float, b: float, name: str) -> None:
+        self.submit(name, jp(a, b))
+
+    @rule(a=number, b=number)
+    def slow_velocity(self, a: float, b: float) -> None:
+        self.submit("interpolate_jv", jv(a, b))
+
+    @rule(a=number, b=number)
+    def slow_effort(self, a: float, b: float) -> None:
+        self.submit("interpolate_jf", jf(a, b))
 
     @rule(name=st.sampled_from(["hold", "free"]))
     def plain(self, name: str) -> None:

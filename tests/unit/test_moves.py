@@ -21,7 +21,10 @@ def test_a_move_begins_with_the_velocity_and_acceleration_of_the_one_it_replaces
     rig = Rig(capabilities=two_joints(modes=frozenset({Mode.JOINT_POSITION}))).enabled()
     rig.engine.submit("move_jp", jp(first, 0.0))
     rig.cycle(cycles)
+    before = len(rig.written)
     move = rig.engine.submit("move_jp", jp(second, 0.5))
+    rig.cycle()
+    assert len(rig.written) == before + 1, "no cycle is left out"
     rig.cycle(500)
     assert move is not None
     assert move.wait(0.0)
