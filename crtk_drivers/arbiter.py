@@ -7,6 +7,7 @@ command do not alternate: the second is refused until the first has been silent 
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -14,8 +15,9 @@ from dataclasses import dataclass, field, replace
 from crtk_drivers.commands import COMMANDS, Level
 from crtk_drivers.device import Goal, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.geometry import quaternion_product
 from crtk_drivers.moves import Move
-from crtk_drivers.samples import EMPTY, Value, Vector, empty, vector
+from crtk_drivers.samples import EMPTY, Pose, Value, Vector, empty, vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,7 +25,8 @@ class Order:
     """A command that passed its checks.
 
     A servo has a `setpoint`, or an `increment` (n,) to the joint setpoint; an interpolation has
-    its `target`, or an `increment` to the newest target; a move has its `goal` and the
+    its `target`, or an `increment` to the newest target; a relative Cartesian command has its `displacement`
+    along and about the axes of the base frame instead; a move has its `goal` and the
     joint position `joints` (n,) where the goal lies and in `goals` what ``goal_*`` will say; hold and free
     have neither.
     """
@@ -32,6 +35,7 @@ class Order:
     setpoint: Setpoint | None = None
     increment: Vector = field(default_factory=empty)
     target: Value | None = None
+    displacement: Pose | None = None
     goal: Goal | None = None
     joints: Vector = field(default_factory=empty)
     goals: Mapping[str, Value] = field(default_factory=dict)
@@ -118,11 +122,22 @@ class Arbiter:
 
 
 def _combined(old: Order | None, new: Order) -> Order:
-    if old is None or not new.increment.size:
+    if old is None or not COMMANDS[new.name].is_relative:
         return new
-    if old.increment.size:
+    if old.name == new.name and old.increment.size:
         return replace(new, increment=vector(old.increment + new.increment))
-    if old.setpoint is not None and old.setpoint.mode is Mode.JOINT_POSITION:
+    if old.name == new.name and old.displacement is not None and new.displacement is not None:
+        return replace(new, displacement=_both(old.displacement, new.displacement))
+    on_position = old.setpoint is not None and old.setpoint.mode is Mode.JOINT_POSITION
+    if on_position and new.level is Level.SERVO and new.increment.size:
+        assert old.setpoint is not None
         moved = vector(old.setpoint.values + new.increment)
         return replace(new, setpoint=Setpoint(Mode.JOINT_POSITION, moved), increment=EMPTY)
     return new
+
+
+def _both(first: Pose, second: Pose) -> Pose:
+    """Return the displacement, in axes of the base frame, of one after another."""
+    turned = quaternion_product(second.orientation, first.orientation)
+    orientation = vector(turned / math.sqrt(float(turned @ turned)))
+    return Pose(vector(first.position + second.position), orientation)

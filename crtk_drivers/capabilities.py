@@ -13,9 +13,15 @@ from crtk_drivers.commands import COMMANDS, Command
 from crtk_drivers.device import Capabilities, Mode
 
 KINEMATICS = "kinematics"
+TOOL_LIMITS = "limits of the tool"
 FREE = "free drive"
 NATIVE = "its own "
 ANY_MODE = "any mode"
+
+_SLOW_POSES: tuple[frozenset[str], ...] = (
+    frozenset({Mode.CARTESIAN_POSITION, TOOL_LIMITS}),
+    frozenset({Mode.JOINT_POSITION, KINEMATICS, TOOL_LIMITS}),
+)
 
 # Each alternative is a set of features that together are enough.
 _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
@@ -34,6 +40,9 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         "interpolate_jr": (frozenset({Mode.JOINT_POSITION}),),
         "interpolate_jv": (frozenset({Mode.JOINT_VELOCITY}),),
         "interpolate_jf": (frozenset({Mode.JOINT_EFFORT}),),
+        "interpolate_cp": _SLOW_POSES,
+        "interpolate_cr": _SLOW_POSES,
+        "interpolate_cv": (frozenset({Mode.CARTESIAN_VELOCITY}),),
         "move_jp": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
         "move_jr": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
         "move_cp": (
@@ -56,7 +65,9 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         "goal_cp": (
             frozenset({NATIVE + "move_cp"}),
             frozenset({Mode.JOINT_POSITION, KINEMATICS}),
+            frozenset({Mode.CARTESIAN_POSITION, TOOL_LIMITS}),
         ),
+        "goal_cv": (frozenset({Mode.CARTESIAN_VELOCITY}),),
         "operating_state": (frozenset(),),
         "state_command": (frozenset(),),
     }
@@ -68,6 +79,8 @@ def _features(capabilities: Capabilities) -> frozenset[str]:
     features.update(NATIVE + name for name in capabilities.native_moves)
     if capabilities.has_kinematics:
         features.add(KINEMATICS)
+    if capabilities.cartesian_limits is not None:
+        features.add(TOOL_LIMITS)
     if capabilities.has_free:
         features.add(FREE)
     if capabilities.modes or capabilities.native_moves:

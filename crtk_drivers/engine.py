@@ -25,6 +25,7 @@ from crtk_drivers.health import Health, HealthRecorder
 from crtk_drivers.limits import CommandCheck, LimitPolicy, SetpointLimiter
 from crtk_drivers.moves import Move, Outcome
 from crtk_drivers.orders import OrderMaker
+from crtk_drivers.reach import Reach
 from crtk_drivers.samples import EMPTY, Pose, Stamp, Value, Vector
 from crtk_drivers.state import HOMING_COMMANDS, OperatingState, Status, parse_command
 from crtk_drivers.transitions import Transitions
@@ -109,7 +110,8 @@ class Engine:
         self._board = StatusBoard(not_yet, self.where, self._health)
         self._check = CommandCheck(self.capabilities, self.options.limits, self.where)
         limiter = SetpointLimiter(self.capabilities, self.options.limits, self.where)
-        self._orders = OrderMaker(device, self.where, self._check, limiter, self._feedback)
+        reach = Reach(device, self.where, self._check, self._feedback)
+        self._orders = OrderMaker(device, reach, self._check, limiter, self._feedback)
         dwell, slow = self.options.mode_switch_dwell, self.options.interpolate_timeout
         self._arbiter = Arbiter(dwell, self.where, slow_dwell=max(dwell, slow))
         self._motion = MotionExecutor(
@@ -117,6 +119,7 @@ class Engine:
             self.where,
             self._arbiter,
             limiter,
+            reach,
             self._feedback,
             self._board,
             self._health,

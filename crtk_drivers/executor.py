@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from crtk_drivers.arbiter import Arbiter, Order
 from crtk_drivers.board import StatusBoard
-from crtk_drivers.commands import Kind, Level
+from crtk_drivers.commands import COMMANDS, Kind, Level, Space
 from crtk_drivers.device import Device, Mode, Setpoint, Steps
 from crtk_drivers.errors import CommandRefused, MotionAborted
 from crtk_drivers.feedback import Feedback
@@ -17,9 +17,10 @@ from crtk_drivers.limits import SetpointLimiter
 from crtk_drivers.moves import Move, MoveExecution, NativeMove, Outcome, ProfileMove
 from crtk_drivers.procedures import close
 from crtk_drivers.profiles import JointProfile, Ratios
-from crtk_drivers.samples import JointState, Vector, vector
+from crtk_drivers.reach import Reach
+from crtk_drivers.samples import EMPTY, JointState, Vector, vector
 from crtk_drivers.state import OperatingState
-from crtk_drivers.streams import JointStream, Stream
+from crtk_drivers.streams import JointStream, PoseStream, Stream, TwistStream
 from crtk_drivers.watchdog import Deadman
 
 
@@ -31,6 +32,7 @@ class MotionExecutor:
         where: the device, for messages.
         arbiter: where orders lie.
         limiter: the last gate before the wire.
+        reach: from poses to joints.
         feedback: told what was sent.
         board: told when moves end, and what is refused.
         health: counts.
@@ -44,6 +46,7 @@ class MotionExecutor:
         where: str,
         arbiter: Arbiter,
         limiter: SetpointLimiter,
+        reach: Reach,
         feedback: Feedback,
         board: StatusBoard,
         health: HealthRecorder,
@@ -55,6 +58,7 @@ class MotionExecutor:
         self._capabilities = device.capabilities
         self._arbiter = arbiter
         self._limiter = limiter
+        self._reach = reach
         self._feedback = feedback
         self._board = board
         self._health = health
@@ -170,9 +174,12 @@ class MotionExecutor:
         self._go_on(stream, now)
 
     def _begin_stream(self, name: str, now: float) -> Stream:
-        return JointStream(
-            name, self._device, self._feedback, self._clamp, self._interpolate_timeout, now
-        )
+        command, timeout = COMMANDS[name], self._interpolate_timeout
+        if command.space is Space.JOINT:
+            return JointStream(name, self._device, self._feedback, self._clamp, timeout, now)
+        if command.kind is Kind.VELOCITY:
+            return TwistStream(name, self._device, self._feedback, timeout, now)
+        return PoseStream(name, self._device, self._feedback, self._reach, timeout, now)
 
     def _clamp(self, name: str, positions: Vector, before: Vector) -> Vector:
         clamped, warning = self._limiter.into_range(name, positions, before)
@@ -182,9 +189,8 @@ class MotionExecutor:
 
     def _go_on(self, stream: Stream, now: float) -> str:
         point = stream.step(now)
-        self._send(self._limit(stream.name, point.setpoint, now))
-        if point.joints is not None:
-            self._feedback.trajectory(point.setpoint.mode, point.joints, point.acceleration)
+        setpoint = self._limit(stream.name, point.setpoint, now)
+        self._send(setpoint, point.joints, point.acceleration, point.twist)
         return self._end_stream() if stream.is_over else ""
 
     def _start_move(self, order: Order, now: float) -> None:
@@ -205,8 +211,8 @@ class MotionExecutor:
         self._move = ProfileMove(order.move, profile, self._send_point, now, period)
 
     def _send_point(self, name: str, point: JointState, acceleration: Vector, now: float) -> None:
-        self._send(self._limit(name, Setpoint(Mode.JOINT_POSITION, point.position), now))
-        self._feedback.trajectory(Mode.JOINT_POSITION, point, acceleration)
+        setpoint = self._limit(name, Setpoint(Mode.JOINT_POSITION, point.position), now)
+        self._send(setpoint, point, acceleration)
 
     def _limit(self, name: str, setpoint: Setpoint, now: float) -> Setpoint:
         before = self._feedback.before(setpoint.mode)
@@ -219,11 +225,17 @@ class MotionExecutor:
         self._health.clamped += 1
         self._board.warned(f"{name}: {warning}")
 
-    def _send(self, setpoint: Setpoint) -> None:
+    def _send(
+        self,
+        setpoint: Setpoint,
+        joints: JointState | None = None,
+        acceleration: Vector = EMPTY,
+        twist: Vector = EMPTY,
+    ) -> None:
         self._write(setpoint)
         self._health.setpoints += 1
         self._last_setpoint = setpoint
-        self._feedback.sent(setpoint)
+        self._feedback.sent(setpoint, joints, acceleration, twist)
 
     def _write(self, setpoint: Setpoint) -> None:
         # The watchdog may have intervened since this cycle began.

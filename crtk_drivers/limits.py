@@ -143,10 +143,10 @@ class CommandCheck:
         """Return a joint position (n,) that was computed from the value of `command`.
 
         Raises:
-            CommandRefused: it is none, or the goal of a move and out of range.
+            CommandRefused: it is none, or the goal of a move or an interpolation and out of range.
         """
         self.check_joints(command, joints)
-        if command.level is Level.MOVE:
+        if command.level in (Level.MOVE, Level.INTERPOLATE):
             self._check_range(command, joints)
         return joints
 

@@ -16,9 +16,22 @@ import numpy as np
 from crtk_drivers.arbiter import Order
 from crtk_drivers.commands import COMMANDS, Kind
 from crtk_drivers.device import Device, Mode, Setpoint
+from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.feedback import Feedback
-from crtk_drivers.interpolation import JointInterpolator
-from crtk_drivers.samples import JointState, Value, Vector, empty, joint_state, joint_values
+from crtk_drivers.interpolation import JointInterpolator, PoseInterpolator, TwistInterpolator
+from crtk_drivers.reach import Reach
+from crtk_drivers.resolved_rate import ResolvedRate, increment_in_base
+from crtk_drivers.samples import (
+    JointState,
+    Pose,
+    Twist,
+    Value,
+    Vector,
+    empty,
+    joint_state,
+    joint_values,
+    vector,
+)
 
 JOINT_MODES = {
     Kind.POSITION: Mode.JOINT_POSITION,
@@ -26,6 +39,12 @@ JOINT_MODES = {
     Kind.VELOCITY: Mode.JOINT_VELOCITY,
     Kind.EFFORT: Mode.JOINT_EFFORT,
 }
+
+_LATE = 2.0
+"""Cycles that a stream goes on at most in one of them, after a late one."""
+
+_TOLERANCE = 0.01
+"""By how much a joint may exceed its velocity limit between two poses: rounding."""
 
 Clamp = Callable[[str, Vector, Vector], Vector]
 """Puts joint positions into their range: (command, positions, positions that it starts from)."""
@@ -39,11 +58,13 @@ class Point:
         setpoint: to be sent.
         joints: what ``setpoint_js`` says of it; None if that follows from the setpoint alone.
         acceleration: (n,) of the joints, for the motion that follows; empty if unknown.
+        twist: (6,) of the tool, the same.
     """
 
     setpoint: Setpoint
     joints: JointState | None = None
     acceleration: Vector = field(default_factory=empty)
+    twist: Vector = field(default_factory=empty)
 
 
 class Stream(ABC):
@@ -155,3 +176,130 @@ class JointStream(Stream):
         if self._mode is Mode.JOINT_POSITION and capabilities.has_kinematics:
             goals["goal_cp"] = self._device.forward_kinematics(state.position)
         return goals
+
+
+class PoseStream(Stream):
+    """interpolate_cp and _cr: as poses if the hardware takes them, else by inverse kinematics in each cycle.
+
+    Args:
+        name: of the command.
+        device: whose limits and rate it keeps.
+        feedback: where it begins; with the velocity of the tool, but not with its acceleration.
+        reach: what can be reached.
+        timeout: seconds without a command after which it ends.
+        now: monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        device: Device,
+        feedback: Feedback,
+        reach: Reach,
+        timeout: float,
+        now: float,
+    ) -> None:
+        super().__init__(name)
+        self._device = device
+        self._command = COMMANDS[name]
+        self._reach = reach
+        capabilities = device.capabilities
+        limits = capabilities.cartesian_limits
+        assert limits is not None
+        self._takes_poses = Mode.CARTESIAN_POSITION in capabilities.modes
+        cycle = 1.0 / capabilities.rate
+        self._interpolator = PoseInterpolator(limits, cycle, timeout)
+        self._interpolator.start(reach.pose(self._command), now - cycle, feedback.reference_twist())
+        self._joints = feedback.reference_joints()
+        self._rates = ResolvedRate(capabilities.limits, limits, cycle)
+        most = [limit.velocity for limit in capabilities.limits]
+        self._longest_step = vector(most) * (cycle * _LATE * (1.0 + _TOLERANCE))
+
+    def feed(self, order: Order, now: float) -> None:
+        """See the base class."""
+        if order.displacement is not None:
+            goal = increment_in_base(self._interpolator.goal, order.displacement)
+            if not self._takes_poses:
+                self._reach.joints(self._command, goal)
+        else:
+            assert isinstance(order.target, Pose)
+            goal = order.target
+        self._interpolator.command(goal, now)
+
+    def step(self, now: float) -> Point:
+        """See the base class."""
+        pose, twist = self._interpolator.step(now)
+        if self._takes_poses:
+            return Point(self._reach.setpoint(self._command, pose), twist=vector(twist.vector))
+        joints = self._reach.joints(self._command, pose, self._joints)
+        step = np.abs(joints - self._joints)
+        if (step > self._longest_step).any():
+            names = self._device.capabilities.joints
+            raise CommandRefused(
+                self.name,
+                Reason.STEP_TOO_LARGE,
+                f"{names[int(np.argmax(step / self._longest_step))]} would be too fast on the way",
+                where=self._device.address,
+                remedy="Stay away from singularities, or use interpolate_jp.",
+            )
+        self._joints = joints
+        rates = self._rates.follow_twist(joints, self._device.jacobian(joints), twist.vector)
+        return Point(
+            Setpoint(Mode.JOINT_POSITION, joints),
+            JointState(position=joints, velocity=rates.velocity),
+            twist=vector(twist.vector),
+        )
+
+    @property
+    def is_over(self) -> bool:
+        """See the base class."""
+        return self._interpolator.is_over
+
+    @property
+    def goals(self) -> Mapping[str, Value]:
+        """See the base class."""
+        return {"goal_cp": self._interpolator.goal}
+
+
+class TwistStream(Stream):
+    """interpolate_cv.
+
+    Args:
+        name: of the command.
+        device: whose limits and rate it keeps.
+        feedback: where it begins.
+        timeout: seconds without a command after which it ends.
+        now: monotonic seconds.
+    """
+
+    def __init__(
+        self, name: str, device: Device, feedback: Feedback, timeout: float, now: float
+    ) -> None:
+        super().__init__(name)
+        capabilities = device.capabilities
+        assert capabilities.cartesian_limits is not None
+        self._base_frame = capabilities.base_frame
+        cycle = 1.0 / capabilities.rate
+        self._interpolator = TwistInterpolator(capabilities.cartesian_limits, cycle, timeout)
+        self._interpolator.start(feedback.reference_twist(), now - cycle)
+
+    def feed(self, order: Order, now: float) -> None:
+        """See the base class."""
+        assert isinstance(order.target, Twist)
+        self._interpolator.command(order.target.vector, now)
+
+    def step(self, now: float) -> Point:
+        """See the base class."""
+        twist, _ = self._interpolator.step(now)
+        return Point(Setpoint(Mode.CARTESIAN_VELOCITY, twist))
+
+    @property
+    def is_over(self) -> bool:
+        """See the base class."""
+        return self._interpolator.is_over
+
+    @property
+    def goals(self) -> Mapping[str, Value]:
+        """See the base class."""
+        goal = self._interpolator.goal
+        return {"goal_cv": Twist(goal[:3], goal[3:], self._base_frame)}

@@ -14,7 +14,8 @@ STATE = {"operating_state", "state_command"}
 JOINT_STREAMS = {"servo_jp", "servo_jr", "interpolate_jp", "interpolate_jr"}
 JOINT_MOTION = JOINT_STREAMS | {"move_jp", "move_jr", "hold", "setpoint_js", "goal_js"}
 KINEMATICS = {"jacobian", "forward_kinematics", "inverse_kinematics"}
-WITH_KINEMATICS = KINEMATICS | {"servo_cp", "move_cp", "setpoint_cp", "goal_cp"}
+SLOW_POSES = {"interpolate_cp", "interpolate_cr"}
+WITH_KINEMATICS = KINEMATICS | SLOW_POSES | {"servo_cp", "move_cp", "setpoint_cp", "goal_cp"}
 BARE = {
     "modes": frozenset[Mode](),
     "has_kinematics": False,
@@ -33,6 +34,16 @@ CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
     "positions and kinematics": (
         {"modes": POSITION, "has_kinematics": True},
         {"measured_js"} | JOINT_MOTION | WITH_KINEMATICS,
+    ),
+    "positions and kinematics of a tool without limits": (
+        {"modes": POSITION, "has_kinematics": True, "cartesian_limits": None},
+        {"measured_js"} | JOINT_MOTION | WITH_KINEMATICS - SLOW_POSES,
+    ),
+    "poses and twists": (
+        {"modes": frozenset({Mode.CARTESIAN_POSITION, Mode.CARTESIAN_VELOCITY})},
+        {"measured_js", "servo_cp", "servo_cv", "interpolate_cv", "hold", "setpoint_js"}
+        | SLOW_POSES
+        | {"goal_cp", "goal_cv"},
     ),
     "velocities": (
         {"modes": frozenset({Mode.JOINT_VELOCITY})},

@@ -16,6 +16,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from crtk_drivers.device import Condition, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceFault
 from crtk_drivers.moves import Move
+from crtk_drivers.samples import Twist, vector
 from crtk_drivers.state import OperatingState, StateCommand
 
 number = st.floats(-1.5, 1.5) | st.sampled_from([math.nan, math.inf, 0.0, 0.01, -0.01])
@@ -62,7 +63,11 @@ class Promises(RuleBasedStateMachine):
             assert step <= 2.0 * PERIOD * LIMIT.velocity * 1.01 + 1e-9
         if self.smooth == going_on != "":
             change = np.abs(setpoint.values - self.rig.written[-1].values).max()
-            most = {"interpolate_jv": LIMIT.acceleration, "interpolate_jf": LIMIT.effort / 0.1}
+            most = {
+                "interpolate_jv": LIMIT.acceleration,
+                "interpolate_jf": LIMIT.effort / 0.1,
+                "interpolate_cv": 5.0,
+            }
             assert change <= 2.0 * PERIOD * most.get(going_on, math.inf) + 1e-9
         self.smooth = going_on if self.rig.state is OperatingState.ENABLED else ""
 
@@ -107,6 +112,15 @@ class Promises(RuleBasedStateMachine):
     @rule(a=number, b=number)
     def slow_effort(self, a: float, b: float) -> None:
         self.submit("interpolate_jf", jf(a, b))
+
+    @rule(a=number, b=number, name=st.sampled_from(["interpolate_cp", "interpolate_cr"]))
+    def slow_pose(self, a: float, b: float, name: str) -> None:
+        if math.isfinite(a + b):
+            self.submit(name, pose(a, b))
+
+    @rule(a=number)
+    def slow_twist(self, a: float) -> None:
+        self.submit("interpolate_cv", Twist(vector((a, 0, 0)), vector((0, 0, a))))
 
     @rule(name=st.sampled_from(["hold", "free"]))
     def plain(self, name: str) -> None:

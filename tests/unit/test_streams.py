@@ -5,13 +5,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from engine_rig import LIMIT, PERIOD, Rig, jf, jp, jv
+from engine_rig import LIMIT, PERIOD, Rig, jf, jp, jv, pose, two_joints
 
 from crtk_drivers.device import Mode
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.limits import LimitPolicy
-from crtk_drivers.samples import JointState, Value
+from crtk_drivers.samples import JointState, Pose, Twist, Value, Vector, vector
 from crtk_drivers.state import OperatingState
 
 SLOW = 5
@@ -178,6 +178,104 @@ def test_a_position_stream_after_a_velocity_begins_at_that_velocity() -> None:
     assert rig.setpoint()["velocity"][0] == pytest.approx(0.5, abs=0.05)
     rig.cycle(100)
     assert_smooth(written(rig, start=1))
+
+
+def test_poses_are_followed_through_inverse_kinematics() -> None:
+    rig = Rig().enabled()
+    times = np.arange(1, 41) * SLOW * PERIOD
+    goals = [pose(0.05 * math.sin(3.0 * t), 0.1 - 0.1 * math.cos(3.0 * t)) for t in times]
+    stream(rig, "interpolate_cp", goals)
+    assert {setpoint.mode for setpoint in rig.written} == {Mode.JOINT_POSITION}
+    path = np.vstack(([0.0, 0.0], written(rig)))
+    assert len(path) == 40 * SLOW + 1
+    assert_smooth(path)
+    setpoint = rig.setpoint()
+    assert setpoint["position"] == path[-1].tolist()
+    assert setpoint["velocity"] == pytest.approx((path[-1] - path[-2]) / PERIOD, abs=0.05)
+    assert rig.value("setpoint_cp")[1] != 0
+    goal = rig.engine.goal("goal_cp")
+    assert goal is not None
+    assert isinstance(goal[0], Pose)
+    assert goal[0].position.tolist() == goals[-1].position.tolist()
+    rig.cycle(120)
+    assert_smooth(np.vstack(([0.0, 0.0], written(rig))))
+    end = rig.device.inverse_kinematics(goals[-1], vector((0.0, 0.0)))
+    assert rig.written[-1].values == pytest.approx(end, abs=1e-9)
+    assert rig.engine.health().stream == ""
+
+
+def test_increments_of_the_pose_add_up_onto_the_newest_goal() -> None:
+    rig = Rig().enabled()
+    for _ in range(4):
+        for _ in range(3):
+            rig.engine.submit("interpolate_cr", pose(0.01, -0.02))
+        rig.cycle(SLOW)
+    rig.cycle(150)
+    assert rig.written[-1].values == pytest.approx([0.12, -0.24], abs=1e-9)
+    assert_smooth(np.vstack(([0.0, 0.0], written(rig))))
+
+
+def test_poses_out_of_reach_are_refused_and_the_stream_goes_on() -> None:
+    rig = Rig().enabled()
+    stream(rig, "interpolate_cp", [pose(0.1)])
+    with pytest.raises(CommandRefused) as caught:
+        rig.engine.submit("interpolate_cp", pose(0.0, y=0.1))
+    assert caught.value.reason is Reason.UNREACHABLE
+    with pytest.raises(CommandRefused) as caught:
+        rig.engine.submit("interpolate_cp", pose(1.2))
+    assert caught.value.reason is Reason.OUT_OF_RANGE
+    rig.cycle(150)
+    assert rig.written[-1].values == pytest.approx([0.1, 0.0], abs=1e-9)
+    stream(rig, "interpolate_cr", [pose(0.1), pose(0.0, y=0.1), pose(0.1)])
+    assert rig.told.refusals[-1].reason is Reason.UNREACHABLE
+    rig.cycle(150)
+    assert rig.written[-1].values == pytest.approx([0.3, 0.0], abs=1e-9)
+
+
+def test_a_joint_that_would_be_too_fast_on_the_way_stops_the_stream() -> None:
+    rig = Rig().enabled()
+    stream(rig, "interpolate_cp", [pose(0.1)])
+    straight = rig.device.inverse_kinematics
+
+    def other_branch(goal: Pose, reference: Vector) -> Vector:
+        return vector(straight(goal, reference) + 0.05)
+
+    rig.device.inverse_kinematics = other_branch  # type: ignore[method-assign]
+    rig.cycle(5)
+    assert [refusal.reason for refusal in rig.told.refusals] == [Reason.STEP_TOO_LARGE]
+    assert "stop" in rig.device.calls
+    assert rig.engine.health().stream == ""
+    assert rig.state is OperatingState.ENABLED
+    assert_smooth(np.vstack(([0.0, 0.0], written(rig))))
+
+
+def test_hardware_that_takes_poses_gets_poses() -> None:
+    modes = frozenset({Mode.CARTESIAN_POSITION})
+    rig = Rig(capabilities=two_joints(modes=modes, has_kinematics=False)).enabled()
+    stream(rig, "interpolate_cp", [pose(0.05 * index) for index in range(1, 9)])
+    rig.cycle(300)
+    path = written(rig)
+    assert path.shape[1] == 7
+    assert np.abs(np.diff(path, axis=0)).max() <= 0.5 * PERIOD + 1e-9
+    assert path[-1] == pytest.approx([0.4, 0, 0, 0, 0, 0, 1], abs=1e-9)
+
+
+def test_twists_change_steadily_and_end_at_zero() -> None:
+    rig = Rig().enabled()
+    goal = Twist(vector((0.3, 0, 0)), vector((0, 0, 0.5)))
+    stream(rig, "interpolate_cv", [goal] * 10)
+    assert {setpoint.mode for setpoint in rig.written} == {Mode.CARTESIAN_VELOCITY}
+    assert rig.written[-1].values == pytest.approx(goal.vector)
+    assert rig.value("setpoint_cp")[1] == 0
+    found = rig.engine.goal("goal_cv")
+    assert found is not None
+    assert isinstance(found[0], Twist)
+    assert (found[0].vector.tolist(), found[0].frame_id) == (goal.vector.tolist(), "base")
+    rig.cycle(100)
+    values = np.vstack((np.zeros(6), written(rig)))
+    assert np.abs(np.diff(values, axis=0)).max() <= 5.0 * PERIOD + 1e-9
+    assert values[-1] == pytest.approx(np.zeros(6), abs=1e-9)
+    assert "stop" in rig.device.calls
 
 
 def test_no_other_stream_comes_between_two_commands_and_hold_ends_it_at_once() -> None:
