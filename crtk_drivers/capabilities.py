@@ -18,6 +18,14 @@ FREE = "free drive"
 NATIVE = "its own "
 ANY_MODE = "any mode"
 
+_POSES: tuple[frozenset[str], ...] = (
+    frozenset({Mode.CARTESIAN_POSITION}),
+    frozenset({Mode.JOINT_POSITION, KINEMATICS}),
+)
+_POSE_MOVES: tuple[frozenset[str], ...] = (
+    frozenset({NATIVE + "move_cp"}),
+    frozenset({Mode.JOINT_POSITION, KINEMATICS}),
+)
 _SLOW_POSES: tuple[frozenset[str], ...] = (
     frozenset({Mode.CARTESIAN_POSITION, TOOL_LIMITS}),
     frozenset({Mode.JOINT_POSITION, KINEMATICS, TOOL_LIMITS}),
@@ -30,10 +38,8 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         "servo_jr": (frozenset({Mode.JOINT_POSITION}),),
         "servo_jv": (frozenset({Mode.JOINT_VELOCITY}),),
         "servo_jf": (frozenset({Mode.JOINT_EFFORT}),),
-        "servo_cp": (
-            frozenset({Mode.CARTESIAN_POSITION}),
-            frozenset({Mode.JOINT_POSITION, KINEMATICS}),
-        ),
+        "servo_cp": _POSES,
+        "servo_cr": _POSES,
         "servo_cv": (frozenset({Mode.CARTESIAN_VELOCITY}),),
         "servo_cf": (frozenset({Mode.CARTESIAN_EFFORT}),),
         "interpolate_jp": (frozenset({Mode.JOINT_POSITION}),),
@@ -45,10 +51,8 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         "interpolate_cv": (frozenset({Mode.CARTESIAN_VELOCITY}),),
         "move_jp": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
         "move_jr": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
-        "move_cp": (
-            frozenset({NATIVE + "move_cp"}),
-            frozenset({Mode.JOINT_POSITION, KINEMATICS}),
-        ),
+        "move_cp": _POSE_MOVES,
+        "move_cr": _POSE_MOVES,
         "hold": (frozenset({ANY_MODE}),),
         "free": (frozenset({FREE}),),
         "jacobian": (frozenset({KINEMATICS}),),

@@ -139,12 +139,8 @@ class MotionExecutor:
             self._freeing = self._device.free()
 
     def _servo(self, order: Order, now: float) -> None:
-        setpoint = order.setpoint
-        if setpoint is None:
-            target = vector(self._feedback.reference_joints() + order.increment)
-            setpoint = Setpoint(Mode.JOINT_POSITION, target)
         try:
-            limited = self._limit(order.name, setpoint, now)
+            limited = self._limit(order.name, self._target(order), now)
         except CommandRefused as refusal:
             self._board.refused(refusal)  # and what was going on goes on
             return
@@ -152,6 +148,16 @@ class MotionExecutor:
         self._send(limited)
         self._stream.feed(now)
         self._health.stream = order.name
+
+    def _target(self, order: Order) -> Setpoint:
+        if order.setpoint is not None:
+            return order.setpoint
+        if order.displacement is not None:
+            command = COMMANDS[order.name]
+            pose = self._reach.moved(command, order.displacement)
+            return self._reach.setpoint(command, pose)
+        target = vector(self._feedback.reference_joints() + order.increment)
+        return Setpoint(Mode.JOINT_POSITION, target)
 
     def _interpolate(self, order: Order, now: float) -> None:
         stream = self._interpolated

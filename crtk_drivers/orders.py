@@ -46,6 +46,7 @@ class OrderMaker:
         self._device = device
         self._joints = device.capabilities.joints
         self._takes_poses = Mode.CARTESIAN_POSITION in device.capabilities.modes
+        self._moves_poses = "move_cp" in device.capabilities.native_moves
         self._has_kinematics = device.capabilities.has_kinematics
         self._reach = reach
         self._check = check
@@ -66,6 +67,8 @@ class OrderMaker:
 
     def _servo(self, command: Command, value: Value) -> Order:
         if command.is_relative:
+            if isinstance(value, Pose):
+                return self._displace(command, value)
             assert isinstance(value, JointState)
             before = self._reach.reference(command)
             target = Setpoint(Mode.JOINT_POSITION, vector(before + value.position))
@@ -74,6 +77,11 @@ class OrderMaker:
         setpoint = self._setpoint(command, value)
         self._limiter.judge(command.name, setpoint, self._feedback.before(setpoint.mode))
         return Order(command.name, setpoint)
+
+    def _displace(self, command: Command, value: Pose) -> Order:
+        target = self._reach.setpoint(command, self._reach.moved(command, value))
+        self._limiter.judge(command.name, target, self._feedback.before(target.mode))
+        return Order(command.name, displacement=value)
 
     def _setpoint(self, command: Command, value: Value) -> Setpoint:
         if isinstance(value, JointState):
@@ -109,6 +117,8 @@ class OrderMaker:
     def _move(self, command: Command, value: Value) -> Order:
         name = command.name
         if isinstance(value, Pose):
+            if command.is_relative:
+                value = self._reach.moved(command, value, native=self._moves_poses)
             joints = self._reach.joints(command, value) if self._has_kinematics else EMPTY
             return self._order_to(name, Goal(pose=value), joints)
         assert isinstance(value, JointState)

@@ -15,7 +15,8 @@ JOINT_STREAMS = {"servo_jp", "servo_jr", "interpolate_jp", "interpolate_jr"}
 JOINT_MOTION = JOINT_STREAMS | {"move_jp", "move_jr", "hold", "setpoint_js", "goal_js"}
 KINEMATICS = {"jacobian", "forward_kinematics", "inverse_kinematics"}
 SLOW_POSES = {"interpolate_cp", "interpolate_cr"}
-WITH_KINEMATICS = KINEMATICS | SLOW_POSES | {"servo_cp", "move_cp", "setpoint_cp", "goal_cp"}
+WITH_KINEMATICS = KINEMATICS | SLOW_POSES | {"servo_cp", "servo_cr"}
+WITH_KINEMATICS |= {"move_cp", "move_cr", "setpoint_cp", "goal_cp"}
 BARE = {
     "modes": frozenset[Mode](),
     "has_kinematics": False,
@@ -41,7 +42,7 @@ CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
     ),
     "poses and twists": (
         {"modes": frozenset({Mode.CARTESIAN_POSITION, Mode.CARTESIAN_VELOCITY})},
-        {"measured_js", "servo_cp", "servo_cv", "interpolate_cv", "hold", "setpoint_js"}
+        {"measured_js", "servo_cp", "servo_cr", "servo_cv", "interpolate_cv", "hold", "setpoint_js"}
         | SLOW_POSES
         | {"goal_cp", "goal_cv"},
     ),

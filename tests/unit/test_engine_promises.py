@@ -89,6 +89,10 @@ class Promises(RuleBasedStateMachine):
         place = self.rig.device.position
         self.submit("servo_jp", jp(place[0] + a, place[1] + b))
 
+    @rule(a=small, b=small)
+    def near_pose(self, a: float, b: float) -> None:
+        self.submit("servo_cr", pose(a, b))
+
     @rule(a=number, b=number)
     def velocity(self, a: float, b: float) -> None:
         self.submit("servo_jv", jv(a, b))
@@ -97,7 +101,9 @@ class Promises(RuleBasedStateMachine):
     def effort(self, a: float, b: float) -> None:
         self.submit("servo_jf", jf(a, b))
 
-    @rule(a=st.floats(-1.5, 1.5), name=st.sampled_from(["servo_cp", "move_cp"]))
+    @rule(
+        a=st.floats(-1.5, 1.5), name=st.sampled_from(["servo_cp", "move_cp", "servo_cr", "move_cr"])
+    )
     def cartesian(self, a: float, name: str) -> None:
         self.submit(name, pose(a))
 
