@@ -24,11 +24,11 @@ from crtk_drivers.samples import EMPTY, Pose, Value, Vector, empty, vector
 class Order:
     """A command that passed its checks.
 
-    A servo has a `setpoint`, or an `increment` (n,) to the joint setpoint; an interpolation has
-    its `target`, or an `increment` to the newest target; a relative Cartesian command has its `displacement`
-    along and about the axes of the base frame instead; a move has its `goal` and the
+    A servo has a `setpoint`, or an `increment` (n,) to the joint setpoint; an interpolation, and a twist that
+    joints carry out, has its `target`, or an `increment` to the newest target; a relative Cartesian command
+    has instead its `displacement` along and about the axes of the base frame; a move has its `goal` and the
     joint position `joints` (n,) where the goal lies and in `goals` what ``goal_*`` will say; hold and free
-    have neither.
+    have none.
     """
 
     name: str

@@ -31,6 +31,12 @@ _SLOW_POSES: tuple[frozenset[str], ...] = (
     frozenset({Mode.JOINT_POSITION, KINEMATICS, TOOL_LIMITS}),
 )
 
+_SLOW_TWISTS: tuple[frozenset[str], ...] = (
+    frozenset({Mode.CARTESIAN_VELOCITY}),
+    frozenset({Mode.JOINT_VELOCITY, KINEMATICS, TOOL_LIMITS}),
+    frozenset({Mode.JOINT_POSITION, KINEMATICS, TOOL_LIMITS}),
+)
+
 # Each alternative is a set of features that together are enough.
 _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
     {
@@ -40,7 +46,11 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         "servo_jf": (frozenset({Mode.JOINT_EFFORT}),),
         "servo_cp": _POSES,
         "servo_cr": _POSES,
-        "servo_cv": (frozenset({Mode.CARTESIAN_VELOCITY}),),
+        "servo_cv": (
+            frozenset({Mode.CARTESIAN_VELOCITY}),
+            frozenset({Mode.JOINT_VELOCITY, KINEMATICS}),
+            frozenset({Mode.JOINT_POSITION, KINEMATICS}),
+        ),
         "servo_cf": (frozenset({Mode.CARTESIAN_EFFORT}),),
         "interpolate_jp": (frozenset({Mode.JOINT_POSITION}),),
         "interpolate_jr": (frozenset({Mode.JOINT_POSITION}),),
@@ -48,7 +58,7 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         "interpolate_jf": (frozenset({Mode.JOINT_EFFORT}),),
         "interpolate_cp": _SLOW_POSES,
         "interpolate_cr": _SLOW_POSES,
-        "interpolate_cv": (frozenset({Mode.CARTESIAN_VELOCITY}),),
+        "interpolate_cv": _SLOW_TWISTS,
         "move_jp": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
         "move_jr": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
         "move_cp": _POSE_MOVES,
@@ -71,7 +81,7 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
             frozenset({Mode.JOINT_POSITION, KINEMATICS}),
             frozenset({Mode.CARTESIAN_POSITION, TOOL_LIMITS}),
         ),
-        "goal_cv": (frozenset({Mode.CARTESIAN_VELOCITY}),),
+        "goal_cv": _SLOW_TWISTS,
         "operating_state": (frozenset(),),
         "state_command": (frozenset(),),
     }

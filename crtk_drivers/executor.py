@@ -1,7 +1,8 @@
 """Motion in the I/O thread: takes orders, writes setpoints, follows moves, ends streams.
 
-At any time one of five things is going on: nothing (the position is held), a servo stream, an interpolated
-stream, a move, or free drive. An order ends what was going on before it begins its own.
+At any time one of five things is going on: nothing (the position is held), a servo stream, a stream
+that goes on between its commands, a move, or free drive. An order ends what was going on before it begins
+its own.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from crtk_drivers.profiles import JointProfile, Ratios
 from crtk_drivers.reach import Reach
 from crtk_drivers.samples import EMPTY, JointState, Vector, vector
 from crtk_drivers.state import OperatingState
-from crtk_drivers.streams import JointStream, PoseStream, Stream, TwistStream
+from crtk_drivers.streams import JointStream, PoseStream, ResolvedStream, Stream, TwistStream
 from crtk_drivers.watchdog import Deadman
 
 
@@ -64,7 +65,7 @@ class MotionExecutor:
         self._health = health
         self._stream = Deadman(stream_timeout)
         self._interpolate_timeout = interpolate_timeout
-        self._interpolated: Stream | None = None
+        self._following: Stream | None = None
         self._move: MoveExecution | None = None
         self._starting: Move | None = None
         self._freeing: Steps | None = None
@@ -86,8 +87,8 @@ class MotionExecutor:
             elif self._move is not None:
                 if self._move.step(now):
                     self._finish_move(Outcome.REACHED)
-            elif self._interpolated is not None:
-                return self._go_on(self._interpolated, now)
+            elif self._following is not None:
+                return self._go_on(self._following, now)
             elif self._freeing is not None:
                 next(self._freeing, None)
             elif self._stream.expired(now):
@@ -117,11 +118,10 @@ class MotionExecutor:
                 move.finish(Outcome.ABORTED, reason)
 
     def _execute(self, order: Order, now: float) -> None:
-        if order.level is Level.SERVO:
-            self._servo(order, now)
-            return
-        if order.level is Level.INTERPOLATE:
-            self._interpolate(order, now)
+        if order.is_stream:
+            goes_on = order.level is Level.INTERPOLATE or order.target is not None
+            follow = self._follow if goes_on else self._servo
+            follow(order, now)
             return
         self._forget_stream()
         self._starting = order.move
@@ -159,8 +159,8 @@ class MotionExecutor:
         target = vector(self._feedback.reference_joints() + order.increment)
         return Setpoint(Mode.JOINT_POSITION, target)
 
-    def _interpolate(self, order: Order, now: float) -> None:
-        stream = self._interpolated
+    def _follow(self, order: Order, now: float) -> None:
+        stream = self._following
         if stream is None or stream.name != order.name:
             stream = self._begin_stream(order.name, now)
         try:
@@ -168,10 +168,10 @@ class MotionExecutor:
         except CommandRefused as refusal:
             self._board.refused(refusal)  # and what was going on goes on
             return
-        if stream is not self._interpolated:
+        if stream is not self._following:
             self._supersede(order.name)
             self._stream.disarm()
-            self._interpolated = stream
+            self._following = stream
             self._health.stream = order.name
         goals = stream.goals
         self._feedback.accept_goals(goals)
@@ -181,6 +181,9 @@ class MotionExecutor:
 
     def _begin_stream(self, name: str, now: float) -> Stream:
         command, timeout = COMMANDS[name], self._interpolate_timeout
+        if command.level is Level.SERVO:
+            timeout = self._stream.timeout
+            return ResolvedStream(name, self._device, self._feedback, timeout, now)
         if command.space is Space.JOINT:
             return JointStream(name, self._device, self._feedback, self._clamp, timeout, now)
         if command.kind is Kind.VELOCITY:
@@ -253,7 +256,7 @@ class MotionExecutor:
         if freeing is not None:
             close(freeing, self._where)
             self._device.stop()
-        self._interpolated = None
+        self._following = None
         superseded, self._move = self._move, None
         if superseded is not None:
             superseded.move.finish(Outcome.PREEMPTED, f"by {name}")
@@ -279,14 +282,14 @@ class MotionExecutor:
             self._board.refused(error)
         else:
             self._board.warned(f"{starting.name if starting else name}: {error}")
-        if self._interpolated is not None:
+        if self._following is not None:
             self._forget_stream()
         self._device.stop()
         self._feedback.hold()
 
     def _forget_stream(self) -> None:
         self._stream.disarm()
-        self._interpolated = None
+        self._following = None
         self._health.stream = ""
         self._last_setpoint = None
 
@@ -298,7 +301,7 @@ class MotionExecutor:
 
     def _end_stream(self) -> str:
         self._stream.disarm()
-        self._interpolated = None
+        self._following = None
         self._health.stream_timeouts += 1
         ended, self._health.stream = self._health.stream, ""
         last = self._last_setpoint

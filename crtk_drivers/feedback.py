@@ -8,7 +8,8 @@ The contents of a setpoint depend on the command that made it:
     servo_jp, servo_cp    position sent; no velocity
     servo_jv              velocity sent; no position
     servo_jf              effort sent; neither position nor velocity
-    servo_cv, servo_cf    the hardware's own setpoint if it reports one; setpoint_cp is invalid
+    servo_cv, servo_cf    the hardware's own setpoint if it reports one; setpoint_cp is invalid;
+                          servo_cv by joints: their velocity, or the integrated position with it
     move_jp, move_cp      p(t) and v(t) of the trajectory
     interpolate_jp, _jr   p(t) and v(t) of the interpolation; _cp, _cr the same by kinematics
     interpolate_jv        v(t); no position

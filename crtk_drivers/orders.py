@@ -45,6 +45,7 @@ class OrderMaker:
     ) -> None:
         self._device = device
         self._joints = device.capabilities.joints
+        self._takes_twists = Mode.CARTESIAN_VELOCITY in device.capabilities.modes
         self._takes_poses = Mode.CARTESIAN_POSITION in device.capabilities.modes
         self._moves_poses = "move_cp" in device.capabilities.native_moves
         self._has_kinematics = device.capabilities.has_kinematics
@@ -74,6 +75,9 @@ class OrderMaker:
             target = Setpoint(Mode.JOINT_POSITION, vector(before + value.position))
             self._limiter.judge(command.name, target, before)
             return Order(command.name, increment=value.position)
+        if isinstance(value, Twist) and not self._takes_twists:
+            self._reach.reference(command)
+            return Order(command.name, target=value)
         setpoint = self._setpoint(command, value)
         self._limiter.judge(command.name, setpoint, self._feedback.before(setpoint.mode))
         return Order(command.name, setpoint)

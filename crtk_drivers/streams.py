@@ -1,4 +1,4 @@
-"""Streams that go on between their commands, in the I/O thread: interpolate_*.
+"""Streams that go on between their commands, in the I/O thread: interpolate_*, and servo_cv on joints.
 
 A stream takes commands as they come (`feed`) and says in each cycle what is to be sent (`step`). It begins
 with the velocity and acceleration of the motion that it replaces, as far as they are known, and ends by
@@ -32,6 +32,7 @@ from crtk_drivers.samples import (
     joint_values,
     vector,
 )
+from crtk_drivers.watchdog import Deadman
 
 JOINT_MODES = {
     Kind.POSITION: Mode.JOINT_POSITION,
@@ -39,6 +40,9 @@ JOINT_MODES = {
     Kind.VELOCITY: Mode.JOINT_VELOCITY,
     Kind.EFFORT: Mode.JOINT_EFFORT,
 }
+
+_STILL = 1e-6
+"""rad/s (m/s) of a joint that stands: what rounding leaves over."""
 
 _LATE = 2.0
 """Cycles that a stream goes on at most in one of them, after a late one."""
@@ -261,6 +265,92 @@ class PoseStream(Stream):
         return {"goal_cp": self._interpolator.goal}
 
 
+class TwistOutput:
+    """Twists to the hardware: as they are if it takes them, else through the Jacobian.
+
+    Joints take velocities if they can, else the positions to which these lead in each cycle. They keep
+    the limits of position, velocity and acceleration, see `crtk_drivers.resolved_rate`.
+
+    Args:
+        device: whose modes, limits and rate it keeps.
+        feedback: where it is, and how it moves at the beginning.
+    """
+
+    def __init__(self, device: Device, feedback: Feedback) -> None:
+        capabilities = device.capabilities
+        self._device = device
+        self._feedback = feedback
+        self._cycle = 1.0 / capabilities.rate
+        self._takes_twists = Mode.CARTESIAN_VELOCITY in capabilities.modes
+        self._takes_velocities = Mode.JOINT_VELOCITY in capabilities.modes
+        limits = capabilities.cartesian_limits
+        self._rates = ResolvedRate(capabilities.limits, limits, self._cycle)
+        _, self._velocity, _ = feedback.motion()
+
+    def point(self, twist: Vector) -> Point:
+        """Return what to send for a twist (6,), base axes, in this cycle."""
+        if self._takes_twists:
+            return Point(Setpoint(Mode.CARTESIAN_VELOCITY, twist))
+        joints = self._feedback.reference_joints()
+        jacobian = self._device.jacobian(joints)
+        rates = self._rates.follow_twist(joints, jacobian, twist, self._velocity)
+        self._velocity = velocity = rates.velocity
+        if self._takes_velocities:
+            return Point(Setpoint(Mode.JOINT_VELOCITY, velocity), twist=twist)
+        position = vector(joints + velocity * self._cycle)
+        state = JointState(position=position, velocity=velocity)
+        return Point(Setpoint(Mode.JOINT_POSITION, position), state, twist=twist)
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the joints, if it moves these, have been told to stand."""
+        return self._takes_twists or bool(np.abs(self._velocity).max() <= _STILL)
+
+
+class ResolvedStream(Stream):
+    """servo_cv on hardware that takes no twists: the newest twist, in each cycle.
+
+    Args:
+        name: of the command.
+        device: whose limits and rate it keeps.
+        feedback: where it begins.
+        timeout: seconds without a command after which it comes to rest.
+        now: monotonic seconds.
+    """
+
+    def __init__(
+        self, name: str, device: Device, feedback: Feedback, timeout: float, now: float
+    ) -> None:
+        super().__init__(name)
+        self._output = TwistOutput(device, feedback)
+        self._silence = Deadman(timeout)
+        self._silence.feed(now)
+        self._twist = vector(np.zeros(6))
+
+    def feed(self, order: Order, now: float) -> None:
+        """See the base class."""
+        assert isinstance(order.target, Twist)
+        self._silence.feed(now)
+        self._twist = vector(order.target.vector)
+
+    def step(self, now: float) -> Point:
+        """See the base class."""
+        if self._silence.expired(now):
+            self._silence.disarm()
+            self._twist = vector(np.zeros(6))
+        return self._output.point(self._twist)
+
+    @property
+    def is_over(self) -> bool:
+        """See the base class."""
+        return not self._silence.armed and self._output.is_at_rest
+
+    @property
+    def goals(self) -> Mapping[str, Value]:
+        """None: a servo stream has no goal."""
+        return {}
+
+
 class TwistStream(Stream):
     """interpolate_cv.
 
@@ -282,6 +372,7 @@ class TwistStream(Stream):
         cycle = 1.0 / capabilities.rate
         self._interpolator = TwistInterpolator(capabilities.cartesian_limits, cycle, timeout)
         self._interpolator.start(feedback.reference_twist(), now - cycle)
+        self._output = TwistOutput(device, feedback)
 
     def feed(self, order: Order, now: float) -> None:
         """See the base class."""
@@ -291,12 +382,12 @@ class TwistStream(Stream):
     def step(self, now: float) -> Point:
         """See the base class."""
         twist, _ = self._interpolator.step(now)
-        return Point(Setpoint(Mode.CARTESIAN_VELOCITY, twist))
+        return self._output.point(twist)
 
     @property
     def is_over(self) -> bool:
         """See the base class."""
-        return self._interpolator.is_over
+        return self._interpolator.is_over and self._output.is_at_rest
 
     @property
     def goals(self) -> Mapping[str, Value]:

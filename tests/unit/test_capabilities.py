@@ -15,7 +15,8 @@ JOINT_STREAMS = {"servo_jp", "servo_jr", "interpolate_jp", "interpolate_jr"}
 JOINT_MOTION = JOINT_STREAMS | {"move_jp", "move_jr", "hold", "setpoint_js", "goal_js"}
 KINEMATICS = {"jacobian", "forward_kinematics", "inverse_kinematics"}
 SLOW_POSES = {"interpolate_cp", "interpolate_cr"}
-WITH_KINEMATICS = KINEMATICS | SLOW_POSES | {"servo_cp", "servo_cr"}
+SLOW = SLOW_POSES | {"interpolate_cv", "goal_cv"}
+WITH_KINEMATICS = KINEMATICS | SLOW | {"servo_cp", "servo_cr", "servo_cv"}
 WITH_KINEMATICS |= {"move_cp", "move_cr", "setpoint_cp", "goal_cp"}
 BARE = {
     "modes": frozenset[Mode](),
@@ -38,7 +39,7 @@ CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
     ),
     "positions and kinematics of a tool without limits": (
         {"modes": POSITION, "has_kinematics": True, "cartesian_limits": None},
-        {"measured_js"} | JOINT_MOTION | WITH_KINEMATICS - SLOW_POSES,
+        {"measured_js"} | JOINT_MOTION | WITH_KINEMATICS - SLOW,
     ),
     "poses and twists": (
         {"modes": frozenset({Mode.CARTESIAN_POSITION, Mode.CARTESIAN_VELOCITY})},

@@ -8,11 +8,12 @@
 import math
 
 import numpy as np
-from engine_rig import LIMIT, PERIOD, Rig, jf, jp, jv, pose
+from engine_rig import LIMIT, PERIOD, Rig, jf, jp, jv, pose, two_joints
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
+from crtk_drivers.commands import COMMANDS
 from crtk_drivers.device import Condition, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceFault
 from crtk_drivers.moves import Move
@@ -23,10 +24,15 @@ number = st.floats(-1.5, 1.5) | st.sampled_from([math.nan, math.inf, 0.0, 0.01, 
 small = st.floats(-0.05, 0.05)
 
 
+SMOOTH = frozenset({name for name in COMMANDS if name.startswith("interpolate_")} | {"servo_cv"})
+
+
 class Promises(RuleBasedStateMachine):
+    capabilities = two_joints()
+
     def __init__(self) -> None:
         super().__init__()
-        self.rig = Rig()
+        self.rig = Rig(capabilities=self.capabilities)
         self.moves: list[Move] = []
         self.commanded = False
         self.smooth = ""
@@ -58,7 +64,7 @@ class Promises(RuleBasedStateMachine):
         """A motion that the core makes itself does not step: at most two cycles' worth."""
         going_on = self.rig.engine.health().stream
         is_move = any(not _ended(move) for move in self.moves) and not going_on
-        if setpoint.mode is Mode.JOINT_POSITION and (is_move or "interpolate" in going_on):
+        if setpoint.mode is Mode.JOINT_POSITION and (is_move or going_on in SMOOTH):
             step = np.abs(setpoint.values - self.rig.device.position).max()
             assert step <= 2.0 * PERIOD * LIMIT.velocity * 1.01 + 1e-9
         if self.smooth == going_on != "":
@@ -124,9 +130,9 @@ class Promises(RuleBasedStateMachine):
         if math.isfinite(a + b):
             self.submit(name, pose(a, b))
 
-    @rule(a=number)
-    def slow_twist(self, a: float) -> None:
-        self.submit("interpolate_cv", Twist(vector((a, 0, 0)), vector((0, 0, a))))
+    @rule(a=number, name=st.sampled_from(["servo_cv", "interpolate_cv"]))
+    def twist(self, a: float, name: str) -> None:
+        self.submit(name, Twist(vector((a, 0, 0)), vector((0, 0, a))))
 
     @rule(name=st.sampled_from(["hold", "free"]))
     def plain(self, name: str) -> None:
@@ -229,5 +235,22 @@ def _ended(move: Move) -> bool:
     return move.outcome != "running"
 
 
+class PositionsOnly(Promises):
+    """Twists are carried out by joints, which takes positions."""
+
+    capabilities = two_joints(modes=frozenset({Mode.JOINT_POSITION}))
+
+
+class VelocitiesOnly(Promises):
+    """Twists are carried out by joints, which takes velocities."""
+
+    capabilities = two_joints(modes=frozenset({Mode.JOINT_VELOCITY}))
+
+
 TestPromises = Promises.TestCase
 TestPromises.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+
+TestPositionsOnly = PositionsOnly.TestCase
+TestPositionsOnly.settings = settings(max_examples=30, stateful_step_count=40, deadline=None)
+TestVelocitiesOnly = VelocitiesOnly.TestCase
+TestVelocitiesOnly.settings = settings(max_examples=30, stateful_step_count=40, deadline=None)

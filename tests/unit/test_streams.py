@@ -278,6 +278,60 @@ def test_twists_change_steadily_and_end_at_zero() -> None:
     assert "stop" in rig.device.calls
 
 
+ON_JOINTS = {
+    Mode.JOINT_POSITION: two_joints(modes=frozenset({Mode.JOINT_POSITION})),
+    Mode.JOINT_VELOCITY: two_joints(modes=frozenset({Mode.JOINT_VELOCITY})),
+}
+
+
+def rates(rig: Rig) -> np.ndarray:
+    """The joint velocities that were commanded in each cycle."""
+    values = np.vstack(([0.0, 0.0], written(rig)))
+    is_position = rig.written[0].mode is Mode.JOINT_POSITION
+    return np.diff(values, axis=0) / PERIOD if is_position else values[1:]
+
+
+@pytest.mark.parametrize("name", ["servo_cv", "interpolate_cv"])
+@pytest.mark.parametrize("mode", ON_JOINTS)
+def test_twists_on_joints_are_followed_in_each_cycle_and_end_at_rest(mode: Mode, name: str) -> None:
+    rig = Rig(capabilities=ON_JOINTS[mode]).enabled()
+    twist = Twist(vector((0.3, 0, 0)), vector((0, 0, -0.5)))
+    stream(rig, name, [twist] * 10)
+    assert {setpoint.mode for setpoint in rig.written} == {mode}
+    assert len(rig.written) == 10 * SLOW
+    assert rates(rig)[-1] == pytest.approx([0.3, -0.5])
+    setpoint = rig.setpoint()
+    assert setpoint["velocity"] == pytest.approx([0.3, -0.5])
+    assert len(setpoint["position"]) == (2 if mode is Mode.JOINT_POSITION else 0)
+    assert (rig.engine.goal("goal_cv") is not None) is (name == "interpolate_cv")
+    rig.cycle(100)
+    assert rates(rig)[-1] == pytest.approx([0.0, 0.0], abs=1e-9)
+    change = np.diff(np.vstack(([0.0, 0.0], rates(rig))), axis=0)
+    assert np.abs(change).max() <= LIMIT.acceleration * PERIOD + 1e-9
+    health = rig.engine.health()
+    assert (health.stream, health.stream_timeouts) == ("", 1)
+    assert ("stop" in rig.device.calls) is (mode is Mode.JOINT_VELOCITY)
+
+
+def test_a_twist_stops_smoothly_at_the_limit_of_a_joint() -> None:
+    rig = Rig(capabilities=ON_JOINTS[Mode.JOINT_POSITION]).enabled()
+    stream(rig, "servo_cv", [Twist(vector((0.45, 0, 0)), vector((0, 0, 0)))] * 60)
+    assert rig.written[-1].values == pytest.approx([1.0, 0.0], abs=1e-3)
+    assert written(rig).max() <= 1.0
+    change = np.diff(rates(rig), axis=0)
+    assert np.abs(change).max() <= LIMIT.acceleration * PERIOD + 1e-9
+    assert rig.told.warnings == []
+
+
+def test_a_twist_on_joints_begins_with_the_velocity_of_the_move_that_it_replaces() -> None:
+    rig = Rig(capabilities=ON_JOINTS[Mode.JOINT_POSITION]).enabled()
+    rig.engine.submit("move_jp", jp(0.8, 0.0))
+    rig.cycle(40)
+    stream(rig, "servo_cv", [Twist(vector((-0.3, 0, 0)), vector((0, 0, 0)))] * 10)
+    change = np.diff(rates(rig), axis=0)
+    assert np.abs(change).max() <= LIMIT.acceleration * PERIOD + 1e-4
+
+
 def test_no_other_stream_comes_between_two_commands_and_hold_ends_it_at_once() -> None:
     rig = Rig().enabled()
     stream(rig, "interpolate_jp", [jp(0.5, 0.0)], cycles=20)
