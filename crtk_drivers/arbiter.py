@@ -2,11 +2,12 @@
 
 It is one deep. A newer absolute command replaces an older one; increments are added up, so that none
 is lost; `hold`, `free` and moves replace whatever lies there. Two clients that stream different kinds of
-servo command do not alternate: the second is refused until the first has been silent for the dwell.
+command do not alternate: the second is refused until the first has been silent for the dwell.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -14,41 +15,54 @@ from dataclasses import dataclass, field, replace
 from crtk_drivers.commands import COMMANDS, Level
 from crtk_drivers.device import Goal, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.geometry import quaternion_product
 from crtk_drivers.moves import Move
-from crtk_drivers.samples import EMPTY, Value, Vector, empty, vector
+from crtk_drivers.samples import EMPTY, Pose, Value, Vector, empty, vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Order:
     """A command that passed its checks.
 
-    A servo has a `setpoint`, or an `increment` (n,) to the joint setpoint; a move has its `goal` and the
+    A servo has a `setpoint`, or an `increment` (n,) to the joint setpoint; an interpolation, and a twist that
+    joints carry out, has its `target`, or an `increment` to the newest target; a relative Cartesian command
+    has instead its `displacement` along and about the axes of the base frame; a move has its `goal` and the
     joint position `joints` (n,) where the goal lies and in `goals` what ``goal_*`` will say; hold and free
-    have neither.
+    have none.
     """
 
     name: str
     setpoint: Setpoint | None = None
     increment: Vector = field(default_factory=empty)
+    target: Value | None = None
+    displacement: Pose | None = None
     goal: Goal | None = None
     joints: Vector = field(default_factory=empty)
     goals: Mapping[str, Value] = field(default_factory=dict)
     move: Move | None = None
 
     @property
-    def is_servo(self) -> bool:
+    def level(self) -> Level:
+        """That of the command."""
+        return COMMANDS[self.name].level
+
+    @property
+    def is_stream(self) -> bool:
         """Whether it belongs to a stream."""
-        return COMMANDS[self.name].level is Level.SERVO
+        return self.level in (Level.SERVO, Level.INTERPOLATE)
 
 
 class Arbiter:
     """The mailbox. Thread-safe.
 
     Args:
-        dwell: seconds that a stream must have been silent before one of another kind may take over.
+        dwell: seconds that a servo stream must be silent before one of another kind may take over.
+        slow_dwell: the same for an interpolated stream, whose commands are further apart.
     """
 
-    def __init__(self, dwell: float, where: str) -> None:
+    def __init__(self, dwell: float, where: str, slow_dwell: float | None = None) -> None:
+        slow = dwell if slow_dwell is None else slow_dwell
+        self._dwells = {Level.SERVO: dwell, Level.INTERPOLATE: slow}
         self._dwell = dwell
         self._where = where
         self._lock = threading.Lock()
@@ -63,8 +77,8 @@ class Arbiter:
             CommandRefused: another kind of stream is running.
         """
         with self._lock:
-            if order.is_servo:
-                self._keep_stream(order.name, now)
+            if order.is_stream:
+                self._keep_stream(order, now)
             else:
                 self._stream = ""
             replaced = self._order.move if self._order is not None else None
@@ -93,7 +107,8 @@ class Arbiter:
             self._stream = ""
         return lost
 
-    def _keep_stream(self, name: str, now: float) -> None:
+    def _keep_stream(self, order: Order, now: float) -> None:
+        name = order.name
         if self._stream not in ("", name) and now - self._streamed < self._dwell:
             raise CommandRefused(
                 name,
@@ -103,14 +118,26 @@ class Arbiter:
                 remedy=f"Stop it for {self._dwell} s, or send hold, before you send {name}.",
             )
         self._stream, self._streamed = name, now
+        self._dwell = self._dwells[order.level]
 
 
 def _combined(old: Order | None, new: Order) -> Order:
-    if old is None or not new.increment.size:
+    if old is None or not COMMANDS[new.name].is_relative:
         return new
-    if old.increment.size:
+    if old.name == new.name and old.increment.size:
         return replace(new, increment=vector(old.increment + new.increment))
-    if old.setpoint is not None and old.setpoint.mode is Mode.JOINT_POSITION:
+    if old.name == new.name and old.displacement is not None and new.displacement is not None:
+        return replace(new, displacement=_both(old.displacement, new.displacement))
+    on_position = old.setpoint is not None and old.setpoint.mode is Mode.JOINT_POSITION
+    if on_position and new.level is Level.SERVO and new.increment.size:
+        assert old.setpoint is not None
         moved = vector(old.setpoint.values + new.increment)
         return replace(new, setpoint=Setpoint(Mode.JOINT_POSITION, moved), increment=EMPTY)
     return new
+
+
+def _both(first: Pose, second: Pose) -> Pose:
+    """Return the displacement, in axes of the base frame, of one after another."""
+    turned = quaternion_product(second.orientation, first.orientation)
+    orientation = vector(turned / math.sqrt(float(turned @ turned)))
+    return Pose(vector(first.position + second.position), orientation)

@@ -13,9 +13,29 @@ from crtk_drivers.commands import COMMANDS, Command
 from crtk_drivers.device import Capabilities, Mode
 
 KINEMATICS = "kinematics"
+TOOL_LIMITS = "limits of the tool"
 FREE = "free drive"
 NATIVE = "its own "
 ANY_MODE = "any mode"
+
+_POSES: tuple[frozenset[str], ...] = (
+    frozenset({Mode.CARTESIAN_POSITION}),
+    frozenset({Mode.JOINT_POSITION, KINEMATICS}),
+)
+_POSE_MOVES: tuple[frozenset[str], ...] = (
+    frozenset({NATIVE + "move_cp"}),
+    frozenset({Mode.JOINT_POSITION, KINEMATICS}),
+)
+_SLOW_POSES: tuple[frozenset[str], ...] = (
+    frozenset({Mode.CARTESIAN_POSITION, TOOL_LIMITS}),
+    frozenset({Mode.JOINT_POSITION, KINEMATICS, TOOL_LIMITS}),
+)
+
+_SLOW_TWISTS: tuple[frozenset[str], ...] = (
+    frozenset({Mode.CARTESIAN_VELOCITY}),
+    frozenset({Mode.JOINT_VELOCITY, KINEMATICS, TOOL_LIMITS}),
+    frozenset({Mode.JOINT_POSITION, KINEMATICS, TOOL_LIMITS}),
+)
 
 # Each alternative is a set of features that together are enough.
 _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
@@ -24,18 +44,25 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         "servo_jr": (frozenset({Mode.JOINT_POSITION}),),
         "servo_jv": (frozenset({Mode.JOINT_VELOCITY}),),
         "servo_jf": (frozenset({Mode.JOINT_EFFORT}),),
-        "servo_cp": (
-            frozenset({Mode.CARTESIAN_POSITION}),
+        "servo_cp": _POSES,
+        "servo_cr": _POSES,
+        "servo_cv": (
+            frozenset({Mode.CARTESIAN_VELOCITY}),
+            frozenset({Mode.JOINT_VELOCITY, KINEMATICS}),
             frozenset({Mode.JOINT_POSITION, KINEMATICS}),
         ),
-        "servo_cv": (frozenset({Mode.CARTESIAN_VELOCITY}),),
         "servo_cf": (frozenset({Mode.CARTESIAN_EFFORT}),),
+        "interpolate_jp": (frozenset({Mode.JOINT_POSITION}),),
+        "interpolate_jr": (frozenset({Mode.JOINT_POSITION}),),
+        "interpolate_jv": (frozenset({Mode.JOINT_VELOCITY}),),
+        "interpolate_jf": (frozenset({Mode.JOINT_EFFORT}),),
+        "interpolate_cp": _SLOW_POSES,
+        "interpolate_cr": _SLOW_POSES,
+        "interpolate_cv": _SLOW_TWISTS,
         "move_jp": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
         "move_jr": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
-        "move_cp": (
-            frozenset({NATIVE + "move_cp"}),
-            frozenset({Mode.JOINT_POSITION, KINEMATICS}),
-        ),
+        "move_cp": _POSE_MOVES,
+        "move_cr": _POSE_MOVES,
         "hold": (frozenset({ANY_MODE}),),
         "free": (frozenset({FREE}),),
         "jacobian": (frozenset({KINEMATICS}),),
@@ -43,11 +70,18 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         "inverse_kinematics": (frozenset({KINEMATICS}),),
         "setpoint_js": (frozenset({ANY_MODE}),),
         "setpoint_cp": (frozenset({ANY_MODE, KINEMATICS}),),
-        "goal_js": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
+        "goal_js": (
+            frozenset({Mode.JOINT_POSITION}),
+            frozenset({Mode.JOINT_VELOCITY}),
+            frozenset({Mode.JOINT_EFFORT}),
+            frozenset({NATIVE + "move_jp"}),
+        ),
         "goal_cp": (
             frozenset({NATIVE + "move_cp"}),
             frozenset({Mode.JOINT_POSITION, KINEMATICS}),
+            frozenset({Mode.CARTESIAN_POSITION, TOOL_LIMITS}),
         ),
+        "goal_cv": _SLOW_TWISTS,
         "operating_state": (frozenset(),),
         "state_command": (frozenset(),),
     }
@@ -59,6 +93,8 @@ def _features(capabilities: Capabilities) -> frozenset[str]:
     features.update(NATIVE + name for name in capabilities.native_moves)
     if capabilities.has_kinematics:
         features.add(KINEMATICS)
+    if capabilities.cartesian_limits is not None:
+        features.add(TOOL_LIMITS)
     if capabilities.has_free:
         features.add(FREE)
     if capabilities.modes or capabilities.native_moves:

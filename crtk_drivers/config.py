@@ -108,6 +108,12 @@ class DeviceConfig(Settings):
         le=10.0,
         description="A servo stream has stopped when no command came for this long, in s.",
     )
+    interpolate_timeout: float = Field(
+        default=0.5,
+        gt=0.0,
+        le=10.0,
+        description="An interpolated stream has stopped when no command came for this long, in s.",
+    )
     on_stream_timeout: Literal["hold", "pause", "fault"] = Field(
         default="hold",
         description="What follows when the stream has stopped and the device was held: "

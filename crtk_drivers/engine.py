@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from crtk_drivers.arbiter import Arbiter, Order
 from crtk_drivers.board import Observer, StatusBoard
 from crtk_drivers.capabilities import missing_for, offered
-from crtk_drivers.commands import Command
+from crtk_drivers.commands import Command, Level
 from crtk_drivers.device import Device
 from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceError, DeviceFault, Reason
 from crtk_drivers.executor import MotionExecutor
@@ -25,6 +25,7 @@ from crtk_drivers.health import Health, HealthRecorder
 from crtk_drivers.limits import CommandCheck, LimitPolicy, SetpointLimiter
 from crtk_drivers.moves import Move, Outcome
 from crtk_drivers.orders import OrderMaker
+from crtk_drivers.reach import Reach
 from crtk_drivers.samples import EMPTY, Pose, Stamp, Value, Vector
 from crtk_drivers.state import HOMING_COMMANDS, OperatingState, Status, parse_command
 from crtk_drivers.transitions import Transitions
@@ -58,6 +59,7 @@ class EngineOptions:
 
     Attributes:
         stream_timeout: a servo stream that is silent this long has ended.
+        interpolate_timeout: the same for an interpolated stream.
         on_stream_timeout: what happens then besides stopping: "hold" stays ENABLED, "pause", "fault".
         sample_timeout: without a sample for this long the link counts as lost.
         mode_switch_dwell: see `crtk_drivers.arbiter`.
@@ -65,6 +67,7 @@ class EngineOptions:
     """
 
     stream_timeout: float = 0.1
+    interpolate_timeout: float = 0.5
     on_stream_timeout: str = "hold"
     sample_timeout: float = 0.2
     mode_switch_dwell: float = 0.1
@@ -109,17 +112,21 @@ class Engine:
         self._board = StatusBoard(not_yet, self.where, self._health)
         self._check = CommandCheck(self.capabilities, self.options.limits, self.where)
         limiter = SetpointLimiter(self.capabilities, self.options.limits, self.where)
-        self._orders = OrderMaker(device, self.where, self._check, limiter, self._feedback)
-        self._arbiter = Arbiter(self.options.mode_switch_dwell, self.where)
+        reach = Reach(device, self.where, self._check, self._feedback)
+        self._orders = OrderMaker(device, reach, self._check, limiter, self._feedback)
+        dwell, slow = self.options.mode_switch_dwell, self.options.interpolate_timeout
+        self._arbiter = Arbiter(dwell, self.where, slow_dwell=max(dwell, slow))
         self._motion = MotionExecutor(
             device,
             self.where,
             self._arbiter,
             limiter,
+            reach,
             self._feedback,
             self._board,
             self._health,
             self.options.stream_timeout,
+            self.options.interpolate_timeout,
         )
         self._transitions = Transitions(
             device, self.where, self._board, self._motion.end, self._feedback.seed
@@ -219,7 +226,7 @@ class Engine:
                 replaced = self._arbiter.put(order, self._clock())
                 if replaced is not None:
                     replaced.finish(Outcome.PREEMPTED, f"by {name}")
-                if order.goal is not None:
+                if order.move is not None:
                     self._feedback.accept_goals(order.goals)
                     for goal in order.goals:
                         self._board.goal_accepted(goal)
@@ -398,8 +405,13 @@ class Engine:
             ended = self._motion.step(now)
             after = _AFTER_STREAM.get(self.options.on_stream_timeout)
             if ended and after is not None:
-                limit = f"{self.options.stream_timeout:g} s"
-                self._leave(after, f"{ended} stopped for more than {limit}")
+                self._leave(
+                    after, f"{ended} stopped for more than {self._stream_timeout(ended):g} s"
+                )
+
+    def _stream_timeout(self, name: str) -> float:
+        is_slow = self.commands[name].level is Level.INTERPOLATE
+        return self.options.interpolate_timeout if is_slow else self.options.stream_timeout
 
     def _follow_condition(self) -> None:
         condition, status = self.device.condition, self.status

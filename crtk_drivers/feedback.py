@@ -8,8 +8,13 @@ The contents of a setpoint depend on the command that made it:
     servo_jp, servo_cp    position sent; no velocity
     servo_jv              velocity sent; no position
     servo_jf              effort sent; neither position nor velocity
-    servo_cv, servo_cf    the hardware's own setpoint if it reports one; setpoint_cp is invalid
+    servo_cv, servo_cf    the hardware's own setpoint if it reports one; setpoint_cp is invalid;
+                          servo_cv by joints: their velocity, or the integrated position with it
     move_jp, move_cp      p(t) and v(t) of the trajectory
+    interpolate_jp, _jr   p(t) and v(t) of the interpolation; _cp, _cr the same by kinematics
+    interpolate_jv        v(t); no position
+    interpolate_cv        as servo_cv
+    interpolate_jf        the effort at the time; neither position nor velocity
     none (holding)        the position held
 """
 
@@ -48,6 +53,8 @@ class _Active:
     mode: Mode | None = None
     joints: JointState = field(default_factory=JointState)
     pose: Vector = field(default_factory=empty)
+    acceleration: Vector = field(default_factory=empty)
+    twist: Vector = field(default_factory=empty)
 
 
 class Feedback:
@@ -85,18 +92,30 @@ class Feedback:
         self._active = _Active(None, JointState(position=self._measured().position))
         return True
 
-    def sent(self, setpoint: Setpoint) -> None:
-        """A setpoint went out."""
-        if setpoint.mode.space is Space.JOINT:
-            self._active = _Active(setpoint.mode, joint_state(setpoint.mode.kind, setpoint.values))
-        elif setpoint.mode is Mode.CARTESIAN_POSITION:
-            self._active = _Active(setpoint.mode, JointState(), setpoint.values)
-        else:
-            self._active = _Active(setpoint.mode)
+    def sent(
+        self,
+        setpoint: Setpoint,
+        joints: JointState | None = None,
+        acceleration: Vector = EMPTY,
+        twist: Vector = EMPTY,
+    ) -> None:
+        """A setpoint went out.
 
-    def trajectory(self, point: JointState) -> None:
-        """A point of a trajectory of ours went out: its velocity belongs to the setpoint."""
-        self._active = _Active(Mode.JOINT_POSITION, point)
+        Args:
+            setpoint: that went out.
+            joints: what ``setpoint_js`` says of it, where that does not follow from the setpoint alone: the
+                point of a trajectory of ours.
+            acceleration: (n,) of the joints, for the motion that follows; empty if unknown.
+            twist: (6,) of the tool, for the motion that follows; empty if unknown.
+        """
+        mode, values = setpoint.mode, setpoint.values
+        if joints is None:
+            in_joints = mode.space is Space.JOINT
+            joints = joint_state(mode.kind, values) if in_joints else JointState()
+        pose = values if mode is Mode.CARTESIAN_POSITION else EMPTY
+        if mode is Mode.CARTESIAN_VELOCITY:
+            twist = values
+        self._active = _Active(mode, joints, pose, acceleration, twist)
 
     def follow_device(self) -> None:
         """The hardware makes its own setpoints from now on."""
@@ -166,6 +185,52 @@ class Feedback:
         """Return the joint position (n,) that relative commands and kinematics start from."""
         position = self.joint_setpoint().position
         return position if position.size else self._measured().position
+
+    def motion(self) -> tuple[Vector, Vector, Vector]:
+        """Return joint position, velocity and acceleration (n,) that a new motion starts from."""
+        position = self.reference_joints()
+        velocity, acceleration = self.joint_setpoint().velocity, self._active.acceleration
+        if not velocity.size and self._active.mode not in _POSITION_MODES:
+            velocity = self._measured().velocity  # an effort or a twist is in force
+        at_rest = vector(np.zeros(position.size))
+        return (
+            position,
+            velocity if velocity.size else at_rest,
+            acceleration if acceleration.size else at_rest,
+        )
+
+    def reference_pose(self, native: bool = False) -> Pose | None:
+        """Return the tool pose (base frame) that relative poses start from; None if it is not known.
+
+        Args:
+            native: prefer what the hardware reports as its own, which may know the arm better.
+        """
+        sample, pose = self._sample, self._active.pose
+        if native and sample is not None:
+            own = sample.values.get("setpoint_cp")
+            if isinstance(own, Pose):
+                return own
+        if pose.size:
+            return Pose(pose[:3], pose[3:], self._capabilities.base_frame)
+        joints = self.reference_joints()
+        if joints.size and self._capabilities.has_kinematics:
+            return self._device.forward_kinematics(joints)
+        measured = sample.values.get("measured_cp") if sample is not None else None
+        return measured if isinstance(measured, Pose) else None
+
+    def reference_twist(self) -> Vector:
+        """Return the twist (6,) of the tool, base axes, that a new motion starts from."""
+        if self._active.twist.size:
+            return self._active.twist
+        joints, velocity, _ = self.motion()
+        if not self._capabilities.has_kinematics or not velocity.any():
+            return vector(np.zeros(6))
+        return vector(self._device.jacobian(joints) @ velocity)
+
+    def commanded_effort(self) -> Vector:
+        """Return the joint effort (n,) that was sent last; empty unless an effort is in force."""
+        is_effort = self._active.mode is Mode.JOINT_EFFORT
+        return self._active.joints.effort if is_effort else EMPTY
 
     def before(self, mode: Mode) -> Vector:
         """Return what a new setpoint of `mode` is compared with to find a jump."""

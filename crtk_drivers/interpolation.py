@@ -451,6 +451,11 @@ class VectorInterpolator(Interpolator[Vector]):
         return self._goals.newest[1]
 
     @property
+    def rate(self) -> Vector:
+        """The first derivative (n,) of the present setpoint."""
+        return self._rate
+
+    @property
     def acceleration(self) -> Vector:
         """The second derivative (n,) of the present setpoint."""
         return self._acceleration

@@ -143,10 +143,10 @@ class CommandCheck:
         """Return a joint position (n,) that was computed from the value of `command`.
 
         Raises:
-            CommandRefused: it is none, or the goal of a move and out of range.
+            CommandRefused: it is none, or the goal of a move or an interpolation and out of range.
         """
         self.check_joints(command, joints)
-        if command.level is Level.MOVE:
+        if command.level in (Level.MOVE, Level.INTERPOLATE):
             self._check_range(command, joints)
         return joints
 
@@ -402,7 +402,7 @@ class SetpointLimiter:
         return CommandRefused(name, reason, message, where=self._where, remedy=remedy)
 
     def _position(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
-        values, warning = self._in_range(name, values, before)
+        values, warning = self.into_range(name, values, before)
         if before.size:
             step = np.abs(values - before)
             largest = self._velocity * self._policy.max_step
@@ -418,8 +418,17 @@ class SetpointLimiter:
                 )
         return values, warning
 
-    def _in_range(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
-        """Clamp; a joint that is out of its range already may stay or come back, not go further."""
+    def into_range(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
+        """Return joint positions (n,), clamped to their range, and a warning if they were.
+
+        Args:
+            name: of the command they come from.
+            values: wanted.
+            before: where they are; what is out of range already may stay or come back.
+
+        Raises:
+            CommandRefused: out of range where the policy is not to clamp.
+        """
         lower, upper = self._lower, self._upper
         if before.size:
             lower, upper = np.minimum(lower, before), np.maximum(upper, before)

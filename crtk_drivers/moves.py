@@ -9,8 +9,8 @@ from enum import StrEnum
 
 from crtk_drivers.device import Device, Goal, MoveProgress
 from crtk_drivers.errors import MotionAborted
-from crtk_drivers.motion import JointProfile
-from crtk_drivers.samples import JointState
+from crtk_drivers.profiles import JointProfile
+from crtk_drivers.samples import JointState, Vector
 
 
 class Outcome(StrEnum):
@@ -111,14 +111,14 @@ class ProfileMove(MoveExecution):
         self,
         move: Move,
         profile: JointProfile,
-        send: Callable[[str, JointState, float], None],
+        send: Callable[[str, JointState, Vector, float], None],
         now: float,
         period: float,
     ) -> None:
         super().__init__(move)
         self._profile = profile
         self._send = send
-        self._last = now
+        self._last = now - period  # when the setpoint went out from which it starts
         self._longest = 2.0 * period
         self._time = 0.0
 
@@ -126,6 +126,7 @@ class ProfileMove(MoveExecution):
         """Send the next point."""
         self._time += min(now - self._last, self._longest)
         self._last = now
-        position, velocity = self._profile.at(self._time)
-        self._send(self.move.name, JointState(position=position, velocity=velocity), now)
+        position, velocity, acceleration = self._profile.state(self._time)
+        point = JointState(position=position, velocity=velocity)
+        self._send(self.move.name, point, acceleration, now)
         return self._time >= self._profile.duration

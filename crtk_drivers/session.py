@@ -63,6 +63,7 @@ def engine_options(config: DeviceConfig) -> EngineOptions:
     limits = config.limits
     return EngineOptions(
         stream_timeout=config.stream_timeout,
+        interpolate_timeout=config.interpolate_timeout,
         on_stream_timeout=config.on_stream_timeout,
         sample_timeout=config.sample_timeout,
         mode_switch_dwell=config.mode_switch_dwell,

@@ -12,8 +12,8 @@ Published once, latched, as JSON in a std_msgs/String on ``~/crtk_capabilities``
     tool            limits of the tool, or null
     frames          {base, tool}: as they appear in messages and on /tf
     rates           {io, publish, tf, heartbeat}
-    stop            {stream_timeout, on_stream_timeout, link_timeout, description}: what happens when the
-                    stream of commands, or this process, stops
+    stop            {stream_timeout, interpolate_timeout, on_stream_timeout, link_timeout, description}:
+                    what happens when the stream of commands, or this process, stops
     command_limits  {clamp_servo, max_step, max_linear_step, max_command_age}
     homing          whether `home` is needed before positions count
 """
@@ -88,6 +88,7 @@ def manifest(
         },
         "stop": {
             "stream_timeout": options.stream_timeout,
+            "interpolate_timeout": options.interpolate_timeout,
             "on_stream_timeout": options.on_stream_timeout,
             **_finite(asdict(capabilities.stop)),
         },

@@ -19,7 +19,7 @@ from crtk_drivers.ros.feedback import coherent
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 
 JOINTS = ["x", "y", "z", "yaw"]
-NEVER_OFFERED = ("servo_cf", "interpolate_jp", "interpolate_cp", "move_cr", "servo_cs", "goal_cv")
+NEVER_OFFERED = ("servo_cf", "interpolate_cf", "servo_cs")
 
 
 def topic(rig: Rig, name: str) -> str:

@@ -7,8 +7,9 @@ import pytest
 from crtk_drivers.arbiter import Arbiter, Order
 from crtk_drivers.device import Goal, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.geometry import quaternion_from_rotvec, rotvec_from_quaternion
 from crtk_drivers.moves import Move
-from crtk_drivers.samples import vector
+from crtk_drivers.samples import Pose, vector
 
 
 def position(*values: float) -> Order:
@@ -55,6 +56,22 @@ def test_an_increment_onto_a_waiting_position_moves_that() -> None:
     assert order.setpoint is not None
     assert order.setpoint.values.tolist() == [1.5, 2.5]
     assert not order.increment.size
+
+
+def displacement(position: tuple[float, ...], angle: float) -> Order:
+    turn = quaternion_from_rotvec(vector((0.0, 0.0, angle)))
+    return Order("servo_cr", displacement=Pose(vector(position), turn))
+
+
+def test_displacements_are_summed_along_the_axes_of_the_base() -> None:
+    arbiter = Arbiter(0.1, "here")
+    for _ in range(3):
+        arbiter.put(displacement((0.1, -0.2, 0.0), 0.5), 0.0)
+    order = arbiter.take()
+    assert order is not None
+    assert order.displacement is not None
+    assert order.displacement.position == pytest.approx([0.3, -0.6, 0.0])
+    assert rotvec_from_quaternion(order.displacement.orientation) == pytest.approx([0, 0, 1.5])
 
 
 def test_no_increment_is_lost_between_two_threads() -> None:

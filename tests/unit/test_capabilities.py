@@ -11,9 +11,13 @@ from crtk_drivers.commands import COMMANDS
 from crtk_drivers.device import Capabilities, CartesianLimits, JointLimits, Mode
 
 STATE = {"operating_state", "state_command"}
-JOINT_MOTION = {"servo_jp", "servo_jr", "move_jp", "move_jr", "hold", "setpoint_js", "goal_js"}
+JOINT_STREAMS = {"servo_jp", "servo_jr", "interpolate_jp", "interpolate_jr"}
+JOINT_MOTION = JOINT_STREAMS | {"move_jp", "move_jr", "hold", "setpoint_js", "goal_js"}
 KINEMATICS = {"jacobian", "forward_kinematics", "inverse_kinematics"}
-WITH_KINEMATICS = KINEMATICS | {"servo_cp", "move_cp", "setpoint_cp", "goal_cp"}
+SLOW_POSES = {"interpolate_cp", "interpolate_cr"}
+SLOW = SLOW_POSES | {"interpolate_cv", "goal_cv"}
+WITH_KINEMATICS = KINEMATICS | SLOW | {"servo_cp", "servo_cr", "servo_cv"}
+WITH_KINEMATICS |= {"move_cp", "move_cr", "setpoint_cp", "goal_cp"}
 BARE = {
     "modes": frozenset[Mode](),
     "has_kinematics": False,
@@ -33,13 +37,23 @@ CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
         {"modes": POSITION, "has_kinematics": True},
         {"measured_js"} | JOINT_MOTION | WITH_KINEMATICS,
     ),
+    "positions and kinematics of a tool without limits": (
+        {"modes": POSITION, "has_kinematics": True, "cartesian_limits": None},
+        {"measured_js"} | JOINT_MOTION | WITH_KINEMATICS - SLOW,
+    ),
+    "poses and twists": (
+        {"modes": frozenset({Mode.CARTESIAN_POSITION, Mode.CARTESIAN_VELOCITY})},
+        {"measured_js", "servo_cp", "servo_cr", "servo_cv", "interpolate_cv", "hold", "setpoint_js"}
+        | SLOW_POSES
+        | {"goal_cp", "goal_cv"},
+    ),
     "velocities": (
         {"modes": frozenset({Mode.JOINT_VELOCITY})},
-        {"measured_js", "servo_jv", "hold", "setpoint_js"},
+        {"measured_js", "servo_jv", "interpolate_jv", "hold", "setpoint_js", "goal_js"},
     ),
     "efforts": (
         {"modes": frozenset({Mode.JOINT_EFFORT}), "has_free": True},
-        {"measured_js", "servo_jf", "hold", "setpoint_js", "free"},
+        {"measured_js", "servo_jf", "interpolate_jf", "hold", "setpoint_js", "goal_js", "free"},
     ),
     "its own moves": (
         {"native_moves": frozenset({"move_jp"})},
@@ -64,7 +78,7 @@ def test_what_is_missing_is_said_in_words() -> None:
     assert "Cartesian position, or joint position and kinematics" in missing_for(
         "servo_cp", encoder
     )
-    assert missing_for("interpolate_jp", encoder) == "It is not implemented for any device yet."
+    assert missing_for("servo_js", encoder) == "It is not implemented for any device yet."
     assert missing_for("measured_cf", encoder) == "Its samples hold no such value."
     assert missing_for("dance", encoder) == "There is no such CRTK command."
 

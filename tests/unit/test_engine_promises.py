@@ -8,26 +8,34 @@
 import math
 
 import numpy as np
-from engine_rig import PERIOD, Rig, jf, jp, jv, pose
+from engine_rig import LIMIT, PERIOD, Rig, jf, jp, jv, pose, two_joints
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
+from crtk_drivers.commands import COMMANDS
 from crtk_drivers.device import Condition, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceFault
 from crtk_drivers.moves import Move
+from crtk_drivers.samples import Twist, vector
 from crtk_drivers.state import OperatingState, StateCommand
 
 number = st.floats(-1.5, 1.5) | st.sampled_from([math.nan, math.inf, 0.0, 0.01, -0.01])
 small = st.floats(-0.05, 0.05)
 
 
+SMOOTH = frozenset({name for name in COMMANDS if name.startswith("interpolate_")} | {"servo_cv"})
+
+
 class Promises(RuleBasedStateMachine):
+    capabilities = two_joints()
+
     def __init__(self) -> None:
         super().__init__()
-        self.rig = Rig()
+        self.rig = Rig(capabilities=self.capabilities)
         self.moves: list[Move] = []
         self.commanded = False
+        self.smooth = ""
         device = self.rig.device
         record = device.write
 
@@ -43,6 +51,7 @@ class Promises(RuleBasedStateMachine):
         assert self.commanded, "written without a command since the device was enabled"
         values = setpoint.values
         assert np.isfinite(values).all()
+        self.judge_smooth(setpoint)
         if setpoint.mode is Mode.JOINT_POSITION:
             assert np.abs(values).max() <= 1.0 + 1e-12
             assert np.abs(values - self.rig.device.position).max() <= 0.1 + 1e-9
@@ -50,6 +59,23 @@ class Promises(RuleBasedStateMachine):
             assert np.abs(values).max() <= 1.0
         else:
             assert np.abs(values).max() <= 5.0
+
+    def judge_smooth(self, setpoint: Setpoint) -> None:
+        """A motion that the core makes itself does not step: at most two cycles' worth."""
+        going_on = self.rig.engine.health().stream
+        is_move = any(not _ended(move) for move in self.moves) and not going_on
+        if setpoint.mode is Mode.JOINT_POSITION and (is_move or going_on in SMOOTH):
+            step = np.abs(setpoint.values - self.rig.device.position).max()
+            assert step <= 2.0 * PERIOD * LIMIT.velocity * 1.01 + 1e-9
+        if self.smooth == going_on != "":
+            change = np.abs(setpoint.values - self.rig.written[-1].values).max()
+            most = {
+                "interpolate_jv": LIMIT.acceleration,
+                "interpolate_jf": LIMIT.effort / 0.1,
+                "interpolate_cv": 5.0,
+            }
+            assert change <= 2.0 * PERIOD * most.get(going_on, math.inf) + 1e-9
+        self.smooth = going_on if self.rig.state is OperatingState.ENABLED else ""
 
     def submit(self, name: str, value: object) -> None:
         try:
@@ -69,6 +95,10 @@ class Promises(RuleBasedStateMachine):
         place = self.rig.device.position
         self.submit("servo_jp", jp(place[0] + a, place[1] + b))
 
+    @rule(a=small, b=small)
+    def near_pose(self, a: float, b: float) -> None:
+        self.submit("servo_cr", pose(a, b))
+
     @rule(a=number, b=number)
     def velocity(self, a: float, b: float) -> None:
         self.submit("servo_jv", jv(a, b))
@@ -77,9 +107,32 @@ class Promises(RuleBasedStateMachine):
     def effort(self, a: float, b: float) -> None:
         self.submit("servo_jf", jf(a, b))
 
-    @rule(a=st.floats(-1.5, 1.5), name=st.sampled_from(["servo_cp", "move_cp"]))
+    @rule(
+        a=st.floats(-1.5, 1.5), name=st.sampled_from(["servo_cp", "move_cp", "servo_cr", "move_cr"])
+    )
     def cartesian(self, a: float, name: str) -> None:
         self.submit(name, pose(a))
+
+    @rule(a=number, b=number, name=st.sampled_from(["interpolate_jp", "interpolate_jr"]))
+    def slow_position(self, a: float, b: float, name: str) -> None:
+        self.submit(name, jp(a, b))
+
+    @rule(a=number, b=number)
+    def slow_velocity(self, a: float, b: float) -> None:
+        self.submit("interpolate_jv", jv(a, b))
+
+    @rule(a=number, b=number)
+    def slow_effort(self, a: float, b: float) -> None:
+        self.submit("interpolate_jf", jf(a, b))
+
+    @rule(a=number, b=number, name=st.sampled_from(["interpolate_cp", "interpolate_cr"]))
+    def slow_pose(self, a: float, b: float, name: str) -> None:
+        if math.isfinite(a + b):
+            self.submit(name, pose(a, b))
+
+    @rule(a=number, name=st.sampled_from(["servo_cv", "interpolate_cv"]))
+    def twist(self, a: float, name: str) -> None:
+        self.submit(name, Twist(vector((a, 0, 0)), vector((0, 0, a))))
 
     @rule(name=st.sampled_from(["hold", "free"]))
     def plain(self, name: str) -> None:
@@ -182,5 +235,22 @@ def _ended(move: Move) -> bool:
     return move.outcome != "running"
 
 
+class PositionsOnly(Promises):
+    """Twists are carried out by joints, which takes positions."""
+
+    capabilities = two_joints(modes=frozenset({Mode.JOINT_POSITION}))
+
+
+class VelocitiesOnly(Promises):
+    """Twists are carried out by joints, which takes velocities."""
+
+    capabilities = two_joints(modes=frozenset({Mode.JOINT_VELOCITY}))
+
+
 TestPromises = Promises.TestCase
 TestPromises.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+
+TestPositionsOnly = PositionsOnly.TestCase
+TestPositionsOnly.settings = settings(max_examples=30, stateful_step_count=40, deadline=None)
+TestVelocitiesOnly = VelocitiesOnly.TestCase
+TestVelocitiesOnly.settings = settings(max_examples=30, stateful_step_count=40, deadline=None)

@@ -56,7 +56,7 @@ def test_a_name_that_is_not_offered_is_absent_and_says_what_is_missing(arm: Loca
     with pytest.raises(AttributeError, match=r"does not offer servo_cf. It would need Cartesian"):
         arm.servo_cf([0.0] * 6)
     with pytest.raises(AttributeError, match="not implemented for any device yet"):
-        arm.interpolate_jp([0.0] * 4)
+        arm.servo_js([0.0] * 4)
     with pytest.raises(AttributeError, match="LocalDevice has no attribute 'dance'"):
         arm.dance()
 
