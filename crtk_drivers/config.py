@@ -120,7 +120,7 @@ class DeviceConfig(Settings):
         "stay ENABLED (hold), or go to PAUSED or FAULT.",
     )
     sample_timeout: float = Field(
-        default=0.2,
+        default=0.5,
         gt=0.0,
         le=10.0,
         description="The device is in FAULT when its last sample is older than this, in s.",

@@ -69,7 +69,7 @@ class EngineOptions:
     stream_timeout: float = 0.1
     interpolate_timeout: float = 0.5
     on_stream_timeout: str = "hold"
-    sample_timeout: float = 0.2
+    sample_timeout: float = 0.5
     mode_switch_dwell: float = 0.1
     limits: LimitPolicy = field(default_factory=LimitPolicy)
 
