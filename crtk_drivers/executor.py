@@ -161,9 +161,9 @@ class MotionExecutor:
 
     def _follow(self, order: Order, now: float) -> None:
         stream = self._following
-        if stream is None or stream.name != order.name:
-            stream = self._begin_stream(order.name, now)
         try:
+            if stream is None or stream.name != order.name:
+                stream = self._begin_stream(order.name, now)
             stream.feed(order, now)
         except CommandRefused as refusal:
             self._board.refused(refusal)  # and what was going on goes on

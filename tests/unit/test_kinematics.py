@@ -21,7 +21,7 @@ from crtk_drivers.geometry import (
     quaternion_product,
     rotvec_from_quaternion,
 )
-from crtk_drivers.kinematics import IkFailure, InverseKinematicsError, SerialChain
+from crtk_drivers.kinematics import EDGE, IkFailure, InverseKinematicsError, SerialChain
 from crtk_drivers.samples import Pose, vector
 
 pytest.importorskip("pinocchio", reason="the kinematics extra is not installed")
@@ -276,7 +276,7 @@ def test_the_whole_turn_is_the_nearest_that_the_limits_allow(angle, reference, l
     arm = SerialChain(chain_from_dh([DHJoint("a", 1.0, lower=lower, upper=lower + width)]))
     (found,) = arm._nearest_turns(np.array((angle,)), np.array((reference,)))
     turns = [angle + 2 * math.pi * i for i in range(-20, 21)]
-    allowed = [turned for turned in turns if lower <= turned <= lower + width]
+    allowed = [turned for turned in turns if lower - EDGE <= turned <= lower + width + EDGE]
     nearest = min(abs(turned - reference) for turned in allowed or turns)
     assert abs(found - reference) == pytest.approx(nearest, abs=1e-9)
 

@@ -3,11 +3,14 @@
 import math
 import socket
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from ur_bench import HOME, LONG, UrBench, driver_at, eventually, ur_bench
 
+from crtk_drivers.device import Mode, Setpoint
 from crtk_drivers.errors import (
     CommandRefused,
     KinematicsError,
@@ -259,6 +262,74 @@ def test_servo_cv_is_reached_and_expires(bench):
     )
     bench.until_still()
     assert bench.status.state == "ENABLED"
+
+
+@contextmanager
+def written(bench: UrBench) -> Iterator[tuple[list[np.ndarray], list[np.ndarray]]]:
+    """The joint positions that the device is told to send, and the velocities set before each."""
+    positions: list[np.ndarray] = []
+    velocities: list[np.ndarray] = []
+    write = bench.device.write
+
+    def record(setpoint: Setpoint) -> None:
+        assert setpoint.mode is Mode.JOINT_POSITION
+        positions.append(setpoint.values)
+        velocities.append(bench.arm.setpoint_js(age=0).velocity)
+        write(setpoint)
+
+    bench.device.write = record
+    try:
+        yield positions, velocities
+    finally:
+        del bench.device.write
+
+
+def test_interpolate_jp_makes_a_smooth_motion_of_20_goals_a_second(bench):
+    arm, farthest = bench.arm, 0.0
+    limit = bench.engine.capabilities.limits[0]
+    cycle = 1.0 / bench.engine.capabilities.rate
+    with written(bench) as (positions, velocities):
+        for i in range(41):
+            arm.interpolate_jp(at(0.15 * (1.0 - math.cos(i * math.pi / 20.0))))
+            farthest = max(farthest, arm.measured_jp(age=0)[0])
+            time.sleep(0.05)
+        arm.interpolate_jp(at(0.05, 0.02))
+        eventually(lambda: np.allclose(bench.q(), at(0.05, 0.02), atol=1e-3), "the last goal")
+        eventually(lambda: not arm.health().stream, "the stream has ended")
+    assert farthest > 0.25
+    np.testing.assert_allclose(positions[-1], at(0.05, 0.02), atol=1e-9)
+    np.testing.assert_allclose(arm.goal_jp(), at(0.05, 0.02), atol=1e-9)
+    assert len(positions) > 200
+    # After a late cycle it goes on by two cycles at most.
+    fastest = np.abs(velocities).max()
+    assert 0.3 < fastest < 1.0
+    assert np.abs(np.diff(positions, axis=0)).max() <= 2.0 * cycle * fastest + 1e-6
+    assert np.abs(np.diff(velocities, axis=0)).max() <= 2.0 * cycle * limit.acceleration + 1e-6
+    bench.until_still()
+    with bench.nothing_moves():
+        assert bench.watch(0.3) < 1e-3
+
+
+def test_servo_cr_adds_up_along_the_axes_of_the_base(bench):
+    arm = bench.arm
+    start = arm.forward_kinematics(arm.setpoint_jp())
+    with written(bench) as (positions, _):
+        for _ in range(100):
+            arm.servo_cr([0.0, 0.0003, 0.0005, 0.0, 0.0, 0.0, 1.0])
+            time.sleep(0.002)
+        goal = shifted(start, 0.0, 0.03, 0.05)
+        eventually(
+            lambda: np.allclose(
+                arm.forward_kinematics(bench.q()).position, goal.position, atol=1e-3
+            ),
+            "the sum is reached",
+        )
+    end = arm.forward_kinematics(positions[-1])
+    np.testing.assert_allclose(end.position, goal.position, atol=1e-6)
+    assert abs(end.orientation @ goal.orientation) > 1.0 - 1e-9
+    assert np.abs(np.diff(positions, axis=0)).max() < 0.05
+    with bench.refused("unreachable", "servo_cr"):
+        arm.servo_cr([5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
 def test_kinds_of_motion_follow_each_other(bench):

@@ -40,16 +40,25 @@ class ServoConfig(Settings):
         default=300.0, ge=100.0, le=2000.0, description="Stiffness of servo_jp and servo_cp."
     )
     joint_acceleration: float = Field(
-        default=5.0, gt=0.0, le=40.0, description="For servo_jv and for stops, in rad/s²."
+        default=5.0,
+        gt=0.0,
+        le=40.0,
+        description="For servo_jv, interpolate_* and for stops, in rad/s².",
     )
     linear_acceleration: float = Field(
-        default=2.0, gt=0.0, le=20.0, description="For servo_cv and for its stops, in m/s²."
+        default=2.0,
+        gt=0.0,
+        le=20.0,
+        description="For servo_cv, interpolate_c* and for stops, in m/s².",
     )
     max_linear_velocity: float = Field(
-        default=1.0, gt=0.0, le=5.0, description="Largest linear velocity of servo_cv, in m/s."
+        default=1.0, gt=0.0, le=5.0, description="Of servo_cv and interpolate_c* at most, in m/s."
     )
     max_angular_velocity: float = Field(
-        default=3.14, gt=0.0, le=10.0, description="Largest angular velocity of servo_cv, in rad/s."
+        default=3.14,
+        gt=0.0,
+        le=10.0,
+        description="Of servo_cv and interpolate_c* at most, in rad/s.",
     )
 
 

@@ -50,11 +50,9 @@ from crtk_drivers.state import OperatingState
 
 logger = logging.getLogger(__name__)
 
-HARDWARE_JOINT_ACCELERATION = 40.0
-"""rad/s², the most that URScript accepts (URScript manual, movej, speedj)."""
-
-HARDWARE_JOINT_JERK = 1000.0
-"""rad/s³; the controller publishes no limit, and its own profiles have none."""
+ACCELERATION_RISE_TIME = 0.1
+"""Seconds in which setpoints made here reach the acceleration limit: the controller publishes no jerk
+limit."""
 
 UNLOCK_AFTER = 5.1
 """Seconds on the controller's clock that a protective stop lasts before it is unlocked: the controller
@@ -130,8 +128,8 @@ class UrDevice(Device):
                 lower,
                 upper,
                 velocity,
-                HARDWARE_JOINT_ACCELERATION,
-                HARDWARE_JOINT_JERK,
+                servo.joint_acceleration,
+                servo.joint_acceleration / ACCELERATION_RISE_TIME,
                 effort,
             )
             for lower, upper, velocity, effort in zip(
