@@ -115,12 +115,15 @@ def wait_ready(child: subprocess.Popen[str]) -> float:
 
 @contextmanager
 def simulator(records: Path, *, recorded: bool = True) -> Iterator[RunningSim]:
-    """Run the simulated UR controller; `recorded`: with notes of what it sends."""
+    """Run the simulated UR controller; `recorded`: with notes of what it sends.
+
+    With real-time priority, where that is permitted: a controller does not share its processor.
+    """
     os.environ[DIRECTORY] = str(records)
     if str(ROOT) not in sys.path:
         sys.path.append(str(ROOT))
     name = "bench.recorded_sim" if recorded else "crtk_sim_backends.ur"
-    with process.spawn(name, []) as sim:
+    with process.spawn(name, ["--realtime"]) as sim:
         yield sim
 
 

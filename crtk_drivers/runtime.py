@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 import threading
 import time
 from collections import defaultdict
@@ -24,6 +25,8 @@ logger = logging.getLogger(__name__)
 FIRST_RETRY = 0.25
 LONGEST_RETRY = 5.0
 WATCHDOG_PERIOD = 0.05
+REAL_TIME_PRIORITY = 10
+"""Of the I/O threads, under SCHED_FIFO: above everything ordinary, below the kernel's own threads."""
 STALL_LIMIT = 0.5
 """Seconds, besides two periods, after which an I/O thread that does not come back counts as stuck."""
 NEIGHBOURLY_OPEN = 0.25
@@ -105,6 +108,7 @@ class BusThread:
         return ""
 
     def _run(self) -> None:
+        _ask_for_real_time()
         try:
             due = time.monotonic()
             while not self._stopping.is_set():
@@ -177,6 +181,18 @@ class BusThread:
             member.engine.shut_down()
         except Exception:
             logger.exception("%s: shutting down failed", member.engine.where)
+
+
+def _ask_for_real_time() -> None:
+    """Run the calling thread, and no process that it starts, before all that is not real-time.
+
+    Where the system does not permit it, nothing happens.
+    """
+    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    try:
+        os.sched_setscheduler(0, policy, os.sched_param(REAL_TIME_PRIORITY))
+    except PermissionError:
+        logger.debug("real-time priority is not permitted; see `crtk-driver check`")
 
 
 class Runtime:
