@@ -19,9 +19,14 @@ COMMAND = ["uv", "run", "crtk-driver", "ur", "--ns", "/ur5", "--sim"]
 def first_joint_state(process: subprocess.Popen[bytes], timeout: float) -> JointState:
     """Return the first joint state, in rad, of the command that runs as `process`."""
     received: list[JointState] = []
+
+    def receive(state: JointState) -> None:
+        if state.header.stamp.sec:  # 0: not valid, the arm is not connected yet
+            received.append(state)
+
     rclpy.init()
     node = rclpy.create_node("first_command")
-    node.create_subscription(JointState, "/ur5/measured_js", received.append, 10)
+    node.create_subscription(JointState, "/ur5/measured_js", receive, 10)
     deadline = time.monotonic() + timeout
     while not received:
         if process.poll() is not None:
