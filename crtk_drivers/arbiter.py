@@ -7,15 +7,14 @@ command do not alternate: the second is refused until the first has been silent 
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from crtk_drivers.commands import COMMANDS, Level
+from crtk_drivers.commands import Level, find
 from crtk_drivers.device import Goal, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.geometry import quaternion_product
+from crtk_drivers.frames import both
 from crtk_drivers.moves import Move
 from crtk_drivers.samples import EMPTY, Pose, Value, Vector, empty, vector
 
@@ -24,11 +23,12 @@ from crtk_drivers.samples import EMPTY, Pose, Value, Vector, empty, vector
 class Order:
     """A command that passed its checks.
 
-    A servo has a `setpoint`, or an `increment` (n,) to the joint setpoint; an interpolation, and a twist that
-    joints carry out, has its `target`, or an `increment` to the newest target; a relative Cartesian command
-    has instead its `displacement` along and about the axes of the base frame; a move has its `goal` and the
+    A servo has a `setpoint`, or an `increment` (n,) to the joint setpoint. A stream that goes on between its
+    commands has its `target`, or an `increment` to the newest one; a pose that joints follow has both, the
+    target and the joints that reach it. A relative Cartesian command has instead its `displacement`, in the
+    frame of its sub-namespace; a move has its `goal` and the
     joint position `joints` (n,) where the goal lies and in `goals` what ``goal_*`` will say; hold and free
-    have none.
+    have none. `stamp_ns` is the sender's stamp, 0 if it gave none.
     """
 
     name: str
@@ -40,11 +40,17 @@ class Order:
     joints: Vector = field(default_factory=empty)
     goals: Mapping[str, Value] = field(default_factory=dict)
     move: Move | None = None
+    stamp_ns: int = 0
+
+    @property
+    def frame(self) -> str:
+        """That of the command's sub-namespace, see `crtk_drivers.frames`."""
+        return find(self.name).frame
 
     @property
     def level(self) -> Level:
         """That of the command."""
-        return COMMANDS[self.name].level
+        return find(self.name).level
 
     @property
     def is_stream(self) -> bool:
@@ -82,7 +88,7 @@ class Arbiter:
             else:
                 self._stream = ""
             replaced = self._order.move if self._order is not None else None
-            self._order = _combined(self._order, order)
+            self._order = combined(self._order, order)
         return replaced
 
     @property
@@ -121,23 +127,17 @@ class Arbiter:
         self._dwell = self._dwells[order.level]
 
 
-def _combined(old: Order | None, new: Order) -> Order:
-    if old is None or not COMMANDS[new.name].is_relative:
+def combined(old: Order | None, new: Order) -> Order:
+    """Return the order that stands for both: the newer one, with the increments of the older one added."""
+    if old is None or not find(new.name).is_relative:
         return new
     if old.name == new.name and old.increment.size:
         return replace(new, increment=vector(old.increment + new.increment))
     if old.name == new.name and old.displacement is not None and new.displacement is not None:
-        return replace(new, displacement=_both(old.displacement, new.displacement))
+        return replace(new, displacement=both(old.displacement, new.displacement, new.frame))
     on_position = old.setpoint is not None and old.setpoint.mode is Mode.JOINT_POSITION
     if on_position and new.level is Level.SERVO and new.increment.size:
         assert old.setpoint is not None
         moved = vector(old.setpoint.values + new.increment)
         return replace(new, setpoint=Setpoint(Mode.JOINT_POSITION, moved), increment=EMPTY)
     return new
-
-
-def _both(first: Pose, second: Pose) -> Pose:
-    """Return the displacement, in axes of the base frame, of one after another."""
-    turned = quaternion_product(second.orientation, first.orientation)
-    orientation = vector(turned / math.sqrt(float(turned @ turned)))
-    return Pose(vector(first.position + second.position), orientation)

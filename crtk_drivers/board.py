@@ -30,8 +30,8 @@ class Observer:
     def command_refused(self, refusal: CommandRefused) -> None:
         """A command was refused; it has been counted."""
 
-    def goal_accepted(self, name: str) -> None:
-        """``goal_js`` or ``goal_cp`` has a new value."""
+    def latched(self, name: str) -> None:
+        """What is told once, ``goal_*`` or ``trajectory_j/ratio``, has a new value."""
 
     def warned(self, text: str) -> None:
         """Something was corrected or is about to go wrong."""
@@ -114,10 +114,10 @@ class StatusBoard:
                 self.update(busy=True)
                 self.update(busy=False)
 
-    def goal_accepted(self, name: str) -> None:
-        """Tell that a goal has a new value."""
+    def latched(self, name: str) -> None:
+        """Tell that ``goal_*`` or a setting has a new value."""
         with self.lock:
-            self._tell(lambda observer: observer.goal_accepted(name))
+            self._tell(lambda observer: observer.latched(name))
 
     def warned(self, text: str) -> None:
         """Tell a warning."""

@@ -2,6 +2,9 @@
 
 A command that is not derived here does not exist on the device: its topic is not created, its method
 is absent, and asking for it says what would be needed (`missing_for`).
+
+Cartesian velocities, efforts and increments are offered in ``body/`` and ``spatial/`` as well (see
+`crtk_drivers.frames`), everything Cartesian in ``local/`` where the device's own base has a pose of its own.
 """
 
 from __future__ import annotations
@@ -9,12 +12,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from crtk_drivers.commands import COMMANDS, Command
+from crtk_drivers.commands import COMMANDS, Command, Direction, Kind, Level, Space, find, is_name
 from crtk_drivers.device import Capabilities, Mode
 
 KINEMATICS = "kinematics"
 TOOL_LIMITS = "limits of the tool"
+FORCE_LIMITS = "limits of the tool's force and torque"
 FREE = "free drive"
+GRAVITY = "gravity compensation"
+BASE = "a base with a pose of its own"
 NATIVE = "its own "
 ANY_MODE = "any mode"
 
@@ -37,6 +43,22 @@ _SLOW_TWISTS: tuple[frozenset[str], ...] = (
     frozenset({Mode.JOINT_POSITION, KINEMATICS, TOOL_LIMITS}),
 )
 
+_WRENCHES: tuple[frozenset[str], ...] = (
+    frozenset({Mode.CARTESIAN_EFFORT}),
+    frozenset({Mode.JOINT_EFFORT, KINEMATICS, FORCE_LIMITS}),
+)
+
+_TWISTS: tuple[frozenset[str], ...] = (
+    frozenset({Mode.CARTESIAN_VELOCITY}),
+    frozenset({Mode.JOINT_VELOCITY, KINEMATICS}),
+    frozenset({Mode.JOINT_POSITION, KINEMATICS}),
+)
+
+_MOVES: tuple[frozenset[str], ...] = (
+    frozenset({Mode.JOINT_POSITION}),
+    frozenset({NATIVE + "move_jp"}),
+)
+
 # Each alternative is a set of features that together are enough.
 _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
     {
@@ -46,12 +68,17 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         "servo_jf": (frozenset({Mode.JOINT_EFFORT}),),
         "servo_cp": _POSES,
         "servo_cr": _POSES,
-        "servo_cv": (
-            frozenset({Mode.CARTESIAN_VELOCITY}),
-            frozenset({Mode.JOINT_VELOCITY, KINEMATICS}),
-            frozenset({Mode.JOINT_POSITION, KINEMATICS}),
+        "servo_cv": _TWISTS,
+        "servo_cf": _WRENCHES,
+        "servo_js": (
+            frozenset({Mode.JOINT_POSITION}),
+            frozenset({Mode.JOINT_VELOCITY}),
+            frozenset({Mode.JOINT_EFFORT}),
         ),
-        "servo_cf": (frozenset({Mode.CARTESIAN_EFFORT}),),
+        "servo_cs": (
+            frozenset({Mode.CARTESIAN_POSITION, TOOL_LIMITS}),
+            frozenset({Mode.JOINT_POSITION, KINEMATICS, TOOL_LIMITS}),
+        ),
         "interpolate_jp": (frozenset({Mode.JOINT_POSITION}),),
         "interpolate_jr": (frozenset({Mode.JOINT_POSITION}),),
         "interpolate_jv": (frozenset({Mode.JOINT_VELOCITY}),),
@@ -59,8 +86,9 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         "interpolate_cp": _SLOW_POSES,
         "interpolate_cr": _SLOW_POSES,
         "interpolate_cv": _SLOW_TWISTS,
-        "move_jp": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
-        "move_jr": (frozenset({Mode.JOINT_POSITION}), frozenset({NATIVE + "move_jp"})),
+        "interpolate_cf": _WRENCHES,
+        "move_jp": _MOVES,
+        "move_jr": _MOVES,
         "move_cp": _POSE_MOVES,
         "move_cr": _POSE_MOVES,
         "hold": (frozenset({ANY_MODE}),),
@@ -70,6 +98,8 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         "inverse_kinematics": (frozenset({KINEMATICS}),),
         "setpoint_js": (frozenset({ANY_MODE}),),
         "setpoint_cp": (frozenset({ANY_MODE, KINEMATICS}),),
+        "setpoint_cv": (frozenset({ANY_MODE, KINEMATICS}), frozenset({Mode.CARTESIAN_VELOCITY})),
+        "setpoint_cf": _WRENCHES,
         "goal_js": (
             frozenset({Mode.JOINT_POSITION}),
             frozenset({Mode.JOINT_VELOCITY}),
@@ -82,6 +112,11 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
             frozenset({Mode.CARTESIAN_POSITION, TOOL_LIMITS}),
         ),
         "goal_cv": _SLOW_TWISTS,
+        "use_gravity_compensation": (frozenset({GRAVITY}),),
+        **{
+            f"trajectory_j/{name}": _MOVES
+            for name in ("set_ratio", "set_ratio_v", "set_ratio_a", "ratio", "ratio_v", "ratio_a")
+        },
         "operating_state": (frozenset(),),
         "state_command": (frozenset(),),
     }
@@ -91,15 +126,32 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
 def _features(capabilities: Capabilities) -> frozenset[str]:
     features: set[str] = {*capabilities.modes}
     features.update(NATIVE + name for name in capabilities.native_moves)
-    if capabilities.has_kinematics:
-        features.add(KINEMATICS)
-    if capabilities.cartesian_limits is not None:
-        features.add(TOOL_LIMITS)
-    if capabilities.has_free:
-        features.add(FREE)
-    if capabilities.modes or capabilities.native_moves:
-        features.add(ANY_MODE)
+    limits = capabilities.cartesian_limits
+    has = {
+        KINEMATICS: capabilities.has_kinematics,
+        TOOL_LIMITS: limits is not None,
+        FORCE_LIMITS: limits is not None and limits.force > 0.0 and limits.torque > 0.0,
+        FREE: capabilities.has_free,
+        GRAVITY: capabilities.has_gravity_compensation,
+        BASE: capabilities.base_pose is not None,
+        ANY_MODE: bool(capabilities.modes or capabilities.native_moves),
+    }
+    features.update(feature for feature, is_there in has.items() if is_there)
     return frozenset(features)
+
+
+_MOVING = frozenset({Kind.RELATIVE, Kind.VELOCITY, Kind.EFFORT})
+
+
+def _in_frames(command: Command) -> tuple[str, ...]:
+    """Return the frames in which a Cartesian command or value of the base frame is offered as well."""
+    if command.base_name == "jacobian":
+        return ("body", "spatial")
+    if command.space is not Space.CARTESIAN or command.level is Level.GOAL:
+        return ()
+    if command.direction is Direction.PUBLISHED:
+        return () if command.kind is Kind.POSITION else ("body", "spatial")
+    return ("body", "spatial", "local") if command.kind in _MOVING else ("local",)
 
 
 def offered(capabilities: Capabilities) -> Mapping[str, Command]:
@@ -109,20 +161,25 @@ def offered(capabilities: Capabilities) -> Mapping[str, Command]:
     for name, alternatives in _NEEDS.items():
         if any(needs <= features for needs in alternatives):
             names[name] = None
+    if KINEMATICS in features or "measured_cp" in names:
+        for name in tuple(names):
+            for frame in _in_frames(find(name)):
+                if frame != "local" or BASE in features:
+                    names[f"{frame}/{name}"] = None
     order = {name: index for index, name in enumerate(COMMANDS)}
-    ranked = sorted(names, key=lambda name: order[name.rpartition("/")[2]])
-    return MappingProxyType({name: COMMANDS[name.rpartition("/")[2]] for name in ranked})
+    ranked = sorted(names, key=lambda name: order.get(find(name).base_name, 0))
+    return MappingProxyType({name: find(name) for name in ranked})
 
 
 def missing_for(name: str, capabilities: Capabilities) -> str:
     """Say in words what a device would need in order to offer `name`."""
-    if name.rpartition("/")[2] not in COMMANDS:
+    if not is_name(name):
         return "There is no such CRTK command."
-    alternatives = _NEEDS.get(name)
+    command = find(name)
+    alternatives = _NEEDS.get(command.base_name)
     if alternatives is None:
-        if COMMANDS[name.rpartition("/")[2]].is_motion:
-            return "It is not implemented for any device yet."
         return "Its samples hold no such value."
     features = _features(capabilities)
-    lacks = (" and ".join(sorted(needs - features)) for needs in alternatives)
+    extra = {BASE} if command.frame == "local" else set()
+    lacks = (" and ".join(sorted((needs | extra) - features)) for needs in alternatives)
     return f"It would need {', or '.join(lacks)}."

@@ -3,14 +3,17 @@
 Node, client, plain Python front, command line, capability manifest, documentation and conformance
 suite are derived from `COMMANDS`; nobody types a topic name a second time. Names are
 ``<level>_<space><kind>`` as in the CRTK specification (collaborative-robotics/documentation,
-api-robot-motion.rst and api-operating-state.rst).
+api-robot-motion.rst and api-operating-state.rst); ``trajectory_j/`` and ``use_gravity_compensation`` as on
+the dVRK.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cache
 from types import MappingProxyType
 
 
@@ -24,6 +27,7 @@ class Level(StrEnum):
     SETPOINT = "setpoint"
     GOAL = "goal"
     STATE = "state"
+    SETTING = "setting"
     QUERY = "query"
 
 
@@ -67,13 +71,18 @@ class Payload(StrEnum):
     OPERATING_STATE = "operating state"
     TEXT = "text"
     EMPTY = "empty"
+    NUMBER = "number"
+    FLAG = "flag"
     FORWARD_KINEMATICS = "forward kinematics query"
     INVERSE_KINEMATICS = "inverse kinematics query"
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One CRTK name and all that is known of it without a device."""
+    """One CRTK name and all that is known of it without a device.
+
+    `name` carries the sub-namespace, if there is one: ``body/servo_cv``.
+    """
 
     name: str
     level: Level
@@ -85,6 +94,17 @@ class Command:
     summary: str
 
     @property
+    def base_name(self) -> str:
+        """The name without its sub-namespace: a key of `COMMANDS`, or ``measured2_js``."""
+        return self.name if self.name in COMMANDS else self.name.rpartition("/")[2]
+
+    @property
+    def frame(self) -> str:
+        """``local``, ``body`` or ``spatial`` where that is its sub-namespace; else empty."""
+        frame = self.name.partition("/")[0]
+        return frame if frame in FRAMES else ""
+
+    @property
     def is_relative(self) -> bool:
         """Whether the payload is an increment, of which none may be lost."""
         return self.kind is Kind.RELATIVE
@@ -94,6 +114,12 @@ class Command:
         """Whether it asks the device to move."""
         return self.level in (Level.SERVO, Level.INTERPOLATE, Level.MOVE)
 
+
+FRAMES = ("local", "body", "spatial")
+"""Sub-namespaces that say in which frame a Cartesian value is given, see `crtk_drivers.frames`."""
+
+SUB_NAMESPACES = (*FRAMES, "jaw", "gripper", "actuators", "raw")
+"""Where a device may offer the same names a second time, for example ``local/measured_cp``."""
 
 _JOINT_UNITS = {
     Kind.POSITION: "rad or m",
@@ -143,6 +169,20 @@ _OTHER_ROWS = (
      "stop, and stay at the present position"),
     ("free", Level.STATE, Direction.COMMANDED, Payload.EMPTY, "",
      "let go: the arm may be moved by hand"),
+    ("use_gravity_compensation", Level.SETTING, Direction.COMMANDED, Payload.FLAG, "",
+     "whether efforts are added that carry the arm's own weight"),
+    ("trajectory_j/set_ratio", Level.SETTING, Direction.COMMANDED, Payload.NUMBER, "1",
+     "share of the velocity and acceleration limits that moves use, above 0 and up to 1"),
+    ("trajectory_j/set_ratio_v", Level.SETTING, Direction.COMMANDED, Payload.NUMBER, "1",
+     "the same for velocity alone"),
+    ("trajectory_j/set_ratio_a", Level.SETTING, Direction.COMMANDED, Payload.NUMBER, "1",
+     "the same for acceleration alone"),
+    ("trajectory_j/ratio", Level.SETTING, Direction.PUBLISHED, Payload.NUMBER, "1",
+     "the lesser of the two shares in force"),
+    ("trajectory_j/ratio_v", Level.SETTING, Direction.PUBLISHED, Payload.NUMBER, "1",
+     "share of the velocity limits in force"),
+    ("trajectory_j/ratio_a", Level.SETTING, Direction.PUBLISHED, Payload.NUMBER, "1",
+     "share of the acceleration limits in force"),
     ("jacobian", Level.QUERY, Direction.PUBLISHED, Payload.MATRIX, "m/rad, 1",
      "6 x n geometric Jacobian of the tool, linear rows first"),
     ("forward_kinematics", Level.QUERY, Direction.SERVICE, Payload.FORWARD_KINEMATICS, "rad, m",
@@ -173,17 +213,30 @@ def _table() -> dict[str, Command]:
 
 COMMANDS: Mapping[str, Command] = MappingProxyType(_table())
 
-SUB_NAMESPACES = ("local", "body", "spatial", "jaw", "gripper", "actuators")
-"""Where a device may offer the same names a second time, for example ``local/measured_cp``."""
+_REDUNDANT = re.compile(r"measured[2-9]_js")
+"""Redundant sensors, beside those of measured_js: ``measured2_js``."""
 
 
+@cache
 def find(name: str) -> Command:
     """Return the row of `name`, which may carry a sub-namespace (``local/measured_cp``).
 
     Raises:
         KeyError: there is no such CRTK name.
     """
+    if name in COMMANDS:
+        return COMMANDS[name]
     space, slash, base = name.rpartition("/")
     if slash and space not in SUB_NAMESPACES:
         raise KeyError(name)
-    return COMMANDS[base]
+    row = COMMANDS["measured_js" if _REDUNDANT.fullmatch(base) else base]
+    return replace(row, name=name)
+
+
+def is_name(name: str) -> bool:
+    """Whether there is such a CRTK name, see `find`."""
+    try:
+        find(name)
+    except KeyError:
+        return False
+    return True

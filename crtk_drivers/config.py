@@ -132,6 +132,11 @@ class DeviceConfig(Settings):
         description="Refuse a servo command of another kind until the last kind was silent for "
         "this long, in s.",
     )
+    move_cp: Literal["line", "joints"] = Field(
+        default="line",
+        description="The way of move_cp and move_cr: the tool in a straight line, or the joints all at "
+        "once to where inverse kinematics has the goal.",
+    )
     limits: LimitsConfig = Field(default=LimitsConfig(), description="How commands are limited.")
 
 

@@ -136,13 +136,17 @@ class Capabilities:
         modes: the low-level modes; the core derives the CRTK commands from them.
         measured: CRTK names of the feedback in each sample, sub-namespaces included.
         native_moves: those of ``move_jp`` and ``move_cp`` that the hardware plans itself.
+        line_limits: of the tool in the hardware's own ``move_cp``, if they are lower than its others.
         has_kinematics: `forward_kinematics`, `inverse_kinematics` and `jacobian` are implemented.
         has_free: `free` is implemented.
+        has_gravity_compensation: `use_gravity_compensation` is implemented.
         needs_homing: is_homed is true only after `home`; otherwise it is always true.
+        stops_between_modes: the hardware comes to rest before it follows a setpoint of another mode.
         rate: of the I/O cycle, in Hz.
         paced_by_stream: `read` waits for the hardware's own clock; otherwise the runtime keeps time.
         writes_every_cycle: the hardware wants the setpoint again in each cycle (CAN, serial).
         base_frame, tool_frame: frame ids of poses and of what is attached to the tool.
+        base_pose: of the device's own base in the base frame, where these are two (``local/``).
         transition_timeout: bound of enable, home, ... in seconds.
     """
 
@@ -152,14 +156,18 @@ class Capabilities:
     modes: frozenset[Mode] = frozenset()
     measured: tuple[str, ...] = ("measured_js",)
     native_moves: frozenset[str] = frozenset()
+    line_limits: CartesianLimits | None = None
     has_kinematics: bool = False
     has_free: bool = False
+    has_gravity_compensation: bool = False
     needs_homing: bool = False
+    stops_between_modes: bool = False
     rate: float = 100.0
     paced_by_stream: bool = False
     writes_every_cycle: bool = False
     base_frame: str = "base"
     tool_frame: str = "tool"
+    base_pose: Pose | None = None
     transition_timeout: float = 30.0
     stop: StopPolicy = field(default=StopPolicy(0.0, "holds its position"))
 
@@ -213,16 +221,36 @@ class Setpoint:
     values: Vector
 
 
+@dataclass(frozen=True, slots=True)
+class Ratios:
+    """``trajectory_j/set_ratio_v`` and ``_a``: shares of the limits of velocity and acceleration.
+
+    Raises:
+        ValueError: not in (0, 1].
+    """
+
+    velocity: float = 1.0
+    acceleration: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("velocity", "acceleration"):
+            if not 0.0 < getattr(self, name) <= 1.0:
+                raise ValueError(f"the {name} ratio is {getattr(self, name)}, not in (0, 1]")
+
+
+FULL = Ratios()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Goal:
-    """A goal for the hardware's own trajectory generator.
+    """Where a move is to end: exactly one of `joints` (n,) and `pose` is set.
 
-    Exactly one of `joints` (n,) and `pose` is set. `ratio` in (0, 1] scales velocity and acceleration.
+    A pose is reached along a straight line. `ratios` are those of the speed that moves usually have.
     """
 
     joints: Vector | None = None
     pose: Pose | None = None
-    ratio: float = 1.0
+    ratios: Ratios = FULL
 
 
 class MoveProgress(StrEnum):
@@ -302,6 +330,14 @@ class Device(ABC):
         """
 
     @property
+    def takes_setpoints(self) -> bool:
+        """Whether a setpoint written now takes effect at once.
+
+        False after `stop`, while the hardware comes to rest: the core begins a stream after that.
+        """
+        return True
+
+    @property
     def condition(self) -> Condition:
         """What the last `read` said of the hardware."""
         return Condition()
@@ -347,6 +383,10 @@ class Device(ABC):
     def free(self) -> Steps:
         """Let go, so that the arm may be moved by hand. Ended by `stop` or the next command."""
         yield from ()
+
+    def use_gravity_compensation(self, on: bool) -> None:
+        """Add the efforts that carry the arm's own weight to those that are sent, or leave them out."""
+        raise NotImplementedError
 
     def move(self, goal: Goal) -> None:
         """Start the hardware's own motion to `goal`, from wherever it is and moves now."""

@@ -10,23 +10,24 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 from crtk_drivers.arbiter import Arbiter, Order
 from crtk_drivers.board import Observer, StatusBoard
 from crtk_drivers.capabilities import missing_for, offered
+from crtk_drivers.checks import CommandCheck
 from crtk_drivers.commands import Command, Level
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, Ratios
 from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceError, DeviceFault, Reason
 from crtk_drivers.executor import MotionExecutor
 from crtk_drivers.feedback import Feedback
 from crtk_drivers.health import Health, HealthRecorder
-from crtk_drivers.limits import CommandCheck, LimitPolicy, SetpointLimiter
+from crtk_drivers.limits import LimitPolicy, SetpointLimiter
 from crtk_drivers.moves import Move, Outcome
-from crtk_drivers.orders import OrderMaker
+from crtk_drivers.orders import LINE, OrderMaker
 from crtk_drivers.reach import Reach
-from crtk_drivers.samples import EMPTY, Pose, Stamp, Value, Vector
+from crtk_drivers.samples import EMPTY, Flag, Number, Pose, Stamp, Value, Vector
 from crtk_drivers.state import HOMING_COMMANDS, OperatingState, Status, parse_command
 from crtk_drivers.transitions import Transitions
 from crtk_drivers.watchdog import Deadman
@@ -63,6 +64,7 @@ class EngineOptions:
         on_stream_timeout: what happens then besides stopping: "hold" stays ENABLED, "pause", "fault".
         sample_timeout: without a sample for this long the link counts as lost.
         mode_switch_dwell: see `crtk_drivers.arbiter`.
+        move_cp: "line" moves the tool in a straight line, "joints" the joints all at once.
         limits: see `crtk_drivers.limits`.
     """
 
@@ -71,6 +73,7 @@ class EngineOptions:
     on_stream_timeout: str = "hold"
     sample_timeout: float = 0.5
     mode_switch_dwell: float = 0.1
+    move_cp: str = LINE
     limits: LimitPolicy = field(default_factory=LimitPolicy)
 
 
@@ -113,7 +116,9 @@ class Engine:
         self._check = CommandCheck(self.capabilities, self.options.limits, self.where)
         limiter = SetpointLimiter(self.capabilities, self.options.limits, self.where)
         reach = Reach(device, self.where, self._check, self._feedback)
-        self._orders = OrderMaker(device, reach, self._check, limiter, self._feedback)
+        self._orders = OrderMaker(
+            device, reach, self._check, limiter, self._feedback, self.where, self.options.move_cp
+        )
         dwell, slow = self.options.mode_switch_dwell, self.options.interpolate_timeout
         self._arbiter = Arbiter(dwell, self.where, slow_dwell=max(dwell, slow))
         self._motion = MotionExecutor(
@@ -128,6 +133,7 @@ class Engine:
             self.options.stream_timeout,
             self.options.interpolate_timeout,
         )
+        self._feedback.latch(_ratio_values(self._orders.ratios))
         self._transitions = Transitions(
             device, self.where, self._board, self._motion.end, self._feedback.seed
         )
@@ -170,9 +176,9 @@ class Engine:
         """
         return self._feedback.get(name, self._clock(), self.status.state)
 
-    def goal(self, name: str) -> tuple[Value, Stamp] | None:
-        """Return the goal accepted last under ``goal_js`` or ``goal_cp``."""
-        return self._feedback.goals.get(name)
+    def latched(self, name: str) -> tuple[Value, Stamp] | None:
+        """Return the newest value of ``goal_*`` or ``trajectory_j/ratio``, None before the first goal."""
+        return self._feedback.latched(name)
 
     def health(self) -> Health:
         """Return the counters."""
@@ -220,6 +226,9 @@ class Engine:
             command = self._require(name)
             if name == "hold" and self._holds_anyway():
                 return None
+            if command.level is Level.SETTING:
+                self._set(command, self._check.check(command, value))
+                return None
             order = self._order(command, value, stamp_ns)
             with self._board.lock:
                 self._require_enabled(name)
@@ -227,11 +236,10 @@ class Engine:
                 if replaced is not None:
                     replaced.finish(Outcome.PREEMPTED, f"by {name}")
                 if order.move is not None:
-                    self._feedback.accept_goals(order.goals)
-                    for goal in order.goals:
-                        self._board.goal_accepted(goal)
+                    self._latch(order.goals, order.stamp_ns)
                     self._board.update(busy=True)
         except CommandRefused as refusal:
+            refusal.stamp_ns = stamp_ns
             self._board.refused(refusal)
             raise
         return order.move
@@ -394,7 +402,29 @@ class Engine:
         if not command.is_motion:
             return Order(command.name)
         checked = self._check.check(command, value, stamp_ns, time.time_ns())
-        return self._orders.make(command, checked)
+        return replace(self._orders.make(command, checked), stamp_ns=stamp_ns)
+
+    def _set(self, command: Command, value: Value) -> None:
+        """Carry out a setting. It moves nothing and is possible in any state."""
+        if isinstance(value, Flag):
+            self._motion.use_gravity_compensation(value.value)
+            return
+        assert isinstance(value, Number)
+        changed = {
+            "trajectory_j/set_ratio": lambda ratio: Ratios(ratio, ratio),
+            "trajectory_j/set_ratio_v": lambda ratio: replace(self._orders.ratios, velocity=ratio),
+            "trajectory_j/set_ratio_a": lambda ratio: replace(
+                self._orders.ratios, acceleration=ratio
+            ),
+        }[command.name](value.value)
+        with self._board.lock:
+            self._orders.ratios = changed
+            self._latch(_ratio_values(changed), 0)
+
+    def _latch(self, values: Mapping[str, Value], stamp_ns: int) -> None:
+        self._feedback.latch(values, stamp_ns)
+        for name in values:
+            self._board.latched(name)
 
     def _advance(self, now: float) -> None:
         running = self._transitions.running
@@ -434,3 +464,11 @@ class Engine:
         self._motion.end(reason)
         if was_enabled:
             self.device.stop()
+
+
+def _ratio_values(ratios: Ratios) -> dict[str, Value]:
+    return {
+        "trajectory_j/ratio": Number(min(ratios.velocity, ratios.acceleration)),
+        "trajectory_j/ratio_v": Number(ratios.velocity),
+        "trajectory_j/ratio_a": Number(ratios.acceleration),
+    }

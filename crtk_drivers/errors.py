@@ -123,6 +123,9 @@ class CommandRefused(CrtkError, ValueError):
         reason: why, for programs.
         message: why, for people.
         remedy: what to send instead.
+
+    Attributes:
+        stamp_ns: of the command, by its sender; 0 if it had none.
     """
 
     def __init__(
@@ -132,6 +135,7 @@ class CommandRefused(CrtkError, ValueError):
         self.command = command
         self.reason = reason
         self.detail = message
+        self.stamp_ns = 0
 
 
 class MotionAborted(CrtkError):

@@ -2,27 +2,44 @@
 
 At any time one of five things is going on: nothing (the position is held), a servo stream, a stream
 that goes on between its commands, a move, or free drive. An order ends what was going on before it begins
-its own.
+its own. A stream that takes over from a motion of the hardware's own waits until that has come to its end.
 """
 
 from __future__ import annotations
 
-from crtk_drivers.arbiter import Arbiter, Order
+from collections.abc import Mapping
+from dataclasses import replace
+
+from crtk_drivers.arbiter import Arbiter, Order, combined
 from crtk_drivers.board import StatusBoard
-from crtk_drivers.commands import COMMANDS, Kind, Level, Space
+from crtk_drivers.commands import Kind, Level, Space, find
 from crtk_drivers.device import Device, Mode, Setpoint, Steps
-from crtk_drivers.errors import CommandRefused, MotionAborted
-from crtk_drivers.feedback import Feedback
+from crtk_drivers.errors import CommandRefused, MotionAborted, Reason
+from crtk_drivers.executions import LineMove, MoveExecution, NativeMove, ProfileMove
+from crtk_drivers.feedback import Feedback, Point
 from crtk_drivers.health import HealthRecorder
 from crtk_drivers.limits import SetpointLimiter
-from crtk_drivers.moves import Move, MoveExecution, NativeMove, Outcome, ProfileMove
+from crtk_drivers.mixed import MixedAxesStream, MixedJointStream
+from crtk_drivers.moves import Move, Outcome
+from crtk_drivers.outputs import PoseOutput
 from crtk_drivers.procedures import close
-from crtk_drivers.profiles import JointProfile, Ratios
+from crtk_drivers.profiles import JointProfile, LineProfile
 from crtk_drivers.reach import Reach
-from crtk_drivers.samples import EMPTY, JointState, Vector, vector
+from crtk_drivers.samples import Value, Vector, vector
 from crtk_drivers.state import OperatingState
-from crtk_drivers.streams import JointStream, PoseStream, ResolvedStream, Stream, TwistStream
+from crtk_drivers.streams import (
+    STREAM_MODES,
+    HeldStream,
+    JointStream,
+    PoseStream,
+    PursuitStream,
+    SmoothStream,
+    Stream,
+)
 from crtk_drivers.watchdog import Deadman
+
+REST_TIMEOUT = 5.0
+"""Seconds in which a motion of the hardware's own must have come to its end after `stop`."""
 
 
 class MotionExecutor:
@@ -70,6 +87,16 @@ class MotionExecutor:
         self._starting: Move | None = None
         self._freeing: Steps | None = None
         self._last_setpoint: Setpoint | None = None
+        self._waiting: Order | None = None
+        self._waits_since = 0.0
+        self._gravity: bool | None = None
+        self._servo_stamp_ns = 0
+        self._takes_poses = Mode.CARTESIAN_POSITION in self._capabilities.modes
+        self._pursues = not self._takes_poses and self._capabilities.cartesian_limits is not None
+
+    def use_gravity_compensation(self, on: bool) -> None:
+        """Switch it in the next cycle in which the device is ENABLED. From any thread."""
+        self._gravity = on
 
     def step(self, now: float) -> str:
         """Do this cycle's part.
@@ -82,11 +109,17 @@ class MotionExecutor:
         """
         order = self._arbiter.take()
         try:
+            if self._gravity is not None:
+                on, self._gravity = self._gravity, None
+                self._device.use_gravity_compensation(on)
+            if self._waiting is not None:
+                order = self._waited(order, now)
+                if order is None:
+                    return ""
             if order is not None:
                 self._execute(order, now)
             elif self._move is not None:
-                if self._move.step(now):
-                    self._finish_move(Outcome.REACHED)
+                self._step_move(self._move, now)
             elif self._following is not None:
                 return self._go_on(self._following, now)
             elif self._freeing is not None:
@@ -102,7 +135,7 @@ class MotionExecutor:
     def end(self, reason: str) -> None:
         """End all motion of ours because the device leaves ENABLED; the hardware is not told."""
         self.abandon(reason)
-        self._move = self._starting = None
+        self._move = self._starting = self._waiting = None
         self._forget_stream()
         self._feedback.hold()
         self._board.update(busy=False)
@@ -119,9 +152,7 @@ class MotionExecutor:
 
     def _execute(self, order: Order, now: float) -> None:
         if order.is_stream:
-            goes_on = order.level is Level.INTERPOLATE or order.target is not None
-            follow = self._follow if goes_on else self._servo
-            follow(order, now)
+            (self._end_for if self._must_rest(order) else self._stream_on)(order, now)
             return
         self._forget_stream()
         self._starting = order.move
@@ -129,8 +160,8 @@ class MotionExecutor:
         if order.move is not None:
             self._start_move(order, now)
             self._starting = None
-            if isinstance(self._move, ProfileMove) and self._move.step(now):
-                self._finish_move(Outcome.REACHED)
+            if not isinstance(self._move, NativeMove) and self._move is not None:
+                self._step_move(self._move, now)
         elif order.name == "hold":
             self._device.stop()
             self._feedback.hold()
@@ -138,22 +169,98 @@ class MotionExecutor:
             self._feedback.release()
             self._freeing = self._device.free()
 
+    def _stream_on(self, order: Order, now: float) -> None:
+        goes_on = order.level is Level.INTERPOLATE or order.target is not None
+        if goes_on or (order.displacement is not None and self._pursues):
+            self._follow(order, now)
+        else:
+            self._servo(order, now)
+
+    def _must_rest(self, order: Order) -> bool:
+        """Whether the hardware has to come to rest before it can follow the stream of `order`."""
+        if isinstance(self._move, NativeMove) or self._freeing is not None:
+            return True
+        last = self._last_setpoint
+        changes = last is not None and last.mode is not self._mode_of(order)
+        return (self._capabilities.stops_between_modes and changes) or (
+            last is None and not self._device.takes_setpoints
+        )
+
+    def _mode_of(self, order: Order) -> Mode:
+        """Return the mode of what the stream of `order` will send."""
+        if order.setpoint is not None:
+            return order.setpoint.mode
+        command, modes = find(order.name), self._capabilities.modes
+        kind = command.kind if command.kind in STREAM_MODES else Kind.POSITION
+        in_joints, in_space = STREAM_MODES[kind]
+        if command.space is Space.CARTESIAN and in_space in modes:
+            return in_space
+        is_integrated = kind is Kind.VELOCITY and in_joints not in modes
+        return Mode.JOINT_POSITION if is_integrated else in_joints
+
+    def _end_for(self, order: Order, now: float) -> None:
+        """Bring the hardware to rest; `order` begins from there."""
+        if order.setpoint is not None and order.target is None:
+            try:
+                before = self._feedback.before(order.setpoint.mode)
+                self._limiter.judge(order.name, order.setpoint, before)
+            except CommandRefused as refusal:
+                self._refuse(refusal, order)  # and what was going on goes on
+                return
+        is_free = self._freeing is not None
+        self._supersede(order.name)
+        if not is_free:
+            self._device.stop()
+        self._forget_stream()
+        self._feedback.hold()
+        if self._device.takes_setpoints:
+            self._stream_on(order, now)
+        else:
+            self._waiting, self._waits_since = order, now
+
+    def _waited(self, newer: Order | None, now: float) -> Order | None:
+        """Return the order that may begin now: one that is no stream, or the stream that waited."""
+        waiting, self._waiting = self._waiting, None
+        if newer is not None:
+            if not newer.is_stream:
+                return newer
+            waiting = combined(waiting, newer)
+        assert waiting is not None
+        if self._device.takes_setpoints:
+            return waiting
+        if now - self._waits_since < REST_TIMEOUT:
+            self._waiting = waiting
+            return None
+        refusal = CommandRefused(
+            waiting.name,
+            Reason.TRANSITION_RUNNING,
+            f"the hardware has not come to rest in {REST_TIMEOUT:g} s",
+            where=self._where,
+            remedy="Send hold, and look at the hardware.",
+        )
+        self._refuse(refusal, waiting)
+        return None
+
     def _servo(self, order: Order, now: float) -> None:
         try:
             limited = self._limit(order.name, self._target(order), now)
         except CommandRefused as refusal:
-            self._board.refused(refusal)  # and what was going on goes on
+            self._refuse(refusal, order)  # and what was going on goes on
             return
         self._supersede(order.name)
-        self._send(limited)
+        self._send(Point(limited), now, order.stamp_ns)
         self._stream.feed(now)
         self._health.stream = order.name
+
+    def _refuse(self, refusal: CommandRefused, order: Order) -> None:
+        refusal.stamp_ns = order.stamp_ns
+        self._board.refused(refusal)
 
     def _target(self, order: Order) -> Setpoint:
         if order.setpoint is not None:
             return order.setpoint
         if order.displacement is not None:
-            command = COMMANDS[order.name]
+            command = find(order.name)
             pose = self._reach.moved(command, order.displacement)
             return self._reach.setpoint(command, pose)
         target = vector(self._feedback.reference_joints() + order.increment)
@@ -166,29 +273,41 @@ class MotionExecutor:
                 stream = self._begin_stream(order.name, now)
             stream.feed(order, now)
         except CommandRefused as refusal:
-            self._board.refused(refusal)  # and what was going on goes on
+            self._refuse(refusal, order)  # and what was going on goes on
             return
         if stream is not self._following:
             self._supersede(order.name)
             self._stream.disarm()
             self._following = stream
             self._health.stream = order.name
-        goals = stream.goals
-        self._feedback.accept_goals(goals)
-        for goal in goals:
-            self._board.goal_accepted(goal)
+        if order.level is Level.SERVO:
+            self._servo_stamp_ns = order.stamp_ns
+        else:
+            self._latch_goals(stream.goals, order.stamp_ns)
         self._go_on(stream, now)
 
+    def _latch_goals(self, goals: Mapping[str, Value], stamp_ns: int) -> None:
+        self._feedback.latch(goals, stamp_ns)
+        for goal in goals:
+            self._board.latched(goal)
+
     def _begin_stream(self, name: str, now: float) -> Stream:
-        command, timeout = COMMANDS[name], self._interpolate_timeout
+        command, device, feedback = find(name), self._device, self._feedback
+        limiter, reach = self._limiter, self._reach
+        servo, slow = self._stream.timeout, self._interpolate_timeout
+        if command.base_name == "servo_js":
+            return MixedJointStream(name, device, feedback, servo, now)
+        if command.base_name == "servo_cs":
+            return MixedAxesStream(name, device, feedback, reach, limiter, servo, now)
         if command.level is Level.SERVO:
-            timeout = self._stream.timeout
-            return ResolvedStream(name, self._device, self._feedback, timeout, now)
+            if command.kind in (Kind.POSITION, Kind.RELATIVE):
+                return PursuitStream(name, device, feedback, reach, limiter, servo, now)
+            return HeldStream(name, device, feedback, reach, servo, now)
         if command.space is Space.JOINT:
-            return JointStream(name, self._device, self._feedback, self._clamp, timeout, now)
-        if command.kind is Kind.VELOCITY:
-            return TwistStream(name, self._device, self._feedback, timeout, now)
-        return PoseStream(name, self._device, self._feedback, self._reach, timeout, now)
+            return JointStream(name, device, feedback, self._clamp, slow, now)
+        if command.kind in (Kind.VELOCITY, Kind.EFFORT):
+            return SmoothStream(name, device, feedback, reach, slow, now)
+        return PoseStream(name, device, feedback, reach, slow, now)
 
     def _clamp(self, name: str, positions: Vector, before: Vector) -> Vector:
         clamped, warning = self._limiter.into_range(name, positions, before)
@@ -198,30 +317,46 @@ class MotionExecutor:
 
     def _go_on(self, stream: Stream, now: float) -> str:
         point = stream.step(now)
-        setpoint = self._limit(stream.name, point.setpoint, now)
-        self._send(setpoint, point.joints, point.acceleration, point.twist)
+        is_servo = find(stream.name).level is Level.SERVO
+        self._send_point(stream.name, point, now, self._servo_stamp_ns if is_servo else 0)
         return self._end_stream() if stream.is_over else ""
 
     def _start_move(self, order: Order, now: float) -> None:
-        assert order.goal is not None
-        assert order.move is not None
-        native = "move_jp" if order.goal.pose is None else "move_cp"
+        goal, move = order.goal, order.move
+        assert goal is not None
+        assert move is not None
+        native = "move_jp" if goal.pose is None else "move_cp"
         if native in self._capabilities.native_moves:
             self._feedback.follow_device()
-            self._move = NativeMove(order.move, self._device, order.goal)
+            self._move = NativeMove(move, self._device, goal)
             return
-        profile = JointProfile(
-            *self._feedback.motion(),
-            order.joints,
-            self._capabilities.limits,
-            Ratios.both(order.goal.ratio),
-        )
         period = 1.0 / self._capabilities.rate
-        self._move = ProfileMove(order.move, profile, self._send_point, now, period)
+        if goal.pose is None:
+            limits = self._capabilities.limits
+            motion = self._feedback.motion(now)
+            profile = JointProfile(*motion, order.joints, limits, goal.ratios)
+            self._move = ProfileMove(move, profile, self._send_point, now, period)
+            return
+        command, tool = find(order.name), self._capabilities.cartesian_limits
+        assert tool is not None
+        line = LineProfile(
+            self._reach.pose(command),
+            goal.pose,
+            tool,
+            goal.ratios,
+            self._feedback.reference_twist(now),
+            self._feedback.reference_twist_change(now),
+        )
+        output = PoseOutput(command, self._device, self._feedback, self._reach, now)
+        self._move = LineMove(move, line, output, self._send_point, now, period)
 
-    def _send_point(self, name: str, point: JointState, acceleration: Vector, now: float) -> None:
-        setpoint = self._limit(name, Setpoint(Mode.JOINT_POSITION, point.position), now)
-        self._send(setpoint, point, acceleration)
+    def _step_move(self, move: MoveExecution, now: float) -> None:
+        if move.step(now):
+            self._finish_move(Outcome.REACHED)
+
+    def _send_point(self, name: str, point: Point, now: float, stamp_ns: int = 0) -> None:
+        setpoint = self._limit(name, point.setpoint, now)
+        self._send(replace(point, setpoint=setpoint), now, stamp_ns)
 
     def _limit(self, name: str, setpoint: Setpoint, now: float) -> Setpoint:
         before = self._feedback.before(setpoint.mode)
@@ -234,17 +369,11 @@ class MotionExecutor:
         self._health.clamped += 1
         self._board.warned(f"{name}: {warning}")
 
-    def _send(
-        self,
-        setpoint: Setpoint,
-        joints: JointState | None = None,
-        acceleration: Vector = EMPTY,
-        twist: Vector = EMPTY,
-    ) -> None:
-        self._write(setpoint)
+    def _send(self, point: Point, now: float, stamp_ns: int = 0) -> None:
+        self._write(point.setpoint)
         self._health.setpoints += 1
-        self._last_setpoint = setpoint
-        self._feedback.sent(setpoint, joints, acceleration, twist)
+        self._last_setpoint = point.setpoint
+        self._feedback.sent(point, now, stamp_ns)
 
     def _write(self, setpoint: Setpoint) -> None:
         # The watchdog may have intervened since this cycle began.
@@ -302,6 +431,7 @@ class MotionExecutor:
     def _end_stream(self) -> str:
         self._stream.disarm()
         self._following = None
+        self._feedback.stream_ended()
         self._health.stream_timeouts += 1
         ended, self._health.stream = self._health.stream, ""
         last = self._last_setpoint

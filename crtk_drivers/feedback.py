@@ -9,25 +9,41 @@ The contents of a setpoint depend on the command that made it:
     servo_jv              velocity sent; no position
     servo_jf              effort sent; neither position nor velocity
     servo_cv, servo_cf    the hardware's own setpoint if it reports one; setpoint_cp is invalid;
-                          servo_cv by joints: their velocity, or the integrated position with it
+                          servo_cv by joints: their velocity, or the integrated position with it;
+                          servo_cf by joints: their effort
+    servo_js, servo_cs    of position axes the position, of velocity axes what it leads to
     move_jp, move_cp      p(t) and v(t) of the trajectory
     interpolate_jp, _jr   p(t) and v(t) of the interpolation; _cp, _cr the same by kinematics
     interpolate_jv        v(t); no position
     interpolate_cv        as servo_cv
     interpolate_jf        the effort at the time; neither position nor velocity
     none (holding)        the position held
+
+setpoint_cv is the twist that was sent, or that of the joint velocities; setpoint_cf is valid under servo_cf
+and interpolate_cf.
+
+While a servo stream runs, what ``setpoint_*`` say carries the stamp of the command that it came from, so that
+anyone can see which commands took effect, and when. Otherwise it is the stamp of the newest sample.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from crtk_drivers.commands import Space
+from crtk_drivers.commands import Kind, Space
 from crtk_drivers.device import Device, Mode, Setpoint
+from crtk_drivers.frames import (
+    jacobian_from_base,
+    twist_from_base,
+    twist_in_base,
+    wrench_from_base,
+    wrench_in_base,
+)
 from crtk_drivers.samples import (
     EMPTY,
     JointState,
@@ -35,8 +51,10 @@ from crtk_drivers.samples import (
     Pose,
     Sample,
     Stamp,
+    Twist,
     Value,
     Vector,
+    Wrench,
     empty,
     joint_state,
     vector,
@@ -46,15 +64,50 @@ from crtk_drivers.state import OperatingState
 _POSITION_MODES = frozenset({None, Mode.JOINT_POSITION, Mode.CARTESIAN_POSITION})
 
 
+_STREAMING = 2.0
+"""Intervals between two positions after which the next one is missing, and the stream stands."""
+
+_SHORT = 1e-6
+"""Seconds over which a derivative is taken of the Jacobian."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Point:
+    """What goes out in one cycle.
+
+    Attributes:
+        setpoint: to be sent.
+        joints: what ``setpoint_js`` says of it; None if that follows from the setpoint alone.
+        acceleration: (n,) of the joints, for the motion that follows; empty if unknown.
+        twist: (6,) of the tool, base axes, the same.
+        wrench: (6,) of the tool, base axes, that the setpoint is to make; empty if it is no effort.
+    """
+
+    setpoint: Setpoint
+    joints: JointState | None = None
+    acceleration: Vector = field(default_factory=empty)
+    twist: Vector = field(default_factory=empty)
+    wrench: Vector = field(default_factory=empty)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Active:
-    """The setpoint in force: `mode` None means holding, or the hardware's own trajectory."""
+    """The setpoint in force: `mode` None means holding, or the hardware's own trajectory.
+
+    `drift` (n,) is how fast positions that come without a velocity are moving on: they were sent at the time
+    `sent`, `interval` after those before.
+    """
 
     mode: Mode | None = None
     joints: JointState = field(default_factory=JointState)
     pose: Vector = field(default_factory=empty)
     acceleration: Vector = field(default_factory=empty)
     twist: Vector = field(default_factory=empty)
+    wrench: Vector = field(default_factory=empty)
+    drift: Vector = field(default_factory=empty)
+    stamp_ns: int = 0
+    sent: float = -math.inf
+    interval: float = math.inf
 
 
 class Feedback:
@@ -69,10 +122,11 @@ class Feedback:
         self._device = device
         self._capabilities = device.capabilities
         self._stale_after = stale_after
+        self._fastest = vector([limit.velocity for limit in device.capabilities.limits])
         self._sample: Sample | None = None
         self._active = _Active()
         self._cached_pose: tuple[JointState, Pose] | None = None
-        self.goals: dict[str, tuple[Value, Stamp]] = {}
+        self._latched: dict[str, tuple[Value, Stamp]] = {}
 
     # ----------------------------------------------------------------------------------- written by
 
@@ -92,30 +146,36 @@ class Feedback:
         self._active = _Active(None, JointState(position=self._measured().position))
         return True
 
-    def sent(
-        self,
-        setpoint: Setpoint,
-        joints: JointState | None = None,
-        acceleration: Vector = EMPTY,
-        twist: Vector = EMPTY,
-    ) -> None:
+    def sent(self, point: Point, now: float, stamp_ns: int = 0) -> None:
         """A setpoint went out.
 
         Args:
-            setpoint: that went out.
-            joints: what ``setpoint_js`` says of it, where that does not follow from the setpoint alone: the
-                point of a trajectory of ours.
-            acceleration: (n,) of the joints, for the motion that follows; empty if unknown.
-            twist: (6,) of the tool, for the motion that follows; empty if unknown.
+            point: what was sent, and what is known of the motion.
+            now: monotonic seconds.
+            stamp_ns: of the servo command that it came from, 0 if that had none.
         """
-        mode, values = setpoint.mode, setpoint.values
+        mode, values = point.setpoint.mode, point.setpoint.values
+        joints, twist, wrench = point.joints, point.twist, point.wrench
         if joints is None:
             in_joints = mode.space is Space.JOINT
             joints = joint_state(mode.kind, values) if in_joints else JointState()
         pose = values if mode is Mode.CARTESIAN_POSITION else EMPTY
         if mode is Mode.CARTESIAN_VELOCITY:
             twist = values
-        self._active = _Active(mode, joints, pose, acceleration, twist)
+        if mode is Mode.CARTESIAN_EFFORT:
+            wrench = values
+        before, interval = self._active, now - self._active.sent
+        drift = EMPTY
+        follows = mode is Mode.JOINT_POSITION and before.mode is mode and interval > 0.0
+        if follows and before.joints.position.size and not joints.velocity.size:
+            drift = vector((joints.position - before.joints.position) / interval)
+        self._active = _Active(
+            mode, joints, pose, point.acceleration, twist, wrench, drift, stamp_ns, now, interval
+        )
+
+    def stream_ended(self) -> None:
+        """No more commands come: the last setpoint stays in force."""
+        self._active = replace(self._active, stamp_ns=0)
 
     def follow_device(self) -> None:
         """The hardware makes its own setpoints from now on."""
@@ -134,10 +194,10 @@ class Feedback:
         """The arm is free: there is no setpoint but where it is."""
         self._active = _Active()
 
-    def accept_goals(self, goals: Mapping[str, Value]) -> None:
-        """Latch what ``goal_*`` say from now on."""
-        stamp = Stamp.now()
-        self.goals.update({name: (value, stamp) for name, value in goals.items()})
+    def latch(self, values: Mapping[str, Value], stamp_ns: int = 0) -> None:
+        """Keep what ``goal_*`` or the settings say from now on, with the stamp of the command, if any."""
+        stamp = Stamp(stamp_ns or time.time_ns(), time.monotonic())
+        self._latched.update({name: (value, stamp) for name, value in values.items()})
 
     # -------------------------------------------------------------------------------------- read by
 
@@ -145,11 +205,18 @@ class Feedback:
         """Return the seconds since the newest sample was acquired; infinite without one."""
         return math.inf if self._sample is None else now - self._sample.stamp.monotonic
 
+    def latched(self, name: str) -> tuple[Value, Stamp] | None:
+        """Return what `latch` kept; None if there never was a value."""
+        return self._latched.get(name)
+
     def get(self, name: str, now: float, state: OperatingState) -> tuple[Value, Stamp] | None:
         """Return a value and its stamp, with `wall_ns` 0 if it is not valid now."""
         sample = self._sample
         if sample is None:
             return None
+        frame, _, base_name = name.rpartition("/")
+        if frame in ("body", "spatial") and name not in sample.values:
+            return self._in_frame(base_name, frame, now, state)
         stale = now - sample.stamp.monotonic > self._stale_after
         stamp = Stamp(0, sample.stamp.monotonic) if stale else sample.stamp
         if not name.startswith("setpoint_"):
@@ -157,14 +224,46 @@ class Feedback:
             if name == "jacobian":
                 value = self._jacobian(sample)
             return None if value is None else (value, stamp)
-        valid = state in (OperatingState.ENABLED, OperatingState.PAUSED)
-        if not valid:
+        if state not in (OperatingState.ENABLED, OperatingState.PAUSED):
             stamp = Stamp(0, stamp.monotonic)
-        if name == "setpoint_js":
-            return self._named(self.joint_setpoint()), stamp
-        if name == "setpoint_cp":
-            return self._pose_setpoint(sample, stamp)
-        return None
+        elif self._active.stamp_ns and stamp.wall_ns:
+            stamp = Stamp(self._active.stamp_ns, stamp.monotonic)
+        setpoints: dict[str, Callable[[Sample, Stamp], tuple[Value, Stamp] | None]] = {
+            "setpoint_js": lambda sample, stamp: (self._named(self.joint_setpoint()), stamp),
+            "setpoint_cp": self._pose_setpoint,
+            "setpoint_cv": self._twist_setpoint,
+            "setpoint_cf": self._wrench_setpoint,
+        }
+        return setpoints[name](sample, stamp)
+
+    def _in_frame(
+        self, name: str, frame: str, now: float, state: OperatingState
+    ) -> tuple[Value, Stamp] | None:
+        """Return a value of the base frame as it is in another frame."""
+        found = self.get(name, now, state)
+        if found is None:
+            return None
+        value, stamp = found
+        is_setpoint = name.startswith("setpoint_")
+        pose = self.reference_pose() if is_setpoint else self._measured_pose()
+        if pose is None:
+            return value, Stamp(0, stamp.monotonic)
+        tool, base = self._capabilities.tool_frame, self._capabilities.base_frame
+        told_in = tool if frame == "body" else base
+        if isinstance(value, Twist):
+            twist = value.vector
+            if value.frame_id == tool:
+                twist = twist_in_base(twist, "body", pose)
+            twist = twist_from_base(twist, frame, pose)
+            return Twist(twist[:3], twist[3:], told_in), stamp
+        if isinstance(value, Wrench):
+            wrench = value.vector
+            if value.frame_id == tool:
+                wrench = wrench_in_base(wrench, "body", pose)
+            wrench = wrench_from_base(wrench, frame, pose)
+            return Wrench(wrench[:3], wrench[3:], told_in), stamp
+        assert isinstance(value, Matrix)
+        return Matrix(jacobian_from_base(value.values, frame, pose)), stamp
 
     def joint_setpoint(self) -> JointState:
         """Return the joint setpoint in force, see the table at the top."""
@@ -186,11 +285,18 @@ class Feedback:
         position = self.joint_setpoint().position
         return position if position.size else self._measured().position
 
-    def motion(self) -> tuple[Vector, Vector, Vector]:
+    def measured_joints(self) -> Vector:
+        """Return the joint position (n,) that was measured last."""
+        return self._measured().position
+
+    def motion(self, now: float) -> tuple[Vector, Vector, Vector]:
         """Return joint position, velocity and acceleration (n,) that a new motion starts from."""
+        active = self._active
         position = self.reference_joints()
-        velocity, acceleration = self.joint_setpoint().velocity, self._active.acceleration
-        if not velocity.size and self._active.mode not in _POSITION_MODES:
+        velocity, acceleration = self.joint_setpoint().velocity, active.acceleration
+        if active.drift.size and now - active.sent < _STREAMING * active.interval:
+            velocity = np.clip(active.drift, -self._fastest, self._fastest)
+        elif not velocity.size and active.mode not in _POSITION_MODES:
             velocity = self._measured().velocity  # an effort or a twist is in force
         at_rest = vector(np.zeros(position.size))
         return (
@@ -215,17 +321,29 @@ class Feedback:
         joints = self.reference_joints()
         if joints.size and self._capabilities.has_kinematics:
             return self._device.forward_kinematics(joints)
-        measured = sample.values.get("measured_cp") if sample is not None else None
-        return measured if isinstance(measured, Pose) else None
+        return self._measured_pose()
 
-    def reference_twist(self) -> Vector:
+    def reference_twist(self, now: float) -> Vector:
         """Return the twist (6,) of the tool, base axes, that a new motion starts from."""
         if self._active.twist.size:
             return self._active.twist
-        joints, velocity, _ = self.motion()
+        joints, velocity, _ = self.motion(now)
         if not self._capabilities.has_kinematics or not velocity.any():
             return vector(np.zeros(6))
         return vector(self._device.jacobian(joints) @ velocity)
+
+    def reference_twist_change(self, now: float) -> Vector:
+        """Return the derivative (6,) of `reference_twist`, as far as it is known."""
+        joints, velocity, acceleration = self.motion(now)
+        if not self._capabilities.has_kinematics or not (velocity.any() or acceleration.any()):
+            return vector(np.zeros(6))
+        jacobian = self._device.jacobian(joints)
+        ahead = self._device.jacobian(vector(joints + velocity * _SHORT))
+        return vector(jacobian @ acceleration + (ahead - jacobian) @ velocity / _SHORT)
+
+    def commanded_wrench(self) -> Vector:
+        """Return the wrench (6,), base axes, that was sent last; zero unless one is in force."""
+        return self._active.wrench if self._active.wrench.size else vector(np.zeros(6))
 
     def commanded_effort(self) -> Vector:
         """Return the joint effort (n,) that was sent last; empty unless an effort is in force."""
@@ -237,15 +355,21 @@ class Feedback:
         if mode is Mode.JOINT_POSITION:
             return self.reference_joints()
         if mode is Mode.CARTESIAN_POSITION:
-            return self._active.pose if self._active.pose.size else self._measured_pose()
+            if self._active.pose.size:
+                return self._active.pose
+            pose = self._measured_pose()
+            return EMPTY if pose is None else vector((*pose.position, *pose.orientation))
         return EMPTY
 
-    def _measured_pose(self) -> Vector:
+    def _measured_pose(self) -> Pose | None:
         sample = self._sample
         value = sample.values.get("measured_cp") if sample is not None else None
-        if not isinstance(value, Pose):
-            return EMPTY
-        return vector(np.concatenate((value.position, value.orientation)))
+        if isinstance(value, Pose):
+            return value
+        joints = self._measured().position
+        if joints.size and self._capabilities.has_kinematics:
+            return self._device.forward_kinematics(joints)
+        return None
 
     def _measured(self) -> JointState:
         sample = self._sample
@@ -280,6 +404,20 @@ class Feedback:
             pose = self._device.forward_kinematics(joints.position)
             self._cached_pose = (joints, pose)
         return self._cached_pose[1], stamp
+
+    def _twist_setpoint(self, sample: Sample, stamp: Stamp) -> tuple[Value, Stamp]:
+        is_effort = self._active.mode is not None and self._active.mode.kind is Kind.EFFORT
+        known = self._active.twist.size or self.joint_setpoint().velocity.size
+        twist = self.reference_twist(stamp.monotonic)
+        if is_effort or not known:
+            stamp = Stamp(0, stamp.monotonic)
+        return Twist(twist[:3], twist[3:], self._capabilities.base_frame), stamp
+
+    def _wrench_setpoint(self, sample: Sample, stamp: Stamp) -> tuple[Value, Stamp]:
+        wrench = self.commanded_wrench()
+        if not self._active.wrench.size:
+            stamp = Stamp(0, stamp.monotonic)
+        return Wrench(wrench[:3], wrench[3:], self._capabilities.base_frame), stamp
 
     def _jacobian(self, sample: Sample) -> Matrix | None:
         value = sample.values.get("measured_js")

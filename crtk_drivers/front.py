@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from crtk_drivers import plugins
 from crtk_drivers.capabilities import missing_for
-from crtk_drivers.commands import COMMANDS, Command, Direction, Kind, Payload
+from crtk_drivers.commands import Command, Direction, Kind, Level, Payload, find, is_name
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import (
     CommandRefused,
@@ -34,7 +34,7 @@ from crtk_drivers.fronts import DEFAULT_AGE, DEFAULT_WAIT, DeviceFront
 from crtk_drivers.health import Health
 from crtk_drivers.moves import Move
 from crtk_drivers.payloads import value_for
-from crtk_drivers.samples import EMPTY, Pose, Stamp, Value, Vector, vector
+from crtk_drivers.samples import EMPTY, Number, Pose, Stamp, Value, Vector, vector
 from crtk_drivers.session import Session, open_session
 from crtk_drivers.sims import RunningSim
 from crtk_drivers.state import StateCommand, Status, target_of
@@ -121,7 +121,7 @@ class LocalDevice(DeviceFront):
 
     def __getattr__(self, name: str) -> Any:
         """Explain why a CRTK name is absent on this device."""
-        if name.startswith("_") or name not in COMMANDS:
+        if name.startswith("_") or not is_name(name):
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         engine = self._engine
         others = [other for other in plugins.devices() if name in plugins.commands_of(other)]
@@ -205,7 +205,7 @@ class LocalDevice(DeviceFront):
         owner: Any = self
         *spaces, last = name.split("/")
         for space in spaces:
-            owner = vars(owner).setdefault(space, _SubNamespace())
+            owner = vars(owner).setdefault(space, _SubNamespace(self, space))
         setattr(owner, last, method)
 
     def _add_feedback(self, name: str, command: Command) -> None:
@@ -214,7 +214,8 @@ class LocalDevice(DeviceFront):
 
         def getter(age: float | None = None, wait: float | None = None, extra: bool = False) -> Any:
             value, stamp = self._fresh(name, age, wait)
-            return (value, stamp.wall_ns / 1e9) if extra else value
+            told = value.value if isinstance(value, Number) else value
+            return (told, stamp.wall_ns / 1e9) if extra else told
 
         self._attach(name, getter, f"Return {command.summary} ({command.units}).")
         if command.kind is not Kind.STATE:
@@ -238,15 +239,15 @@ class LocalDevice(DeviceFront):
         """Return feedback at most `age` old, waiting at most `wait`; age 0 takes what there is."""
         oldest = DEFAULT_AGE if age is None else age
         deadline = time.monotonic() + (DEFAULT_WAIT if wait is None else wait)
-        goal = name.rpartition("/")[2].startswith("goal_")
+        latched = find(name).level in (Level.GOAL, Level.SETTING)
         while True:
-            found = self._engine.goal(name) if goal else self._engine.feedback(name)
+            found = self._engine.latched(name) if latched else self._engine.feedback(name)
             if found is not None:
                 _, stamp = found
                 valid = stamp.wall_ns != 0
                 if (
                     oldest == 0.0
-                    or goal
+                    or latched
                     or (valid and time.monotonic() - stamp.monotonic <= oldest)
                 ):
                     return found
@@ -267,7 +268,7 @@ class LocalDevice(DeviceFront):
     def _add_command(self, name: str, command: Command) -> None:
         if name == "state_command":
             return
-        if not command.is_motion:
+        if command.payload is Payload.EMPTY:
 
             def plain() -> None:
                 self._engine.submit(name)
@@ -314,6 +315,15 @@ class _RefusalWatch(Observer):
 
 class _SubNamespace:
     """Holds the methods of a sub-namespace: ``arm.local.measured_cp()``."""
+
+    def __init__(self, device: LocalDevice, name: str) -> None:
+        self._device = device
+        self._name = name
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self._device, f"{self._name}/{name}")
 
 
 def connect(

@@ -11,6 +11,9 @@ import numpy as np
 
 from crtk_drivers.samples import Array, Pose, Vector, vector
 
+QUATERNION_TOLERANCE = 1e-3
+"""A norm further than this from one is no rotation; within it a quaternion is normalised."""
+
 
 def quaternion_from_rotvec(rotvec: Vector) -> Vector:
     """Return the unit quaternion (4,) of a rotation vector (3,) in rad."""

@@ -7,7 +7,7 @@ from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from crtk_drivers.commands import COMMANDS
+from crtk_drivers.commands import is_name
 from crtk_drivers.errors import CommandRefused
 
 _RATE_WINDOW = 100
@@ -72,8 +72,8 @@ class HealthRecorder:
 
     def refused(self, refusal: CommandRefused) -> int:
         """Count a refusal and return how many of its kind there have been."""
-        known = refusal.command in COMMANDS  # any text may be submitted: the table must not grow
-        key = f"{refusal.command if known else 'unknown'}: {refusal.reason}"
+        # Any text may be submitted: the table must not grow.
+        key = f"{refusal.command if is_name(refusal.command) else 'unknown'}: {refusal.reason}"
         with self._lock:
             self._refusals[key] += 1
             self._last_refusal = str(refusal)

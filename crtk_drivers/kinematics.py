@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from crtk_drivers.chain import Chain, JointKind
 from crtk_drivers.errors import ConfigError, KinematicsError, MissingExtra
-from crtk_drivers.limits import QUATERNION_TOLERANCE
+from crtk_drivers.geometry import QUATERNION_TOLERANCE
 from crtk_drivers.samples import Array, Pose, Vector, vector
 
 __all__ = ["IkFailure", "InverseKinematicsError", "SerialChain"]

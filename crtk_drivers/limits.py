@@ -1,57 +1,25 @@
-"""What may be commanded: the checks between a client and the hardware.
+"""What may be sent: the last gate before the wire.
 
-Two stages. `CommandCheck.check` judges a command as it arrives, in the client's thread, and touches no
-bus: type, names, size, finite, quaternion, frame, age, range, reach. `SetpointLimiter.limit` judges the
-value that will really be sent, in the I/O thread, against the value sent before it and the time since:
-nothing that a conversion in between did (inverse kinematics, accumulation) can slip past.
-
-A refusal is a `CommandRefused` with a reason and a remedy; it changes nothing.
+`SetpointLimiter.limit` judges, in the I/O thread, the value that will really be sent, against the value sent
+before it and the time since: nothing that a conversion since the command was checked (`crtk_drivers.checks`)
+did to it, inverse kinematics or accumulation, can slip past. A refusal is a `CommandRefused` with a reason
+and a remedy; it changes nothing.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from crtk_drivers.commands import Command, Kind, Level, Payload
 from crtk_drivers.device import Capabilities, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.samples import (
-    JointState,
-    Pose,
-    Twist,
-    Value,
-    Vector,
-    Wrench,
-    joint_state,
-    joint_values,
-    vector,
-)
-
-QUATERNION_TOLERANCE = 1e-3
-"""A norm further than this from one is refused; within it the quaternion is normalised."""
+from crtk_drivers.samples import Pose, Vector, vector
 
 _VELOCITY_TOLERANCE = 0.01
 """By how much a stream of positions may exceed the velocity limits for ever: clocks and rounding differ."""
-
-FUTURE_TOLERANCE = 0.5
-"""Seconds that a command's stamp may lie ahead of this machine's clock, if ages are checked."""
-
-_FIELD_NAME = {
-    Kind.POSITION: "position",
-    Kind.RELATIVE: "position",
-    Kind.VELOCITY: "velocity",
-    Kind.EFFORT: "effort",
-}
-_VALUE_TYPE: dict[Payload, type] = {
-    Payload.JOINT_STATE: JointState,
-    Payload.POSE: Pose,
-    Payload.TWIST: Twist,
-    Payload.WRENCH: Wrench,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +31,8 @@ class LimitPolicy:
         max_step: largest distance in rad (m) between two servo positions of one joint, as a time: a
             joint may be asked to go as far as its velocity limit takes it in this many seconds. It is
             also how far a stream may run ahead of its velocity limit before it is refused.
-        max_linear_step: the same for the tool, in m, for hardware that takes poses; it may turn as far
-            as its angular velocity limit takes it in `max_step`.
+        max_linear_step: the same for the tool, in m; it may turn as far as its angular velocity limit takes
+            it in `max_step`.
         max_command_age: in seconds; a command whose stamp is older is refused. None: not checked.
     """
 
@@ -72,246 +40,6 @@ class LimitPolicy:
     max_step: float = 0.1
     max_linear_step: float = 0.05
     max_command_age: float | None = None
-
-
-class CommandCheck:
-    """The first stage, for one device."""
-
-    def __init__(self, capabilities: Capabilities, policy: LimitPolicy, where: str) -> None:
-        self._joints = capabilities.joints
-        self._index = {name: i for i, name in enumerate(capabilities.joints)}
-        self._frames = frozenset({"", capabilities.base_frame})
-        self._base_frame = capabilities.base_frame
-        self._policy = policy
-        self._where = where
-        self._lower = vector([limit.lower for limit in capabilities.limits])
-        self._upper = vector([limit.upper for limit in capabilities.limits])
-        self._velocity = vector([limit.velocity for limit in capabilities.limits])
-        self._effort = vector([limit.effort for limit in capabilities.limits])
-        cartesian = capabilities.cartesian_limits
-        self._twist_limits: tuple[float, ...] = ()
-        self._wrench_limits: tuple[float, ...] = ()
-        if cartesian is not None:
-            self._twist_limits = (cartesian.linear_velocity, cartesian.angular_velocity)
-            self._wrench_limits = (cartesian.force, cartesian.torque)
-
-    def check(
-        self, command: Command, value: Value | None, stamp_ns: int = 0, now_ns: int = 0
-    ) -> Value:
-        """Return the value to execute: in declared order, its quaternion of unit length.
-
-        Args:
-            command: the row of the table.
-            value: of the type that the row's payload names.
-            stamp_ns: the sender's stamp, 0 if it gave none.
-            now_ns: this machine's clock.
-
-        Raises:
-            CommandRefused: with the reason; nothing has been changed.
-        """
-        expected = _VALUE_TYPE[command.payload]
-        if not isinstance(value, expected):
-            raise self._refusal(
-                command,
-                Reason.WRONG_TYPE,
-                f"got {type(value).__name__}",
-                f"Send a {expected.__name__}.",
-            )
-        self._check_age(command, stamp_ns, now_ns)
-        if isinstance(value, JointState):
-            return self._check_joints(command, value)
-        if isinstance(value, Pose):
-            return self.check_pose(command, value)
-        if isinstance(value, Twist):
-            parts = (("linear velocity", value.linear), ("angular velocity", value.angular))
-            return self._check_parts(command, value, parts, self._twist_limits)
-        assert isinstance(value, Wrench)
-        parts = (("force", value.force), ("torque", value.torque))
-        return self._check_parts(command, value, parts, self._wrench_limits)
-
-    def check_joints(self, command: Command, joints: Vector) -> Vector:
-        """Return a joint position (n,) that is given as a bare vector, as kinematics queries do.
-
-        Raises:
-            CommandRefused: empty, wrong size or not finite.
-        """
-        self._check_size(command, joints, "position")
-        self._check_finite(command, joints, "position")
-        return joints
-
-    def check_target(self, command: Command, joints: Vector) -> Vector:
-        """Return a joint position (n,) that was computed from the value of `command`.
-
-        Raises:
-            CommandRefused: it is none, or the goal of a move or an interpolation and out of range.
-        """
-        self.check_joints(command, joints)
-        if command.level in (Level.MOVE, Level.INTERPOLATE):
-            self._check_range(command, joints)
-        return joints
-
-    def _refusal(
-        self, command: Command, reason: Reason, message: str, remedy: str = ""
-    ) -> CommandRefused:
-        return CommandRefused(command.name, reason, message, where=self._where, remedy=remedy)
-
-    def _check_age(self, command: Command, stamp_ns: int, now_ns: int) -> None:
-        limit = self._policy.max_command_age
-        if limit is None or stamp_ns == 0:
-            return
-        age = (now_ns - stamp_ns) / 1e9
-        if age > limit:
-            raise self._refusal(
-                command, Reason.TOO_OLD, f"its stamp is {age:.3f} s old", f"At most {limit} s."
-            )
-        if age < -FUTURE_TOLERANCE:
-            raise self._refusal(
-                command,
-                Reason.FROM_FUTURE,
-                f"its stamp lies {-age:.3f} s ahead",
-                "Synchronise the clocks of the two machines.",
-            )
-
-    def _check_frame(self, command: Command, value: Pose | Twist | Wrench) -> None:
-        if value.frame_id not in self._frames:
-            raise self._refusal(
-                command,
-                Reason.WRONG_FRAME,
-                f"frame_id {value.frame_id!r} is not known here",
-                f"Give it in {self._base_frame!r}, or leave frame_id empty.",
-            )
-
-    def _check_finite(self, command: Command, values: Vector, field: str) -> None:
-        finite = np.isfinite(values)
-        if not finite.all():
-            index = int(np.argmin(finite))
-            raise self._refusal(
-                command,
-                Reason.NOT_FINITE,
-                f"{field}[{index}] is {values[index]}",
-                "Send finite numbers.",
-            )
-
-    def _check_joints(self, command: Command, value: JointState) -> JointState:
-        field = _FIELD_NAME[command.kind]
-        values = joint_values(command.kind, value)
-        self._check_size(command, values, field)
-        values = self._in_declared_order(command, value.name, values)
-        self._check_finite(command, values, field)
-        if command.level is Level.MOVE and command.kind is Kind.POSITION:
-            self._check_range(command, values)
-        elif command.kind is Kind.VELOCITY:
-            self._check_magnitude(command, values, self._velocity)
-        elif command.kind is Kind.EFFORT:
-            self._check_magnitude(command, values, self._effort)
-        return joint_state(command.kind, values)
-
-    def _check_size(self, command: Command, values: Vector, field: str) -> None:
-        if values.size == 0:
-            raise self._refusal(
-                command, Reason.EMPTY, f"{field} is empty", f"Fill {field} ({command.units})."
-            )
-        if values.size != len(self._joints):
-            raise self._refusal(
-                command,
-                Reason.WRONG_SIZE,
-                f"{values.size} values in {field} for {len(self._joints)} joints",
-                f"Send one value for each of {', '.join(self._joints)}.",
-            )
-
-    def _in_declared_order(
-        self, command: Command, names: tuple[str, ...], values: Vector
-    ) -> Vector:
-        if not names or names == self._joints:
-            return values
-        if sorted(names) != sorted(self._joints):
-            raise self._refusal(
-                command,
-                Reason.WRONG_NAMES,
-                f"names {list(names)} are not the joints of this device",
-                f"Name each of {', '.join(self._joints)} once, or send no names.",
-            )
-        ordered = np.empty_like(values)
-        for name, number in zip(names, values, strict=True):
-            ordered[self._index[name]] = number
-        return vector(ordered)
-
-    def _check_range(self, command: Command, values: Vector) -> None:
-        outside = (values < self._lower) | (values > self._upper)
-        if outside.any():
-            index = int(np.argmax(outside))
-            text = (
-                f"{self._joints[index]} at {values[index]:.4f} is outside "
-                f"[{self._lower[index]:.4f}, {self._upper[index]:.4f}]"
-            )
-            raise self._refusal(command, Reason.OUT_OF_RANGE, text, "Stay within the limits.")
-
-    def _check_magnitude(self, command: Command, values: Vector, limits: Vector) -> None:
-        excess = np.abs(values) > limits
-        if excess.any():
-            index = int(np.argmax(excess))
-            raise self._refusal(
-                command,
-                Reason.OUT_OF_RANGE,
-                f"{self._joints[index]}: {values[index]:.4f} exceeds {limits[index]:.4f} "
-                f"{command.units.split()[0]}",
-                "Stay within the limits.",
-            )
-
-    def check_pose(self, command: Command, value: Pose) -> Pose:
-        """Return the pose in the base frame with a quaternion of unit length.
-
-        Raises:
-            CommandRefused: unknown frame, not finite, or no unit quaternion.
-        """
-        self._check_frame(command, value)
-        for size, field in ((3, value.position), (4, value.orientation)):
-            if field.size != size:
-                raise self._refusal(
-                    command,
-                    Reason.WRONG_SIZE,
-                    f"{field.size} values where a pose has {size}",
-                    "A pose is a position of 3 and a quaternion of 4 (x, y, z, w).",
-                )
-        self._check_finite(command, value.position, "position")
-        self._check_finite(command, value.orientation, "orientation")
-        norm = float(np.linalg.norm(value.orientation))
-        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-            raise self._refusal(
-                command,
-                Reason.BAD_QUATERNION,
-                f"the quaternion has a norm of {norm:.6g}",
-                "Send a unit quaternion (x, y, z, w).",
-            )
-        return Pose(value.position, vector(value.orientation / norm), self._base_frame)
-
-    def _check_parts(
-        self,
-        command: Command,
-        value: Twist | Wrench,
-        parts: Iterable[tuple[str, Vector]],
-        limits: tuple[float, ...],
-    ) -> Twist | Wrench:
-        """Check the two halves of a twist or wrench, each against the limit of its norm."""
-        self._check_frame(command, value)
-        for index, (name, part) in enumerate(parts):
-            if part.size != 3:
-                raise self._refusal(
-                    command,
-                    Reason.WRONG_SIZE,
-                    f"{part.size} values in {name}",
-                    "Send three values for x, y and z.",
-                )
-            self._check_finite(command, part, name)
-            size = float(np.linalg.norm(part))
-            if limits and size > limits[index]:
-                raise self._refusal(
-                    command,
-                    Reason.OUT_OF_RANGE,
-                    f"{name} {size:.4f} exceeds {limits[index]:.4f}",
-                    "Stay within the limits.",
-                )
-        return value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -323,7 +51,7 @@ class Limited:
 
 
 class SetpointLimiter:
-    """The second stage, for one device: the last gate before the wire.
+    """The gate of one device.
 
     `judge` looks at one setpoint alone. `limit`, for the I/O thread only, also keeps the account of a
     stream's velocity: a joint position may be as far away as the velocity limits allow in the time since
@@ -384,10 +112,27 @@ class SetpointLimiter:
             self._spend(name, np.abs(limited.setpoint.values - before) / self._velocity, now)
         return limited
 
+    def can_step(self, values: Vector, before: Vector, now: float) -> bool:
+        """Whether joint positions (n,) are near enough to those before to be sent now."""
+        return bool((np.abs(values - before) / self._velocity).max() <= self._credit_at(now))
+
+    def judge_tool(self, name: str, pose: Pose, before: Pose) -> None:
+        """Refuse a pose of the tool that is too far from the one before.
+
+        Raises:
+            CommandRefused: further than the largest step.
+        """
+        self._check_step(name, pose.position, before.position)
+        self._check_turn(name, pose.orientation, before.orientation)
+
+    def _credit_at(self, now: float) -> float:
+        """Return the seconds of motion at full speed that a stream may ask for now."""
+        earned = (now - self._credited) * (1.0 + _VELOCITY_TOLERANCE)
+        return min(self._policy.max_step, self._credit + earned)
+
     def _spend(self, name: str, times: Vector, now: float) -> None:
         """Take the time that the slowest joint needs from what has passed."""
-        earned = (now - self._credited) * (1.0 + _VELOCITY_TOLERANCE)
-        credit = min(self._policy.max_step, self._credit + earned)
+        credit = self._credit_at(now)
         index = int(np.argmax(times))
         if times[index] > credit:
             raise self._refusal(
@@ -452,17 +197,20 @@ class SetpointLimiter:
 
     def _pose(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
         if before.size:
-            step = float(np.linalg.norm(values[:3] - before[:3]))
-            if step > self._policy.max_linear_step:
-                raise self._refusal(
-                    name,
-                    Reason.STEP_TOO_LARGE,
-                    f"the tool would jump by {step:.4f} m, "
-                    f"more than {self._policy.max_linear_step:.4f} m",
-                    "Start from setpoint_cp and send smaller steps, or use move_cp.",
-                )
+            self._check_step(name, values[:3], before[:3])
             self._check_turn(name, values[3:], before[3:])
         return values, ""
+
+    def _check_step(self, name: str, after: Vector, before: Vector) -> None:
+        step = math.dist(after, before)
+        if step > self._policy.max_linear_step:
+            raise self._refusal(
+                name,
+                Reason.STEP_TOO_LARGE,
+                f"the tool would jump by {step:.4f} m, "
+                f"more than {self._policy.max_linear_step:.4f} m",
+                "Start from setpoint_cp and send smaller steps, or use move_cp.",
+            )
 
     def _check_turn(self, name: str, after: Vector, before: Vector) -> None:
         if self._cartesian is None:

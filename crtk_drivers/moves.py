@@ -1,16 +1,11 @@
-"""Moves: the handle that a client waits on, and the two ways in which a move is executed."""
+"""Moves: the handle that a client waits on."""
 
 from __future__ import annotations
 
 import threading
-from abc import ABC, abstractmethod
-from collections.abc import Callable
 from enum import StrEnum
 
-from crtk_drivers.device import Device, Goal, MoveProgress
 from crtk_drivers.errors import MotionAborted
-from crtk_drivers.profiles import JointProfile
-from crtk_drivers.samples import JointState, Vector
 
 
 class Outcome(StrEnum):
@@ -67,66 +62,3 @@ class Move:
                 f"{self.name} was {self.outcome}" + (f": {self.reason}" if self.reason else "")
             )
         return True
-
-
-class MoveExecution(ABC):
-    """A move while it runs, in the I/O thread."""
-
-    def __init__(self, move: Move) -> None:
-        self.move = move
-
-    @abstractmethod
-    def step(self, now: float) -> bool:
-        """Do this cycle's part; return True when the goal is reached.
-
-        Raises:
-            MotionAborted: it cannot be reached.
-        """
-
-
-class NativeMove(MoveExecution):
-    """The hardware plans and executes; this one watches."""
-
-    def __init__(self, move: Move, device: Device, goal: Goal) -> None:
-        super().__init__(move)
-        self._device = device
-        device.move(goal)
-
-    def step(self, now: float) -> bool:
-        """Ask the hardware how far it is."""
-        progress = self._device.move_progress()
-        if progress is MoveProgress.FAILED:
-            raise MotionAborted(f"the hardware ended {self.move.name} before its goal")
-        return progress is MoveProgress.DONE
-
-
-class ProfileMove(MoveExecution):
-    """A profile of our own, streamed as joint positions.
-
-    After a late cycle the profile goes on from where it was, at most two periods further: no burst and
-    no jump, the motion just takes longer.
-    """
-
-    def __init__(
-        self,
-        move: Move,
-        profile: JointProfile,
-        send: Callable[[str, JointState, Vector, float], None],
-        now: float,
-        period: float,
-    ) -> None:
-        super().__init__(move)
-        self._profile = profile
-        self._send = send
-        self._last = now - period  # when the setpoint went out from which it starts
-        self._longest = 2.0 * period
-        self._time = 0.0
-
-    def step(self, now: float) -> bool:
-        """Send the next point."""
-        self._time += min(now - self._last, self._longest)
-        self._last = now
-        position, velocity, acceleration = self._profile.state(self._time)
-        point = JointState(position=position, velocity=velocity)
-        self._send(self.move.name, point, acceleration, now)
-        return self._time >= self._profile.duration

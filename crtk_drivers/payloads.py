@@ -4,12 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, cast
 
 from crtk_drivers.commands import Command, Payload
 from crtk_drivers.conversions import as_pose
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.samples import JointState, Pose, Twist, Value, Wrench, joint_state, vector
+from crtk_drivers.samples import (
+    CartesianServo,
+    Flag,
+    JointServo,
+    JointState,
+    Number,
+    Pose,
+    Twist,
+    Value,
+    Wrench,
+    joint_state,
+    vector,
+)
 
 _TYPES: Mapping[Payload, type] = MappingProxyType(
     {
@@ -17,6 +29,10 @@ _TYPES: Mapping[Payload, type] = MappingProxyType(
         Payload.POSE: Pose,
         Payload.TWIST: Twist,
         Payload.WRENCH: Wrench,
+        Payload.JOINT_SERVO: JointServo,
+        Payload.CARTESIAN_SERVO: CartesianServo,
+        Payload.NUMBER: Number,
+        Payload.FLAG: Flag,
     }
 )
 
@@ -27,6 +43,10 @@ _HELP: Mapping[Payload, str] = MappingProxyType(
         "a PyKDL.Frame or a pinocchio.SE3.",
         Payload.TWIST: "Pass a Twist, or 6 numbers: linear and angular velocity.",
         Payload.WRENCH: "Pass a Wrench, or 6 numbers: force and torque.",
+        Payload.JOINT_SERVO: "Pass a JointServo.",
+        Payload.CARTESIAN_SERVO: "Pass a CartesianServo.",
+        Payload.NUMBER: "Pass a number.",
+        Payload.FLAG: "Pass True or False.",
     }
 )
 
@@ -41,12 +61,20 @@ def _six(make: Callable[..., Value]) -> Callable[[Command, Any], Value]:
     return convert
 
 
+def _boolean(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise TypeError("it is neither True nor False")
+    return value
+
+
 _CONVERT: Mapping[Payload, Callable[[Command, Any], Value]] = MappingProxyType(
     {
         Payload.JOINT_STATE: lambda command, value: joint_state(command.kind, vector(value)),
         Payload.POSE: lambda command, value: as_pose(value),
         Payload.TWIST: _six(Twist),
         Payload.WRENCH: _six(Wrench),
+        Payload.NUMBER: lambda command, value: Number(float(value)),
+        Payload.FLAG: lambda command, value: Flag(_boolean(value)),
     }
 )
 
@@ -58,10 +86,10 @@ def value_for(command: Command, value: Any, where: str) -> Value:
         CommandRefused: it cannot be one; nothing was sent.
     """
     try:
-        if isinstance(value, JointState | Pose | Twist | Wrench):
+        if isinstance(value, tuple(_TYPES.values())):
             if not isinstance(value, _TYPES[command.payload]):
                 raise TypeError(f"the payload is a {command.payload}")
-            return value
+            return cast("Value", value)
         return _CONVERT[command.payload](command, value)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise CommandRefused(

@@ -14,12 +14,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Ruckig, Trajectory
 
-from crtk_drivers.device import CartesianLimits, JointLimits
+from crtk_drivers.device import FULL, CartesianLimits, JointLimits, Ratios
 from crtk_drivers.errors import KinematicsError, MotionAborted
 from crtk_drivers.geometry import (
     matrix_from_quaternion,
@@ -42,31 +41,6 @@ _WAITS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Shares of a blend that a line may have to wait; after all of it there is nothing to share."""
 
 _BLEND_SAMPLES = 20
-
-
-@dataclass(frozen=True, slots=True)
-class Ratios:
-    """``trajectory_j/set_ratio_v`` and ``_a``: shares of the velocity and acceleration limits.
-
-    Raises:
-        ValueError: not in (0, 1].
-    """
-
-    velocity: float = 1.0
-    acceleration: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name in ("velocity", "acceleration"):
-            if not 0.0 < getattr(self, name) <= 1.0:
-                raise ValueError(f"the {name} ratio is {getattr(self, name)}, not in (0, 1]")
-
-    @classmethod
-    def both(cls, ratio: float) -> Ratios:
-        """Return what ``trajectory_j/set_ratio`` sets."""
-        return cls(ratio, ratio)
-
-
-FULL = Ratios()
 
 
 class JointProfile:

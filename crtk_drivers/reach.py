@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from crtk_drivers.checks import CommandCheck
 from crtk_drivers.commands import Command
-from crtk_drivers.device import Device, Mode, Setpoint
+from crtk_drivers.device import CartesianLimits, Device, Mode, Ratios, Setpoint
 from crtk_drivers.errors import CommandRefused, KinematicsError, Reason
 from crtk_drivers.feedback import Feedback
-from crtk_drivers.limits import CommandCheck
-from crtk_drivers.resolved_rate import increment_in_base
+from crtk_drivers.frames import moved
+from crtk_drivers.profiles import LineProfile, check_line
 from crtk_drivers.samples import Pose, Vector, vector
 
 
@@ -51,13 +52,7 @@ class Reach:
             reference = self.reference(command) if near is None else near
             joints = vector(self._device.inverse_kinematics(pose, reference))
         except KinematicsError as error:
-            raise CommandRefused(
-                command.name,
-                Reason.UNREACHABLE,
-                error.message,
-                where=self._where,
-                remedy=error.remedy or "Choose a pose within reach, away from singularities.",
-            ) from error
+            raise self._unreachable(command, error) from error
         return self._check.check_target(command, joints)
 
     def setpoint(self, command: Command, pose: Pose) -> Setpoint:
@@ -72,17 +67,33 @@ class Reach:
         return Setpoint(Mode.JOINT_POSITION, self.joints(command, pose))
 
     def moved(self, command: Command, displacement: Pose, native: bool = False) -> Pose:
-        """Return the pose that the setpoint has after an increment, see `crtk_drivers.resolved_rate`.
+        """Return the pose that the setpoint has after an increment.
 
         Args:
-            command: for messages.
-            displacement: along and about the axes of the base frame.
+            command: whose increment it is.
+            displacement: in the frame of the command, see `crtk_drivers.frames`.
             native: in the hardware's own kinematics, if it reports a pose of its own.
 
         Raises:
             CommandRefused: the device has not said where it is.
         """
-        return increment_in_base(self.pose(command, native), displacement)
+        base = self._device.capabilities.base_pose
+        return moved(self.pose(command, native), displacement, command.frame, base)
+
+    def line(self, command: Command, pose: Pose, limits: CartesianLimits, ratios: Ratios) -> Vector:
+        """Return the joint position (n,) at the end of a straight line from the setpoint to a pose.
+
+        Raises:
+            CommandRefused: the line leaves the reach or the range of the joints, or makes one too fast.
+        """
+        start = self.reference(command)
+        line = LineProfile(self._device.forward_kinematics(start), pose, limits, ratios)
+        try:
+            return check_line(
+                line, self._device.inverse_kinematics, start, self._device.capabilities.limits
+            )
+        except KinematicsError as error:
+            raise self._unreachable(command, error) from error
 
     def pose(self, command: Command, native: bool = False) -> Pose:
         """Return the pose that is set now; see `moved`."""
@@ -90,6 +101,15 @@ class Reach:
         if pose is None:
             raise self._not_known(command, "pose", "measured_cp")
         return pose
+
+    def _unreachable(self, command: Command, error: KinematicsError) -> CommandRefused:
+        return CommandRefused(
+            command.name,
+            Reason.UNREACHABLE,
+            error.message,
+            where=self._where,
+            remedy=error.remedy or "Choose a pose within reach, away from singularities.",
+        )
 
     def _not_known(self, command: Command, what: str, name: str) -> CommandRefused:
         return CommandRefused(

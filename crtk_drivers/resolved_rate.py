@@ -1,14 +1,5 @@
 """Cartesian streams (servo_cv, servo_cp, servo_cr) on joints, through the Jacobian.
 
-Frames, for twists (`twist_in_base`) and for increments (`increment_in_base`), by sub-namespace:
-
-    none       axes of the base frame, at the tool point. An increment moves the tool point along the axes of
-               the base frame and turns the tool about these axes, through the tool point: p + dp, dR · R.
-    local/     the same with the axes of the device's own base, which has a pose in the base frame.
-    body/      axes of the tool, at the tool point: p + R · dp, R · dR.
-    spatial/   the twist of the point of the tool, extended, that is at the base frame's origin; an
-               increment moves the tool as a rigid motion of the whole base frame: T' = dT · T.
-
 The joint velocities of a twist are those of the Jacobian's inverse (the smallest, if there are more joints
 than axes; the nearest twist, if fewer), with three exceptions, in this order:
 
@@ -34,15 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from crtk_drivers.device import CartesianLimits, JointLimits
-from crtk_drivers.geometry import (
-    matrix_from_quaternion,
-    quaternion_product,
-)
-from crtk_drivers.rotation import cross, inverse, turn
+from crtk_drivers.rotation import turn
 from crtk_drivers.samples import Array, Pose, Vector, vector
-
-FRAMES = ("", "local", "body", "spatial")
-"""Sub-namespaces of Cartesian commands, see the module."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +144,16 @@ class ResolvedRate:
         )
         return self.follow_twist(joints, jacobian, way / max(time, self._cycle), before)
 
+    def limited(self, joints: Vector, wanted: Vector, before: Vector) -> Vector:
+        """Return a joint velocity (n,) within the limits, see the module.
+
+        Args:
+            joints: (n,) where they are.
+            wanted: (n,) velocity.
+            before: (n,) velocity in force now.
+        """
+        return vector(self._limited(joints, wanted, before)[0])
+
     def _slowed(self, twist: Vector) -> Vector:
         """Scale a twist as a whole into the tool's velocity limits."""
         if self._cartesian is None:
@@ -191,64 +185,6 @@ class ResolvedRate:
         t = self._cycle
         allowed = braking * (np.sqrt(t * t + 2.0 * room / braking) - t)
         return sign * np.minimum(allowed, self._velocity)
-
-
-def twist_in_base(twist: Vector, pose: Pose, frame: str = "", base: Pose | None = None) -> Vector:
-    """Return a twist of the tool point in base axes, see the module.
-
-    Args:
-        twist: (6,) linear before angular.
-        pose: of the tool, in the base frame.
-        frame: one of `FRAMES`.
-        base: for ``local``, the pose of the device's own base in the base frame.
-
-    Raises:
-        KeyError: no such frame.
-    """
-    linear, angular = twist[:3], twist[3:]
-    if frame == "spatial":
-        carried = cross(angular.tolist(), pose.position.tolist())
-        return vector(np.concatenate((linear + np.array(carried), angular)))
-    axes = _axes(frame, pose, base)
-    if axes is None:
-        return vector(twist)
-    rotation = matrix_from_quaternion(axes)
-    return vector(np.concatenate((rotation @ linear, rotation @ angular)))
-
-
-def increment_in_base(
-    pose: Pose, increment: Pose, frame: str = "", base: Pose | None = None
-) -> Pose:
-    """Return the pose (in the base frame) after an increment, see the module.
-
-    Args:
-        pose: before it, in the base frame; for a stream, the sum of the increments before.
-        increment: translation in m and unit quaternion.
-        frame, base: as for `twist_in_base`.
-
-    Raises:
-        KeyError: no such frame.
-    """
-    step, change = increment.position, increment.orientation
-    axes = _axes(frame, pose, base)
-    position = pose.position
-    if frame == "spatial":
-        position = matrix_from_quaternion(change) @ position
-    if axes is not None:
-        step = matrix_from_quaternion(axes) @ step
-        change = quaternion_product(quaternion_product(axes, change), inverse(axes))
-    orientation = quaternion_product(change, pose.orientation)
-    orientation = vector(orientation / math.sqrt(float(orientation @ orientation)))
-    return Pose(vector(position + step), orientation, pose.frame_id)
-
-
-def _axes(frame: str, pose: Pose, base: Pose | None) -> Vector | None:
-    """Return the quaternion of the axes in which a command is given; None for those of the base."""
-    if frame not in FRAMES:
-        raise KeyError(frame)
-    if frame == "body":
-        return pose.orientation
-    return base.orientation if frame == "local" and base is not None else None
 
 
 def _fitting(values: Vector, lowest: Vector, highest: Vector) -> float:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -170,7 +171,71 @@ class Matrix:
     values: Array
 
 
-Value = JointState | Pose | Twist | Wrench | Matrix
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A number that is told or set by itself."""
+
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Flag:
+    """Something that is on or off."""
+
+    value: bool
+
+
+class AxisMode(IntEnum):
+    """What of a mixed setpoint an axis follows (crtk_msgs/SetpointMode, without the combined ones)."""
+
+    NONE = 0
+    POSITION = 1
+    VELOCITY = 2
+    EFFORT = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointServo:
+    """A setpoint that may be of another kind for each joint.
+
+    `modes` has one entry a joint; the vectors are as in a `JointState`, and of a joint only the value that
+    its mode names counts. `modes` is as it came: numbers that are no `AxisMode` are possible until checked.
+
+    Raises:
+        TypeError, ValueError: not numbers, or vectors (names, modes) of different sizes.
+    """
+
+    modes: tuple[int, ...]
+    position: Vector = field(default_factory=empty)
+    velocity: Vector = field(default_factory=empty)
+    effort: Vector = field(default_factory=empty)
+    name: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        JointState(self.position, self.velocity, self.effort, self.name)
+        _freeze(self, "position", "velocity", "effort")
+        sizes = {v.size for v in (self.position, self.velocity, self.effort) if v.size}
+        if sizes - {len(self.modes)}:
+            raise ValueError(f"{len(self.modes)} modes for vectors of {max(sizes)}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CartesianServo:
+    """A setpoint of the tool that may be of another kind for each axis of a task frame.
+
+    `modes` has six entries: translation along x, y, z and rotation about x, y, z of `task`, a pose in
+    `frame_id`. `pose` is in the task frame; `twist` and `wrench` are in its axes, at the tool point.
+    """
+
+    modes: tuple[int, ...]
+    pose: Pose
+    twist: Twist
+    wrench: Wrench
+    task: Pose
+    frame_id: str = ""
+
+
+Value = JointState | Pose | Twist | Wrench | Matrix | Number | Flag | JointServo | CartesianServo
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -67,6 +67,7 @@ def engine_options(config: DeviceConfig) -> EngineOptions:
         on_stream_timeout=config.on_stream_timeout,
         sample_timeout=config.sample_timeout,
         mode_switch_dwell=config.mode_switch_dwell,
+        move_cp=config.move_cp,
         limits=LimitPolicy(
             clamp_servo=limits.clamp_servo,
             max_step=limits.max_step,

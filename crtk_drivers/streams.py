@@ -1,4 +1,7 @@
-"""Streams that go on between their commands, in the I/O thread: interpolate_*, and servo_cv on joints.
+"""Streams that go on between their commands, in the I/O thread.
+
+interpolate_* all do; of servo_*, those do that change with the arm's own motion: twists and wrenches that
+joints carry out or that are given in the tool's axes, poses that joints follow, and mixed setpoints.
 
 A stream takes commands as they come (`feed`) and says in each cycle what is to be sent (`step`). It begins
 with the velocity and acceleration of the motion that it replaces, as far as they are known, and ends by
@@ -9,24 +12,37 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from crtk_drivers.arbiter import Order
-from crtk_drivers.commands import COMMANDS, Kind
+from crtk_drivers.commands import Kind, find
 from crtk_drivers.device import Device, Mode, Setpoint
-from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.feedback import Feedback
-from crtk_drivers.interpolation import JointInterpolator, PoseInterpolator, TwistInterpolator
+from crtk_drivers.feedback import Feedback, Point
+from crtk_drivers.frames import (
+    moved,
+    twist_from_base,
+    twist_in_base,
+    wrench_from_base,
+    wrench_in_base,
+)
+from crtk_drivers.interpolation import (
+    JointInterpolator,
+    PoseInterpolator,
+    TwistInterpolator,
+    WrenchInterpolator,
+)
+from crtk_drivers.limits import SetpointLimiter
+from crtk_drivers.outputs import PoseOutput, Pursuit, TwistOutput, WrenchOutput
 from crtk_drivers.reach import Reach
-from crtk_drivers.resolved_rate import ResolvedRate, increment_in_base
 from crtk_drivers.samples import (
     JointState,
     Pose,
     Twist,
     Value,
     Vector,
+    Wrench,
     empty,
     joint_state,
     joint_values,
@@ -34,41 +50,16 @@ from crtk_drivers.samples import (
 )
 from crtk_drivers.watchdog import Deadman
 
-JOINT_MODES = {
-    Kind.POSITION: Mode.JOINT_POSITION,
-    Kind.RELATIVE: Mode.JOINT_POSITION,
-    Kind.VELOCITY: Mode.JOINT_VELOCITY,
-    Kind.EFFORT: Mode.JOINT_EFFORT,
+STREAM_MODES = {
+    Kind.POSITION: (Mode.JOINT_POSITION, Mode.CARTESIAN_POSITION),
+    Kind.RELATIVE: (Mode.JOINT_POSITION, Mode.CARTESIAN_POSITION),
+    Kind.VELOCITY: (Mode.JOINT_VELOCITY, Mode.CARTESIAN_VELOCITY),
+    Kind.EFFORT: (Mode.JOINT_EFFORT, Mode.CARTESIAN_EFFORT),
 }
-
-_STILL = 1e-6
-"""rad/s (m/s) of a joint that stands: what rounding leaves over."""
-
-_LATE = 2.0
-"""Cycles that a stream goes on at most in one of them, after a late one."""
-
-_TOLERANCE = 0.01
-"""By how much a joint may exceed its velocity limit between two poses: rounding."""
+"""The modes that a stream of each kind is meant for, of joints and of the tool."""
 
 Clamp = Callable[[str, Vector, Vector], Vector]
 """Puts joint positions into their range: (command, positions, positions that it starts from)."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Point:
-    """What goes out in one cycle.
-
-    Attributes:
-        setpoint: to be sent.
-        joints: what ``setpoint_js`` says of it; None if that follows from the setpoint alone.
-        acceleration: (n,) of the joints, for the motion that follows; empty if unknown.
-        twist: (6,) of the tool, the same.
-    """
-
-    setpoint: Setpoint
-    joints: JointState | None = None
-    acceleration: Vector = field(default_factory=empty)
-    twist: Vector = field(default_factory=empty)
 
 
 class Stream(ABC):
@@ -128,12 +119,12 @@ class JointStream(Stream):
         super().__init__(name)
         self._device = device
         self._clamp = clamp
-        self._kind = COMMANDS[name].kind
-        self._mode = JOINT_MODES[self._kind]
+        self._kind = find(name).kind
+        self._mode = STREAM_MODES[self._kind][0]
         capabilities = device.capabilities
         cycle = 1.0 / capabilities.rate
         self._interpolator = JointInterpolator(capabilities.limits, cycle, timeout, self._kind)
-        position, velocity, acceleration = feedback.motion()
+        position, velocity, acceleration = feedback.motion(now)
         before = now - cycle  # when that went out
         if self._mode is Mode.JOINT_POSITION:
             self._interpolator.start(position, before, velocity, acceleration)
@@ -183,12 +174,12 @@ class JointStream(Stream):
 
 
 class PoseStream(Stream):
-    """interpolate_cp and _cr: as poses if the hardware takes them, else by inverse kinematics in each cycle.
+    """interpolate_cp and _cr.
 
     Args:
         name: of the command.
         device: whose limits and rate it keeps.
-        feedback: where it begins; with the velocity of the tool, but not with its acceleration.
+        feedback: where it begins, and how the tool moves there.
         reach: what can be reached.
         timeout: seconds without a command after which it ends.
         now: monotonic seconds.
@@ -204,25 +195,27 @@ class PoseStream(Stream):
         now: float,
     ) -> None:
         super().__init__(name)
-        self._device = device
-        self._command = COMMANDS[name]
+        self._command = find(name)
         self._reach = reach
         capabilities = device.capabilities
         limits = capabilities.cartesian_limits
         assert limits is not None
+        self._base = capabilities.base_pose
         self._takes_poses = Mode.CARTESIAN_POSITION in capabilities.modes
         cycle = 1.0 / capabilities.rate
         self._interpolator = PoseInterpolator(limits, cycle, timeout)
-        self._interpolator.start(reach.pose(self._command), now - cycle, feedback.reference_twist())
-        self._joints = feedback.reference_joints()
-        self._rates = ResolvedRate(capabilities.limits, limits, cycle)
-        most = [limit.velocity for limit in capabilities.limits]
-        self._longest_step = vector(most) * (cycle * _LATE * (1.0 + _TOLERANCE))
+        self._interpolator.start(
+            reach.pose(self._command),
+            now - cycle,
+            feedback.reference_twist(now),
+            feedback.reference_twist_change(now),
+        )
+        self._output = PoseOutput(self._command, device, feedback, reach, now)
 
     def feed(self, order: Order, now: float) -> None:
         """See the base class."""
         if order.displacement is not None:
-            goal = increment_in_base(self._interpolator.goal, order.displacement)
+            goal = moved(self._interpolator.goal, order.displacement, order.frame, self._base)
             if not self._takes_poses:
                 self._reach.joints(self._command, goal)
         else:
@@ -233,26 +226,7 @@ class PoseStream(Stream):
     def step(self, now: float) -> Point:
         """See the base class."""
         pose, twist = self._interpolator.step(now)
-        if self._takes_poses:
-            return Point(self._reach.setpoint(self._command, pose), twist=vector(twist.vector))
-        joints = self._reach.joints(self._command, pose, self._joints)
-        step = np.abs(joints - self._joints)
-        if (step > self._longest_step).any():
-            names = self._device.capabilities.joints
-            raise CommandRefused(
-                self.name,
-                Reason.STEP_TOO_LARGE,
-                f"{names[int(np.argmax(step / self._longest_step))]} would be too fast on the way",
-                where=self._device.address,
-                remedy="Stay away from singularities, or use interpolate_jp.",
-            )
-        self._joints = joints
-        rates = self._rates.follow_twist(joints, self._device.jacobian(joints), twist.vector)
-        return Point(
-            Setpoint(Mode.JOINT_POSITION, joints),
-            JointState(position=joints, velocity=rates.velocity),
-            twist=vector(twist.vector),
-        )
+        return self._output.point(pose, vector(twist.vector))
 
     @property
     def is_over(self) -> bool:
@@ -265,80 +239,152 @@ class PoseStream(Stream):
         return {"goal_cp": self._interpolator.goal}
 
 
-class TwistOutput:
-    """Twists to the hardware: as they are if it takes them, else through the Jacobian.
-
-    Joints take velocities if they can, else the positions to which these lead in each cycle. They keep
-    the limits of position, velocity and acceleration, see `crtk_drivers.resolved_rate`.
+class PursuitStream(Stream):
+    """servo_cp and _cr on joints.
 
     Args:
-        device: whose modes, limits and rate it keeps.
-        feedback: where it is, and how it moves at the beginning.
+        name: of the command.
+        device: whose limits and rate it keeps.
+        feedback: where the joints are.
+        reach: what can be reached.
+        limiter: that the joints pass.
+        timeout: seconds without a command after which it goes no further.
+        now: monotonic seconds.
     """
 
-    def __init__(self, device: Device, feedback: Feedback) -> None:
-        capabilities = device.capabilities
-        self._device = device
+    def __init__(
+        self,
+        name: str,
+        device: Device,
+        feedback: Feedback,
+        reach: Reach,
+        limiter: SetpointLimiter,
+        timeout: float,
+        now: float,
+    ) -> None:
+        super().__init__(name)
+        self._command = find(name)
+        self._base = device.capabilities.base_pose
         self._feedback = feedback
-        self._cycle = 1.0 / capabilities.rate
-        self._takes_twists = Mode.CARTESIAN_VELOCITY in capabilities.modes
-        self._takes_velocities = Mode.JOINT_VELOCITY in capabilities.modes
-        limits = capabilities.cartesian_limits
-        self._rates = ResolvedRate(capabilities.limits, limits, self._cycle)
-        _, self._velocity, _ = feedback.motion()
+        self._reach = reach
+        self._limiter = limiter
+        self._pursuit = Pursuit(device)
+        self._silence = Deadman(timeout)
+        self._silence.feed(now)
+        self._goal: Pose | None = None
+        self._joints = empty()
 
-    def point(self, twist: Vector) -> Point:
-        """Return what to send for a twist (6,), base axes, in this cycle."""
-        if self._takes_twists:
-            return Point(Setpoint(Mode.CARTESIAN_VELOCITY, twist))
-        joints = self._feedback.reference_joints()
-        jacobian = self._device.jacobian(joints)
-        rates = self._rates.follow_twist(joints, jacobian, twist, self._velocity)
-        self._velocity = velocity = rates.velocity
-        if self._takes_velocities:
-            return Point(Setpoint(Mode.JOINT_VELOCITY, velocity), twist=twist)
-        position = vector(joints + velocity * self._cycle)
-        state = JointState(position=position, velocity=velocity)
-        return Point(Setpoint(Mode.JOINT_POSITION, position), state, twist=twist)
+    def feed(self, order: Order, now: float) -> None:
+        """See the base class."""
+        if order.displacement is not None:
+            here = self._reach.pose(self._command)
+            goal = moved(self._goal or here, order.displacement, order.frame, self._base)
+            joints = self._reach.joints(self._command, goal)
+            self._limiter.judge_tool(self.name, goal, here)
+        else:
+            assert isinstance(order.target, Pose)
+            assert order.setpoint is not None
+            goal, joints = order.target, order.setpoint.values
+        self._goal, self._joints = goal, joints
+        self._silence.feed(now)
+
+    def step(self, now: float) -> Point:
+        """See the base class."""
+        assert self._goal is not None
+        if self._silence.expired(now):
+            self._silence.disarm()
+        before = self._feedback.reference_joints()
+        if not self._silence.armed:
+            return Point(Setpoint(Mode.JOINT_POSITION, before))
+        if self._limiter.can_step(self._joints, before, now):
+            return Point(Setpoint(Mode.JOINT_POSITION, self._joints))
+        return self._pursuit.point(before, self._goal)
 
     @property
-    def is_at_rest(self) -> bool:
-        """Whether the joints, if it moves these, have been told to stand."""
-        return self._takes_twists or bool(np.abs(self._velocity).max() <= _STILL)
+    def is_over(self) -> bool:
+        """See the base class."""
+        return not self._silence.armed
+
+    @property
+    def goals(self) -> Mapping[str, Value]:
+        """None: a servo stream has no goal."""
+        return {}
 
 
-class ResolvedStream(Stream):
-    """servo_cv on hardware that takes no twists: the newest twist, in each cycle.
+class _InFrame:
+    """A twist or wrench that is given in the frame of a command's sub-namespace."""
+
+    def __init__(self, name: str, device: Device, reach: Reach) -> None:
+        self._command = find(name)
+        self._base = device.capabilities.base_pose
+        self._reach = reach
+        is_twist = self._command.kind is Kind.VELOCITY
+        self._in_base = twist_in_base if is_twist else wrench_in_base
+        self._from_base = twist_from_base if is_twist else wrench_from_base
+
+    def in_base(self, values: Vector) -> Vector:
+        """Return it (6,) in base axes at the tool point, where the tool is now."""
+        return self._turned(self._in_base, values)
+
+    def from_base(self, values: Vector) -> Vector:
+        """Return in its frame what is given in base axes."""
+        return self._turned(self._from_base, values)
+
+    def _turned(self, convert: Callable[..., Vector], values: Vector) -> Vector:
+        frame = self._command.frame
+        if not frame:
+            return values
+        return convert(values, frame, self._reach.pose(self._command), self._base)
+
+
+def _output(
+    name: str, device: Device, feedback: Feedback, now: float
+) -> TwistOutput | WrenchOutput:
+    if find(name).kind is Kind.VELOCITY:
+        return TwistOutput(device, feedback, now)
+    return WrenchOutput(device, feedback)
+
+
+class HeldStream(Stream):
+    """servo_cv and servo_cf: the newest twist or wrench, carried out anew in each cycle.
 
     Args:
         name: of the command.
         device: whose limits and rate it keeps.
         feedback: where it begins.
+        reach: where the tool is.
         timeout: seconds without a command after which it comes to rest.
         now: monotonic seconds.
     """
 
     def __init__(
-        self, name: str, device: Device, feedback: Feedback, timeout: float, now: float
+        self,
+        name: str,
+        device: Device,
+        feedback: Feedback,
+        reach: Reach,
+        timeout: float,
+        now: float,
     ) -> None:
         super().__init__(name)
-        self._output = TwistOutput(device, feedback)
+        self._frame = _InFrame(name, device, reach)
+        self._output = _output(name, device, feedback, now)
         self._silence = Deadman(timeout)
         self._silence.feed(now)
-        self._twist = vector(np.zeros(6))
+        self._values = vector(np.zeros(6))
 
     def feed(self, order: Order, now: float) -> None:
         """See the base class."""
-        assert isinstance(order.target, Twist)
+        assert isinstance(order.target, Twist | Wrench)
         self._silence.feed(now)
-        self._twist = vector(order.target.vector)
+        self._values = vector(order.target.vector)
 
     def step(self, now: float) -> Point:
         """See the base class."""
         if self._silence.expired(now):
             self._silence.disarm()
-            self._twist = vector(np.zeros(6))
-        return self._output.point(self._twist)
+            self._values = vector(np.zeros(6))
+        return self._output.point(self._frame.in_base(self._values))
 
     @property
     def is_over(self) -> bool:
@@ -351,38 +397,54 @@ class ResolvedStream(Stream):
         return {}
 
 
-class TwistStream(Stream):
-    """interpolate_cv.
+class SmoothStream(Stream):
+    """interpolate_cv and interpolate_cf: as `HeldStream`, smoothed in the frame in which they are given.
 
     Args:
         name: of the command.
         device: whose limits and rate it keeps.
         feedback: where it begins.
+        reach: where the tool is.
         timeout: seconds without a command after which it ends.
         now: monotonic seconds.
     """
 
     def __init__(
-        self, name: str, device: Device, feedback: Feedback, timeout: float, now: float
+        self,
+        name: str,
+        device: Device,
+        feedback: Feedback,
+        reach: Reach,
+        timeout: float,
+        now: float,
     ) -> None:
         super().__init__(name)
         capabilities = device.capabilities
-        assert capabilities.cartesian_limits is not None
+        limits = capabilities.cartesian_limits
+        assert limits is not None
+        command, cycle = find(name), 1.0 / capabilities.rate
         self._base_frame = capabilities.base_frame
-        cycle = 1.0 / capabilities.rate
-        self._interpolator = TwistInterpolator(capabilities.cartesian_limits, cycle, timeout)
-        self._interpolator.start(feedback.reference_twist(), now - cycle)
-        self._output = TwistOutput(device, feedback)
+        self._is_twist = command.kind is Kind.VELOCITY
+        self._frame = _InFrame(name, device, reach)
+        self._output = _output(name, device, feedback, now)
+        self._interpolator: TwistInterpolator | WrenchInterpolator
+        if self._is_twist:
+            self._interpolator = TwistInterpolator(limits, cycle, timeout)
+            start = feedback.reference_twist(now)
+        else:
+            self._interpolator = WrenchInterpolator(limits, cycle, timeout)
+            start = feedback.commanded_wrench()
+        self._interpolator.start(self._frame.from_base(start), now - cycle)
 
     def feed(self, order: Order, now: float) -> None:
         """See the base class."""
-        assert isinstance(order.target, Twist)
+        assert isinstance(order.target, Twist | Wrench)
         self._interpolator.command(order.target.vector, now)
 
     def step(self, now: float) -> Point:
         """See the base class."""
-        twist, _ = self._interpolator.step(now)
-        return self._output.point(twist)
+        values, _ = self._interpolator.step(now)
+        return self._output.point(self._frame.in_base(values))
 
     @property
     def is_over(self) -> bool:
@@ -392,5 +454,7 @@ class TwistStream(Stream):
     @property
     def goals(self) -> Mapping[str, Value]:
         """See the base class."""
-        goal = self._interpolator.goal
+        if not self._is_twist:
+            return {}
+        goal = self._frame.in_base(self._interpolator.goal)
         return {"goal_cv": Twist(goal[:3], goal[3:], self._base_frame)}

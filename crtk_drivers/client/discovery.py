@@ -107,7 +107,9 @@ class Catalogue:
         manifest = self.manifest
         features = self._told(manifest["commands"]) if manifest else self._seen()
         order = {name: index for index, name in enumerate(COMMANDS)}
-        return dict(sorted(features.items(), key=lambda item: order[item[1].command.name]))
+        return dict(
+            sorted(features.items(), key=lambda item: order.get(item[1].command.base_name, 0))
+        )
 
     def _told(self, commands: Mapping[str, Any]) -> dict[str, Feature]:
         features = {}

@@ -109,7 +109,7 @@ class Space:
         Raises:
             NotOffered: see `feature`.
         """
-        from crtk_drivers.ros.link import MESSAGE_TYPES
+        from crtk_drivers.ros.messages import TYPES
 
         with self._lock:
             if name in self.endpoints:
@@ -118,11 +118,11 @@ class Space:
             payload = feature.command.payload
             endpoint: Endpoint
             if feature.command.direction is Direction.PUBLISHED:
-                endpoint = self.link.inbox(feature.topic, MESSAGE_TYPES[payload])
+                endpoint = self.link.inbox(feature.topic, TYPES[payload])
             elif feature.command.direction is Direction.COMMANDED:
                 endpoint = self.link.outbox(feature.topic, payload)
             else:
-                endpoint = self.link.caller(feature.topic, MESSAGE_TYPES[payload])
+                endpoint = self.link.caller(feature.topic, TYPES[payload])
             self.endpoints[name] = endpoint
             return endpoint
 
@@ -194,7 +194,7 @@ class Space:
         return self.tracker
 
     def _make_tracker(self) -> StatusTracker:
-        from crtk_drivers.ros.link import MESSAGE_TYPES
+        from crtk_drivers.ros.messages import TYPES
 
         topic = self.feature("operating_state").topic
         refusals = f"{self.catalogue.prefix}refusals"
@@ -203,7 +203,7 @@ class Space:
             self.link,
             self.namespace,
             topic,
-            MESSAGE_TYPES[Payload.OPERATING_STATE],
+            TYPES[Payload.OPERATING_STATE],
             refusals if self.link.publishers(refusals) else None,
             topic if topic in self.link.services() else None,
             bool(rates.get("heartbeat")),

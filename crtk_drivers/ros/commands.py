@@ -57,9 +57,11 @@ class CommandTopics:
         self._engine.submit(name)
 
     def _submit_value(self, name: str, message: Any) -> None:
-        header = message.header
+        header = getattr(message, "header", None)
+        frame_id = "" if header is None else self._frames.incoming(header.frame_id)
+        stamp = 0 if header is None else stamp_ns(header.stamp)
         try:
-            value = value_of(message, self._frames.incoming(header.frame_id))
+            value = value_of(message, frame_id)
         except ValueError as error:
             refusal = CommandRefused(
                 name,
@@ -70,7 +72,7 @@ class CommandTopics:
             )
             self._engine.report_refusal(refusal)
             raise refusal from error
-        self._engine.submit(name, value, stamp_ns(header.stamp))
+        self._engine.submit(name, value, stamp)
 
     def _guarded(self, name: str, handle: Callable[[Any], None]) -> Callable[[Any], None]:
         def receive(message: Any) -> None:

@@ -1,4 +1,4 @@
-"""``measured_*``, ``setpoint_*``, ``jacobian``, ``goal_*`` and /tf, from the engine's latest values.
+"""``measured_*``, ``setpoint_*``, ``jacobian``, ``goal_*``, settings and /tf, from the engine's values.
 
 All messages of one cycle come from one sample and carry its stamp. Data that is not valid is published
 with stamp 0, as CRTK asks: the official client counts messages, and takes silence for a lost device.
@@ -25,6 +25,9 @@ from crtk_drivers.ros.messages import TYPES, fill, fill_transform, set_stamp
 from crtk_drivers.ros.names import Frames
 from crtk_drivers.ros.publishing import Job, PublishingThread
 from crtk_drivers.samples import JointState, Pose, Stamp, Value
+
+LATCHED = (Level.GOAL, Level.SETTING)
+"""What is told once, and again to those who come later."""
 
 COHERENCE_TRIES = 3
 """A new sample may arrive while the values are collected; then they are collected again."""
@@ -65,7 +68,7 @@ def _topic(node: Node, engine: Engine, name: str, command: Command) -> _Topic:
         name,
         publisher,
         message,
-        command.payload is not Payload.MATRIX,
+        hasattr(message, "header"),
         name.rpartition("/")[0] or engine.capabilities.base_frame if in_a_frame else None,
     )
 
@@ -93,7 +96,7 @@ class FeedbackTopics:
             _topic(node, engine, name, command)
             for name, command in engine.commands.items()
             if command.direction is Direction.PUBLISHED
-            and command.level not in (Level.STATE, Level.GOAL)
+            and command.level not in (Level.STATE, *LATCHED)
         ]
         self.job: Job = thread.job("feedback", self._publish)
 
@@ -125,8 +128,8 @@ class FeedbackTopics:
         return value
 
 
-class GoalTopics:
-    """The goals, latched, each published when it is accepted."""
+class LatchedTopics:
+    """Goals and settings, latched, each published when it has a new value."""
 
     def __init__(
         self, node: Node, thread: PublishingThread, engine: Engine, frames: Frames
@@ -136,9 +139,9 @@ class GoalTopics:
         self._topics = [
             _topic(node, engine, name, command)
             for name, command in engine.commands.items()
-            if command.level is Level.GOAL
+            if command.level in LATCHED and command.direction is Direction.PUBLISHED
         ]
-        self.job: Job = thread.job("goals", self._publish)
+        self.job: Job = thread.job("latched", self._publish)
         self._published: dict[str, Value] = {}
 
     @property
@@ -148,7 +151,7 @@ class GoalTopics:
 
     def _publish(self) -> None:
         for topic in self._topics:
-            found = self._engine.goal(topic.name)
+            found = self._engine.latched(topic.name)
             if found is not None and self._published.get(topic.name) is not found[0]:
                 self._published[topic.name] = found[0]
                 topic.send(*found, self._frames)

@@ -13,14 +13,13 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import rclpy
-from crtk_msgs.msg import CartesianServo, JointServo
 from crtk_msgs.srv import TriggerOperatingState
 from rclpy.context import Context
 from rclpy.executors import Executor, ExternalShutdownException
@@ -47,13 +46,6 @@ from crtk_drivers.state import OperatingState, Status
 
 logger = logging.getLogger(__name__)
 
-MESSAGE_TYPES: Mapping[Payload, type] = {
-    Payload.JOINT_SERVO: JointServo,
-    Payload.CARTESIAN_SERVO: CartesianServo,
-    **TYPES,
-}
-"""The ROS type of each payload, those included that no driver of this package takes yet."""
-
 GRAPH_PERIOD = 0.005
 """Seconds between two looks at the graph while something is waited for."""
 
@@ -62,7 +54,7 @@ _numbers = itertools.count(1)
 
 def ros_type(command: Command) -> str:
     """Return the ROS name of what a command carries: ``sensor_msgs/msg/JointState``."""
-    return type_name(MESSAGE_TYPES[command.payload])
+    return type_name(TYPES[command.payload])
 
 
 class _InCallback(threading.local):
@@ -110,8 +102,10 @@ class Received:
     def value(self) -> Value:
         """What it says."""
         header = getattr(self.message, "header", None)
-        if header is None:
+        if header is None and hasattr(self.message, "layout"):
             return _matrix_of(self.message)
+        if header is None:
+            return value_of(self.message, "")
         return value_of(self.message, header.frame_id)
 
     @cached_property
@@ -296,7 +290,7 @@ class Caller:
         Raises:
             KinematicsError: the device answers that there is none, and why.
         """
-        wanted = MESSAGE_TYPES[Payload.POSE]().pose
+        wanted = TYPES[Payload.POSE]().pose
         set_pose(wanted, pose)
         answer = self.call(timeout, cp=wanted, jp=reference.tolist())
         if not answer.result:
@@ -456,7 +450,7 @@ class Link:
 
     def outbox(self, topic: str, payload: Payload) -> Outbox:
         """Return the publisher of a topic."""
-        kind = Empty if payload is Payload.EMPTY else MESSAGE_TYPES[payload]
+        kind = Empty if payload is Payload.EMPTY else TYPES[payload]
         with self._lock:
             if topic not in self._outboxes:
                 # Volatile: a driver that starts later must not get the commands of before.

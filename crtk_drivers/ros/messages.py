@@ -13,18 +13,24 @@ from types import MappingProxyType
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from crtk_msgs.msg import CartesianServo as CartesianServoMessage
+from crtk_msgs.msg import JointServo as JointServoMessage
 from crtk_msgs.msg import OperatingState as OperatingStateMessage
-from crtk_msgs.msg import StringStamped
+from crtk_msgs.msg import SetpointMode, StringStamped
 from crtk_msgs.srv import QueryForwardKinematics, QueryInverseKinematics
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped, WrenchStamped
 from sensor_msgs.msg import JointState as JointStateMessage
-from std_msgs.msg import Empty, Float64MultiArray, MultiArrayDimension
+from std_msgs.msg import Bool, Empty, Float64, Float64MultiArray, MultiArrayDimension
 
 from crtk_drivers.commands import Payload
 from crtk_drivers.samples import (
+    CartesianServo,
+    Flag,
+    JointServo,
     JointState,
     Matrix,
+    Number,
     Pose,
     Twist,
     Value,
@@ -44,6 +50,10 @@ TYPES: Mapping[Payload, type] = MappingProxyType(
         Payload.OPERATING_STATE: OperatingStateMessage,
         Payload.TEXT: StringStamped,
         Payload.EMPTY: Empty,
+        Payload.NUMBER: Float64,
+        Payload.FLAG: Bool,
+        Payload.JOINT_SERVO: JointServoMessage,
+        Payload.CARTESIAN_SERVO: CartesianServoMessage,
         Payload.FORWARD_KINEMATICS: QueryForwardKinematics,
         Payload.INVERSE_KINEMATICS: QueryInverseKinematics,
     }
@@ -109,6 +119,37 @@ def _fill_matrix(message: Float64MultiArray, value: Matrix) -> None:
     message.data = array("d", value.values.ravel().tolist())
 
 
+def _fill_number(message: Float64, value: Number) -> None:
+    message.data = float(value.value)
+
+
+def _fill_flag(message: Bool, value: Flag) -> None:
+    message.data = bool(value.value)
+
+
+def _mode(number: int) -> SetpointMode:
+    return SetpointMode(value=int(number))
+
+
+def _fill_joint_servo(message: JointServoMessage, value: JointServo) -> None:
+    message.name = list(value.name)
+    message.position = array("d", value.position.tolist())
+    message.velocity = array("d", value.velocity.tolist())
+    message.effort = array("d", value.effort.tolist())
+    message.mode = [_mode(number) for number in value.modes]
+
+
+def _fill_cartesian_servo(message: CartesianServoMessage, value: CartesianServo) -> None:
+    _set_xyz(message.task_frame.translation, value.task.position)
+    _set_quaternion(message.task_frame.rotation, value.task.orientation)
+    set_pose(message.pose, value.pose)
+    _set_xyz(message.twist.linear, value.twist.linear)
+    _set_xyz(message.twist.angular, value.twist.angular)
+    _set_xyz(message.wrench.force, value.wrench.force)
+    _set_xyz(message.wrench.torque, value.wrench.torque)
+    message.axis_mode = [_mode(number) for number in value.modes]
+
+
 _FILL: Mapping[type, Callable[[Any, Any], None]] = MappingProxyType(
     {
         JointState: _fill_joints,
@@ -116,6 +157,10 @@ _FILL: Mapping[type, Callable[[Any, Any], None]] = MappingProxyType(
         Twist: _fill_twist,
         Wrench: _fill_wrench,
         Matrix: _fill_matrix,
+        Number: _fill_number,
+        Flag: _fill_flag,
+        JointServo: _fill_joint_servo,
+        CartesianServo: _fill_cartesian_servo,
     }
 )
 
@@ -163,6 +208,28 @@ def _xyz(message: Any) -> Vector:
     return vector((message.x, message.y, message.z))
 
 
+def _joint_servo_of(message: JointServoMessage) -> JointServo:
+    return JointServo(
+        tuple(mode.value for mode in message.mode),
+        vector(message.position),
+        vector(message.velocity),
+        vector(message.effort),
+        tuple(message.name),
+    )
+
+
+def _cartesian_servo_of(message: CartesianServoMessage, frame_id: str) -> CartesianServo:
+    t, q = message.task_frame.translation, message.task_frame.rotation
+    return CartesianServo(
+        tuple(mode.value for mode in message.axis_mode),
+        pose_of(message.pose),
+        Twist(_xyz(message.twist.linear), _xyz(message.twist.angular)),
+        Wrench(_xyz(message.wrench.force), _xyz(message.wrench.torque)),
+        Pose(vector((t.x, t.y, t.z)), vector((q.x, q.y, q.z, q.w))),
+        frame_id,
+    )
+
+
 _READ: Mapping[type, Callable[[Any, str], Value]] = MappingProxyType(
     {
         JointStateMessage: lambda message, frame_id: joints_of(message),
@@ -173,6 +240,10 @@ _READ: Mapping[type, Callable[[Any, str], Value]] = MappingProxyType(
         WrenchStamped: lambda message, frame_id: Wrench(
             _xyz(message.wrench.force), _xyz(message.wrench.torque), frame_id
         ),
+        Float64: lambda message, frame_id: Number(message.data),
+        Bool: lambda message, frame_id: Flag(message.data),
+        JointServoMessage: lambda message, frame_id: _joint_servo_of(message),
+        CartesianServoMessage: _cartesian_servo_of,
     }
 )
 
@@ -181,6 +252,6 @@ def value_of(message: Any, frame_id: str) -> Value:
     """Return the value of a command, unchecked, in the device's own `frame_id`.
 
     Raises:
-        ValueError: a joint state with vectors of different sizes.
+        ValueError: joint values with vectors of different sizes.
     """
     return _READ[type(message)](message, frame_id)

@@ -16,7 +16,7 @@ from crtk_drivers.errors import CommandRefused
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.commands import CommandTopics
 from crtk_drivers.ros.diagnostics import Diagnostics
-from crtk_drivers.ros.feedback import FeedbackTopics, GoalTopics, Transforms
+from crtk_drivers.ros.feedback import FeedbackTopics, LatchedTopics, Transforms
 from crtk_drivers.ros.graph import TypeConflicts
 from crtk_drivers.ros.manifest import manifest, type_name
 from crtk_drivers.ros.messages import TYPES
@@ -43,12 +43,12 @@ class _Listener(Observer):
     """Hands what the engine tells over to the publishing thread."""
 
     def __init__(
-        self, engine: Engine, status: StatusTopic, refusals: RefusalTopic, goals: GoalTopics
+        self, engine: Engine, status: StatusTopic, refusals: RefusalTopic, latched: LatchedTopics
     ) -> None:
         self._where = engine.where
         self._status = status
         self._refusals = refusals
-        self._goals = goals
+        self._latched = latched
         self._warnings = Throttle(WARNING_INTERVAL)
 
     def status_changed(self, status: Status, stamp: Stamp) -> None:
@@ -57,8 +57,8 @@ class _Listener(Observer):
     def command_refused(self, refusal: CommandRefused) -> None:
         self._refusals.add(refusal)
 
-    def goal_accepted(self, name: str) -> None:
-        self._goals.job.ask()
+    def latched(self, name: str) -> None:
+        self._latched.job.ask()
 
     def warned(self, text: str) -> None:
         # The kind is what precedes the first number: "servo_jp: elbow at".
@@ -104,14 +104,14 @@ class DriverNode:
         self._status = StatusTopic(node, self._thread, engine.status)
         self._refusals = RefusalTopic(node, self._thread)
         self._feedback = FeedbackTopics(node, self._thread, engine, frames)
-        self._goals = GoalTopics(node, self._thread, engine, frames)
+        self._latched = LatchedTopics(node, self._thread, engine, frames)
         self._transforms = Transforms(node, self._thread, engine, frames)
         self._commands = CommandTopics(node, engine, frames)
         self._services = Services(node, engine, self._status.next_stamp)
         self._ros_names = self._names_on_ros()
         self._set_up_diagnostics()
         self._set_up_manifest()
-        self._listener = _Listener(engine, self._status, self._refusals, self._goals)
+        self._listener = _Listener(engine, self._status, self._refusals, self._latched)
         set_rate = {
             "publish_rate": self._feedback.set_rate,
             "tf_rate": self._transforms.job.set_rate,
@@ -143,7 +143,7 @@ class DriverNode:
     def _names_on_ros(self) -> dict[str, str]:
         endpoints = {
             **self._feedback.publishers,
-            **self._goals.publishers,
+            **self._latched.publishers,
             **self._commands.subscriptions,
             "operating_state": self._status.publisher,
         }

@@ -67,7 +67,7 @@ def of_command(command: Command) -> QoSProfile:
 
 def of_feedback(command: Command) -> QoSProfile:
     """Return the profile with which the device publishes `command`."""
-    return LATCHED if command.level is Level.GOAL else DATA
+    return LATCHED if command.level in (Level.GOAL, Level.SETTING) else DATA
 
 
 _POLICY_NAMES = {kind.value: kind.name.lower() for kind in QoSPolicyKind}

@@ -2,11 +2,13 @@
 
 JSON in a std_msgs/String, reliable and latched (the last ten):
 
-    {"command": "servo_jp", "reason": "wrong_size", "message": "...", "remedy": "...", "count": 3}
+    {"command": "servo_jp", "reason": "wrong_size", "message": "...", "remedy": "...", "count": 3,
+     "stamp": {"sec": 1763700000, "nanosec": 500000000}}
 
 `reason` is a member of `crtk_drivers.errors.Reason`, `count` how often this command has been refused for
-this reason since the start. A pair of command and reason is told once in `INTERVAL` seconds; refusals in
-between are counted, and told when the interval is over.
+this reason since the start, `stamp` that of the command's header (zero if it had none). Of a stream, a pair
+of command and reason is told once in `INTERVAL` seconds; refusals in between are counted, and told when the
+interval is over. Each refused move and state command is told.
 """
 
 from __future__ import annotations
@@ -15,18 +17,22 @@ import json
 import logging
 import threading
 import time
+from collections import deque
 from dataclasses import dataclass
 
 from rclpy.node import Node
 from std_msgs.msg import String
 
+from crtk_drivers.commands import Level, find, is_name
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.ros import qos
-from crtk_drivers.ros.publishing import PublishingThread
+from crtk_drivers.ros.publishing import PublishingThread, Throttle
 
 logger = logging.getLogger(__name__)
 
 INTERVAL = 2.0
+MOST_AT_ONCE = 50
+"""Refused moves that wait for the publishing thread at most."""
 SWEEP_RATE = 2.0
 """Hz at which refusals that were held back are looked for."""
 
@@ -47,6 +53,8 @@ class RefusalTopic:
         self._job = thread.job("refusals", self._publish, SWEEP_RATE)
         self._lock = threading.Lock()
         self._kinds: dict[tuple[str, Reason], _Kind] = {}
+        self._each: deque[tuple[CommandRefused, int]] = deque(maxlen=MOST_AT_ONCE)
+        self._logged = Throttle(INTERVAL)
 
     def add(self, refusal: CommandRefused) -> None:
         """Count it, and tell it if nothing of its kind was told of late. Any thread."""
@@ -58,20 +66,36 @@ class RefusalTopic:
             kind.latest = refusal
             kind.count += 1
             due = now - kind.told_at >= INTERVAL
+            if not _is_stream(refusal.command):
+                self._each.append((refusal, kind.count))
+                kind.told_count = kind.count
+                due = True
         if due:
             self._job.ask()
 
     def _publish(self) -> None:
-        for refusal, count, new in self._due(time.monotonic()):
-            content = {
-                "command": refusal.command,
-                "reason": refusal.reason.value,
-                "message": refusal.detail,
-                "remedy": refusal.remedy,
-                "count": count,
-            }
-            self._publisher.publish(String(data=json.dumps(content)))
+        now = time.monotonic()
+        with self._lock:
+            each, self._each = self._each, deque(maxlen=MOST_AT_ONCE)
+        for refusal, count in each:
+            self._tell(refusal, count)
+            if self._logged.passes(f"{refusal.command} {refusal.reason}", now):
+                logger.warning("%s", refusal)
+        for refusal, count, new in self._due(now):
+            self._tell(refusal, count)
             logger.warning("%s%s", refusal, f" ({new} times)" if new > 1 else "")
+
+    def _tell(self, refusal: CommandRefused, count: int) -> None:
+        seconds, nanoseconds = divmod(refusal.stamp_ns, 1_000_000_000)
+        content = {
+            "command": refusal.command,
+            "reason": refusal.reason.value,
+            "message": refusal.detail,
+            "remedy": refusal.remedy,
+            "count": count,
+            "stamp": {"sec": seconds, "nanosec": nanoseconds},
+        }
+        self._publisher.publish(String(data=json.dumps(content)))
 
     def _due(self, now: float) -> list[tuple[CommandRefused, int, int]]:
         due = []
@@ -81,3 +105,7 @@ class RefusalTopic:
                     due.append((kind.latest, kind.count, kind.count - kind.told_count))
                     kind.told_count, kind.told_at = kind.count, now
         return due
+
+
+def _is_stream(name: str) -> bool:
+    return is_name(name) and find(name).level in (Level.SERVO, Level.INTERPOLATE)

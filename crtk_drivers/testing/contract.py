@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crtk_drivers.commands import COMMANDS, Payload
+from crtk_drivers.commands import Payload, find
 from crtk_drivers.device import Capabilities
 from crtk_drivers.errors import CommandRefused, MotionAborted
 from crtk_drivers.front import LocalDevice
@@ -233,7 +233,7 @@ class DeviceContract:
         for name in arm.engine.capabilities.measured:
             assert name in sample, f"{name} is declared and not in the sample"
             value = sample[name]
-            assert isinstance(value, _TYPES[COMMANDS[name.rpartition("/")[2]].payload])
+            assert isinstance(value, _TYPES[find(name).payload])
             for part in _parts(value):
                 assert np.isfinite(part).all(), f"{name} holds {part}"
 
@@ -483,7 +483,10 @@ def _parts(value: Value) -> list[Any]:
         return [value.position, value.velocity, value.effort]
     if isinstance(value, Pose):
         return [value.position, value.orientation]
-    return [value.values if isinstance(value, Matrix) else value.vector]
+    if isinstance(value, Matrix):
+        return [value.values]
+    assert isinstance(value, Twist | Wrench)
+    return [value.vector]
 
 
 def _apart(a: Pose, b: Pose) -> float:

@@ -193,7 +193,7 @@ class Recorder(Observer):
     def command_refused(self, refusal: CommandRefused) -> None:
         self.refusals.append(refusal)
 
-    def goal_accepted(self, name: str) -> None:
+    def latched(self, name: str) -> None:
         self.goals.append(name)
 
     def warned(self, text: str) -> None:

@@ -9,15 +9,27 @@ from engine_rig import LIMIT, two_joints
 from crtk_drivers.capabilities import missing_for, offered
 from crtk_drivers.commands import COMMANDS
 from crtk_drivers.device import Capabilities, CartesianLimits, JointLimits, Mode
+from crtk_drivers.samples import Pose, vector
 
 STATE = {"operating_state", "state_command"}
 JOINT_STREAMS = {"servo_jp", "servo_jr", "interpolate_jp", "interpolate_jr"}
-JOINT_MOTION = JOINT_STREAMS | {"move_jp", "move_jr", "hold", "setpoint_js", "goal_js"}
-KINEMATICS = {"jacobian", "forward_kinematics", "inverse_kinematics"}
-SLOW_POSES = {"interpolate_cp", "interpolate_cr"}
-SLOW = SLOW_POSES | {"interpolate_cv", "goal_cv"}
-WITH_KINEMATICS = KINEMATICS | SLOW | {"servo_cp", "servo_cr", "servo_cv"}
-WITH_KINEMATICS |= {"move_cp", "move_cr", "setpoint_cp", "goal_cp"}
+RATIOS = {
+    f"trajectory_j/{name}{kind}" for name in ("set_ratio", "ratio") for kind in ("", "_v", "_a")
+}
+MOVES = {"move_jp", "move_jr", "goal_js"} | RATIOS
+JOINT_MOTION = JOINT_STREAMS | MOVES | {"servo_js", "hold", "setpoint_js"}
+
+
+def framed(*names: str) -> set[str]:
+    """Return names with those of the tool's and the base's axes."""
+    return {*names, *(f"{frame}/{name}" for frame in ("body", "spatial") for name in names)}
+
+
+KINEMATICS = framed("jacobian") | {"forward_kinematics", "inverse_kinematics"}
+SLOW_POSES = framed("interpolate_cr") | {"interpolate_cp", "servo_cs"}
+SLOW = SLOW_POSES | framed("interpolate_cv") | {"goal_cv"}
+WITH_KINEMATICS = KINEMATICS | SLOW | framed("servo_cr", "servo_cv", "move_cr", "setpoint_cv")
+WITH_KINEMATICS |= {"servo_cp", "move_cp", "setpoint_cp", "goal_cp"}
 BARE = {
     "modes": frozenset[Mode](),
     "has_kinematics": False,
@@ -25,6 +37,7 @@ BARE = {
     "measured": ("measured_js",),
 }
 POSITION = frozenset({Mode.JOINT_POSITION})
+BASE = Pose(vector((0.0, 0.0, 1.0)), vector((0.0, 0.0, 0.0, 1.0)))
 
 CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
     "a sensor": (
@@ -44,20 +57,44 @@ CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
     "poses and twists": (
         {"modes": frozenset({Mode.CARTESIAN_POSITION, Mode.CARTESIAN_VELOCITY})},
         {"measured_js", "servo_cp", "servo_cr", "servo_cv", "interpolate_cv", "hold", "setpoint_js"}
-        | SLOW_POSES
-        | {"goal_cp", "goal_cv"},
+        | {"interpolate_cp", "interpolate_cr", "servo_cs", "setpoint_cv", "goal_cp", "goal_cv"},
     ),
     "velocities": (
         {"modes": frozenset({Mode.JOINT_VELOCITY})},
-        {"measured_js", "servo_jv", "interpolate_jv", "hold", "setpoint_js", "goal_js"},
+        {"measured_js", "servo_jv", "interpolate_jv", "servo_js", "hold", "setpoint_js", "goal_js"},
     ),
     "efforts": (
         {"modes": frozenset({Mode.JOINT_EFFORT}), "has_free": True},
-        {"measured_js", "servo_jf", "interpolate_jf", "hold", "setpoint_js", "goal_js", "free"},
+        {"measured_js", "servo_jf", "interpolate_jf", "servo_js", "hold"}
+        | {"setpoint_js", "goal_js", "free"},
     ),
     "its own moves": (
         {"native_moves": frozenset({"move_jp"})},
-        {"measured_js", "move_jp", "move_jr", "hold", "setpoint_js", "goal_js"},
+        {"measured_js", "hold", "setpoint_js"} | MOVES,
+    ),
+    "efforts and kinematics": (
+        {
+            "modes": frozenset({Mode.JOINT_EFFORT}),
+            "has_kinematics": True,
+            "has_gravity_compensation": True,
+        },
+        {"measured_js", "servo_jf", "interpolate_jf", "servo_js", "hold", "setpoint_js", "goal_js"}
+        | {"setpoint_cp", "use_gravity_compensation"}
+        | KINEMATICS
+        | framed("servo_cf", "interpolate_cf", "setpoint_cf", "setpoint_cv"),
+    ),
+    "a base with a pose": (
+        {"modes": frozenset({Mode.CARTESIAN_POSITION, Mode.CARTESIAN_VELOCITY})}
+        | {"measured": ("measured_js", "measured_cp"), "base_pose": BASE},
+        {"measured_js", "measured_cp", "hold", "setpoint_js", "goal_cp", "goal_cv"}
+        | framed("servo_cr", "servo_cv", "interpolate_cr", "interpolate_cv", "setpoint_cv")
+        | {"servo_cp", "interpolate_cp", "servo_cs"}
+        | {f"local/servo_c{kind}" for kind in "prvs"}
+        | {f"local/interpolate_c{kind}" for kind in "prv"},
+    ),
+    "a force sensor on a known tool": (
+        {"joints": (), "limits": (), "measured": ("measured_cp", "measured_cf")},
+        {"measured_cp"} | framed("measured_cf"),
     ),
 }
 
@@ -68,7 +105,7 @@ def test_offered(case: str) -> None:
     found = offered(two_joints(**(BARE | changes)))
     assert set(found) == names | STATE
     order = list(COMMANDS)
-    ranks = [order.index(name.rpartition("/")[2]) for name in found]
+    ranks = [order.index(command.base_name) for command in found.values()]
     assert ranks == sorted(ranks)
 
 
@@ -78,7 +115,7 @@ def test_what_is_missing_is_said_in_words() -> None:
     assert "Cartesian position, or joint position and kinematics" in missing_for(
         "servo_cp", encoder
     )
-    assert missing_for("servo_js", encoder) == "It is not implemented for any device yet."
+    assert "a base with a pose of its own and" in missing_for("local/servo_cp", encoder)
     assert missing_for("measured_cf", encoder) == "Its samples hold no such value."
     assert missing_for("dance", encoder) == "There is no such CRTK command."
 

@@ -18,6 +18,9 @@ PUBLISHED = {
     "setpoint_cf": Payload.WRENCH,
     "operating_state": Payload.OPERATING_STATE,
     "jacobian": Payload.MATRIX,
+    "trajectory_j/ratio": Payload.NUMBER,
+    "trajectory_j/ratio_v": Payload.NUMBER,
+    "trajectory_j/ratio_a": Payload.NUMBER,
 }
 COMMANDED = {
     "servo_jp": Payload.JOINT_STATE,
@@ -45,6 +48,10 @@ COMMANDED = {
     "state_command": Payload.TEXT,
     "hold": Payload.EMPTY,
     "free": Payload.EMPTY,
+    "use_gravity_compensation": Payload.FLAG,
+    "trajectory_j/set_ratio": Payload.NUMBER,
+    "trajectory_j/set_ratio_v": Payload.NUMBER,
+    "trajectory_j/set_ratio_a": Payload.NUMBER,
 }
 SERVICES = {
     "forward_kinematics": Payload.FORWARD_KINEMATICS,
@@ -88,11 +95,26 @@ def test_motion_and_increments_are_told_apart() -> None:
 
 
 def test_a_name_may_carry_a_sub_namespace_of_the_specification() -> None:
-    assert find("local/measured_cp") is COMMANDS["measured_cp"]
+    local = find("local/measured_cp")
+    assert (local.name, local.base_name, local.frame) == (
+        "local/measured_cp",
+        "measured_cp",
+        "local",
+    )
+    assert local.payload is Payload.POSE
+    assert find("gripper/measured_js").frame == ""
     assert find("servo_jp") is COMMANDS["servo_jp"]
-    for name in ("/measured_cp", "elbow/measured_cp", "local/body/measured_cp", "measured_cx", ""):
+    assert find("trajectory_j/ratio").base_name == "trajectory_j/ratio"
+    absent = "measured1_js measured10_js measured2_cp trajectory_j/servo_jp /measured_cp"
+    absent += " elbow/measured_cp local/body/measured_cp measured_cx"
+    for name in ("", *absent.split()):
         with pytest.raises(KeyError):
             find(name)
+
+
+def test_redundant_sensors_have_numbers() -> None:
+    assert find("measured2_js").payload is Payload.JOINT_STATE
+    assert find("measured3_js").level is Level.MEASURED
 
 
 def test_the_table_cannot_be_changed() -> None:

@@ -188,7 +188,7 @@ BAD = {
     "I8 wrench": ("servo_cf", Wrench(THREE, vector((0, 3, 0))), Reason.OUT_OF_RANGE, "torque"),
     "I9 step": ("servo_jp", jp(0.0, 0.2), Reason.STEP_TOO_LARGE, "turn would jump by 0.2000"),
     "I9 increment": ("servo_jr", jp(-0.2, 0.0), Reason.STEP_TOO_LARGE, "slide would jump"),
-    "I9 pose": ("servo_cp", pose(0.2), Reason.STEP_TOO_LARGE, "slide would jump"),
+    "I9 pose": ("servo_cp", pose(0.2), Reason.STEP_TOO_LARGE, "tool would jump"),
     "I10 frame": ("servo_cp", pose(0.0, frame="camera"), Reason.WRONG_FRAME, "'camera'"),
     "I10 frame of a twist": (
         "servo_cv",
@@ -199,7 +199,7 @@ BAD = {
     "out of reach": ("move_cp", pose(0.0, y=1.0), Reason.UNREACHABLE, "y is out of reach"),
     "wrong type": ("servo_jp", pose(0.0), Reason.WRONG_TYPE, "got Pose"),
     "nothing": ("servo_jp", None, Reason.WRONG_TYPE, "got NoneType"),
-    "unsupported": ("servo_js", jp(0.0, 0.0), Reason.UNSUPPORTED, "not offer"),
+    "unsupported": ("local/servo_cp", pose(0.0), Reason.UNSUPPORTED, "not offer"),
     "no such name": ("dance", None, Reason.UNSUPPORTED, "not offer"),
 }
 
@@ -234,7 +234,7 @@ def test_a_quaternion_that_is_nearly_one_is_normalised() -> None:
     rig = Rig().enabled()
     goal = Pose(THREE, vector((0, 0, 0, 1.0005)))
     rig.engine.submit("move_cp", goal)
-    found = rig.engine.goal("goal_cp")
+    found = rig.engine.latched("goal_cp")
     assert found is not None
     assert isinstance(found[0], Pose)
     assert np.linalg.norm(found[0].orientation) == pytest.approx(1.0, abs=1e-12)
@@ -243,10 +243,10 @@ def test_a_quaternion_that_is_nearly_one_is_normalised() -> None:
 @pytest.mark.parametrize("name", ["servo_jp", "servo_cp", "servo_jr"])
 def test_a_servo_out_of_range_is_clamped_with_a_warning_that_the_setpoint_shows(name: str) -> None:
     rig = Rig().connect()
-    rig.device.position = np.array([0.95, 0.0])
+    rig.device.position = np.array([0.98, 0.0])
     rig.cycle()
     rig.enabled()
-    value = {"servo_jp": jp(1.02, 0.0), "servo_cp": pose(1.02), "servo_jr": jp(0.07, 0.0)}[name]
+    value = {"servo_jp": jp(1.02, 0.0), "servo_cp": pose(1.02), "servo_jr": jp(0.04, 0.0)}[name]
     rig.engine.submit(name, value)
     rig.cycle()
     assert rig.written[-1].values.tolist() == [1.0, 0.0]
@@ -259,10 +259,10 @@ def test_a_servo_out_of_range_is_clamped_with_a_warning_that_the_setpoint_shows(
 @pytest.mark.parametrize("name", ["servo_jp", "servo_cp", "servo_jr"])
 def test_a_servo_out_of_range_is_refused_if_the_user_wants_that(name: str) -> None:
     rig = Rig(EngineOptions(limits=LimitPolicy(clamp_servo=False))).connect()
-    rig.device.position = np.array([0.95, 0.0])
+    rig.device.position = np.array([0.98, 0.0])
     rig.cycle()
     rig.enabled()
-    value = {"servo_jp": jp(1.02, 0.0), "servo_cp": pose(1.02), "servo_jr": jp(0.07, 0.0)}[name]
+    value = {"servo_jp": jp(1.02, 0.0), "servo_cp": pose(1.02), "servo_jr": jp(0.04, 0.0)}[name]
     assert rig.refused(name, value).reason is Reason.OUT_OF_RANGE
 
 
@@ -538,7 +538,7 @@ def test_a_move_raises_busy_reaches_its_goal_and_latches_it() -> None:
     assert move.wait(0.0)
     assert not rig.engine.status.is_busy
     assert rig.written[-1].values.tolist() == [0.1, -0.1]
-    found = rig.engine.goal("goal_js")
+    found = rig.engine.latched("goal_js")
     assert found is not None
     assert isinstance(found[0], JointState)
     assert found[0].position.tolist() == [0.1, -0.1]

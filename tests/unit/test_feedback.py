@@ -5,7 +5,7 @@ import pytest
 from engine_rig import JOINTS, ScriptedDevice, two_joints
 
 from crtk_drivers.device import Mode, Setpoint
-from crtk_drivers.feedback import Feedback
+from crtk_drivers.feedback import Feedback, Point
 from crtk_drivers.samples import JointState, Pose, Sample, vector
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.clock import FakeClock
@@ -72,14 +72,14 @@ def test_what_was_read_before_the_link_was_lost_is_not_valid(bench: Bench) -> No
 
 
 def test_hold_keeps_a_position_that_was_sent_also_twice(bench: Bench) -> None:
-    bench.feedback.sent(Setpoint(Mode.JOINT_POSITION, vector((0.3, 0.3))))
+    bench.feedback.sent(Point(Setpoint(Mode.JOINT_POSITION, vector((0.3, 0.3)))), 0.0)
     for _ in range(2):
         bench.feedback.hold()
         assert bench.setpoint().position.tolist() == [0.3, 0.3]
 
 
 def test_after_a_velocity_the_device_is_where_it_comes_to_rest(bench: Bench) -> None:
-    bench.feedback.sent(Setpoint(Mode.JOINT_VELOCITY, vector((0.3, 0.3))))
+    bench.feedback.sent(Point(Setpoint(Mode.JOINT_VELOCITY, vector((0.3, 0.3)))), 0.0)
     bench.feedback.hold()
     bench.measure(0.5, 0.6)
     assert bench.setpoint().position.tolist() == [0.5, 0.6]
@@ -90,7 +90,7 @@ def test_hardware_that_reports_its_setpoint_is_believed_when_we_send_none(bench:
     bench.device.native_setpoint = JointState(vector((0.7, 0.7)), effort=vector((1.0, 2.0)))
     bench.measure(0.1, 0.2)
     assert bench.setpoint().position.tolist() == [0.7, 0.7]
-    bench.feedback.sent(Setpoint(Mode.JOINT_POSITION, vector((0.3, 0.3))))
+    bench.feedback.sent(Point(Setpoint(Mode.JOINT_POSITION, vector((0.3, 0.3)))), 0.0)
     assert bench.setpoint().position.tolist() == [0.3, 0.3]
     assert bench.setpoint().effort.tolist() == [1.0, 2.0]
     bench.feedback.hold()
@@ -102,19 +102,19 @@ def test_a_jump_is_seen_against_the_measurement_until_something_was_sent(bench: 
     assert bench.feedback.before(Mode.JOINT_POSITION).tolist() == [0.1, 0.2]
     assert bench.feedback.before(Mode.CARTESIAN_POSITION)[:3].tolist() == [0.1, 0.0, 0.0]
     sent = vector((1, 2, 3, 0, 0, 0, 1))
-    bench.feedback.sent(Setpoint(Mode.CARTESIAN_POSITION, sent))
+    bench.feedback.sent(Point(Setpoint(Mode.CARTESIAN_POSITION, sent)), 0.0)
     assert bench.feedback.before(Mode.CARTESIAN_POSITION).tolist() == sent.tolist()
     assert bench.feedback.before(Mode.JOINT_VELOCITY).size == 0
 
 
 def test_the_cartesian_setpoint_is_the_pose_of_the_joint_setpoint(bench: Bench) -> None:
-    bench.feedback.sent(Setpoint(Mode.JOINT_POSITION, vector((0.3, 0.0))))
+    bench.feedback.sent(Point(Setpoint(Mode.JOINT_POSITION, vector((0.3, 0.0)))), 0.0)
     found = bench.feedback.get("setpoint_cp", bench.clock(), ON)
     assert found is not None
     assert isinstance(found[0], Pose)
     assert found[0].position.tolist() == [0.3, 0.0, 0.0]
     assert found[1].wall_ns > 0
-    bench.feedback.sent(Setpoint(Mode.JOINT_VELOCITY, vector((0.3, 0.0))))
+    bench.feedback.sent(Point(Setpoint(Mode.JOINT_VELOCITY, vector((0.3, 0.0)))), 0.0)
     found = bench.feedback.get("setpoint_cp", bench.clock(), ON)
     assert found is not None
     assert found[1].wall_ns == 0
@@ -122,9 +122,9 @@ def test_the_cartesian_setpoint_is_the_pose_of_the_joint_setpoint(bench: Bench) 
 
 def test_goals_are_latched_until_the_next(bench: Bench) -> None:
     goal = JointState(vector((0.5, 0.5)), name=JOINTS)
-    bench.feedback.accept_goals({"goal_js": goal})
-    assert bench.feedback.goals["goal_js"][0] is goal
-    assert bench.feedback.goals["goal_js"][1].wall_ns > 0
+    bench.feedback.latch({"goal_js": goal})
+    assert bench.feedback.latched("goal_js")[0] is goal
+    assert bench.feedback.latched("goal_js")[1].wall_ns > 0
 
 
 def test_a_sample_without_a_value_has_none_under_that_name(bench: Bench) -> None:

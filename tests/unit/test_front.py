@@ -52,13 +52,27 @@ def test_the_offered_names_are_methods(arm: LocalDevice) -> None:
 
 
 def test_a_name_that_is_not_offered_is_absent_and_says_what_is_missing(arm: LocalDevice) -> None:
-    assert not hasattr(arm, "servo_cf")
-    with pytest.raises(AttributeError, match=r"does not offer servo_cf. It would need Cartesian"):
-        arm.servo_cf([0.0] * 6)
-    with pytest.raises(AttributeError, match="not implemented for any device yet"):
-        arm.servo_js([0.0] * 4)
+    assert not hasattr(arm, "use_gravity_compensation")
+    with pytest.raises(AttributeError, match=r"does not offer use_gr.* It would need gravity"):
+        arm.use_gravity_compensation(True)
+    with pytest.raises(AttributeError, match="does not offer body/measured_cp"):
+        arm.body.measured_cp()
     with pytest.raises(AttributeError, match="LocalDevice has no attribute 'dance'"):
         arm.dance()
+
+
+def test_ratios_are_numbers_that_are_told_when_they_change(arm: LocalDevice) -> None:
+    assert arm.trajectory_j.ratio() == 1.0
+    arm.trajectory_j.set_ratio(0.5)
+    arm.trajectory_j.set_ratio_a(0.25)
+    told = (arm.trajectory_j.ratio_v(), arm.trajectory_j.ratio_a(), arm.trajectory_j.ratio())
+    assert told == (0.5, 0.25, 0.25)
+    for bad in (0.0, 1.1, float("nan"), -0.5):
+        with pytest.raises(CommandRefused, match="is no ratio"):
+            arm.trajectory_j.set_ratio(bad)
+    with pytest.raises(CommandRefused, match="cannot make a number"):
+        arm.trajectory_j.set_ratio("fast")
+    assert arm.trajectory_j.ratio() == 0.25
 
 
 def test_the_readme_example(arm: LocalDevice) -> None:

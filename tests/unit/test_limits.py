@@ -8,10 +8,11 @@ from engine_rig import JOINTS, jp, jv, two_joints
 from hypothesis import given
 from hypothesis import strategies as st
 
+from crtk_drivers.checks import CommandCheck
 from crtk_drivers.commands import COMMANDS
 from crtk_drivers.device import Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.limits import CommandCheck, LimitPolicy, SetpointLimiter
+from crtk_drivers.limits import LimitPolicy, SetpointLimiter
 from crtk_drivers.samples import EMPTY, JointState, Pose, Vector, vector
 
 POLICY = LimitPolicy(max_step=0.1)

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from crtk_drivers.device import CartesianLimits, JointLimits
+from crtk_drivers.device import CartesianLimits, JointLimits, Ratios
 from crtk_drivers.errors import KinematicsError, MotionAborted
 from crtk_drivers.geometry import quaternion_from_rotvec, quaternion_product
-from crtk_drivers.profiles import JointProfile, LineProfile, Ratios, check_line
+from crtk_drivers.profiles import JointProfile, LineProfile, check_line
 from crtk_drivers.rotation import angular_acceleration, angular_velocity, turn
 from crtk_drivers.samples import Pose, Vector, vector
 
@@ -89,8 +89,7 @@ def test_distances_at_which_ruckig_gives_up_are_solved() -> None:
 @pytest.mark.parametrize("ratio", [0.0, -0.1, 1.1, math.nan])
 def test_a_ratio_is_above_zero_and_at_most_one(ratio: float) -> None:
     with pytest.raises(ValueError, match="ratio is"):
-        Ratios.both(ratio)
-    assert Ratios.both(0.3) == Ratios(0.3, 0.3)
+        Ratios(ratio, ratio)
 
 
 @pytest.mark.parametrize(
@@ -217,7 +216,7 @@ def elbow(goal: Pose, reference: Vector) -> Vector:
 
 
 def checked(start: Pose, goal: Pose, ratio: float = 0.5, limit: JointLimits = SHORT) -> Vector:
-    line = LineProfile(start, goal, TOOL, Ratios.both(ratio))
+    line = LineProfile(start, goal, TOOL, Ratios(ratio, ratio))
     return check_line(line, elbow, elbow(start, vector((0.0, 0.0))), (limit, limit))
 
 

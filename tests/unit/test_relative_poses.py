@@ -55,7 +55,7 @@ def test_a_relative_move_starts_from_the_setpoint_and_latches_its_goal() -> None
     rig.servo(0.05, 0.05)
     rig.cycle()
     move = rig.engine.submit("move_cr", pose(0.2, -0.3))
-    found = rig.engine.goal("goal_cp")
+    found = rig.engine.latched("goal_cp")
     assert found is not None
     assert isinstance(found[0], Pose)
     assert found[0].position == pytest.approx([0.25, 0, 0])

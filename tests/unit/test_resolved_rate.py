@@ -1,4 +1,4 @@
-"""Cartesian streams on joints: inverse, damping, limits together, and the frames of twists and increments."""
+"""Cartesian streams on joints: inverse, damping, limits together."""
 
 import math
 
@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from crtk_drivers.device import CartesianLimits, JointLimits
-from crtk_drivers.geometry import matrix_from_quaternion, quaternion_from_rotvec, quaternion_product
-from crtk_drivers.resolved_rate import Damping, ResolvedRate, increment_in_base, twist_in_base
+from crtk_drivers.geometry import quaternion_from_rotvec, quaternion_product
+from crtk_drivers.resolved_rate import Damping, ResolvedRate
 from crtk_drivers.rotation import turn
 from crtk_drivers.samples import Array, Pose, Vector, vector
 
@@ -189,63 +189,3 @@ def test_a_pose_is_approached_by_the_twist_that_leads_there(here: Pose, goal: Po
     spun = quaternion_from_rotvec(vector(rate.velocity[3:] * 0.5))
     reached = quaternion_product(spun, here.orientation)
     assert np.abs(turn(reached, goal.orientation)).max() < 1e-7
-
-
-# ---------------------------------------------------------------------------------------------------- frames
-
-
-def matrix(pose: Pose) -> Array:
-    full = np.eye(4)
-    full[:3, :3] = matrix_from_quaternion(pose.orientation)
-    full[:3, 3] = pose.position
-    return full
-
-
-def test_known_increments() -> None:
-    quarter = quaternion_from_rotvec(vector((0.0, 0.0, math.pi / 2)))
-    here = Pose(vector((1.0, 0.0, 0.0)), quarter, "base")
-    step = Pose(vector((0.1, 0.0, 0.0)), quaternion_from_rotvec(vector((0.2, 0.0, 0.0))))
-    known = {
-        "": ((1.1, 0.0, 0.0), (0.2, 0.0, 0.0)),
-        "body": ((1.0, 0.1, 0.0), (0.0, 0.2, 0.0)),
-        "spatial": ((1.1, 0.0, 0.0), (0.2, 0.0, 0.0)),
-    }
-    for frame, (position, spun) in known.items():
-        after = increment_in_base(here, step, frame)
-        assert after.position == pytest.approx(position), frame
-        assert turn(after.orientation, quarter) == pytest.approx(spun), frame
-        assert after.frame_id == "base"
-    down = Pose(vector((5.0, 0.0, 0.0)), quaternion_from_rotvec(vector((0.0, math.pi, 0.0))))
-    after = increment_in_base(here, step, "local", down)
-    assert after.position == pytest.approx([0.9, 0.0, 0.0])
-    assert turn(after.orientation, quarter) == pytest.approx([-0.2, 0.0, 0.0])
-
-
-@given(poses(), poses())
-def test_increments_are_these_products(here: Pose, step: Pose) -> None:
-    t, d = matrix(here), matrix(step)
-    assert matrix(increment_in_base(here, step, "body")) == pytest.approx(t @ d, abs=1e-9)
-    assert matrix(increment_in_base(here, step, "spatial")) == pytest.approx(d @ t, abs=1e-9)
-    base = matrix(increment_in_base(here, step))
-    assert base[:3, 3] == pytest.approx(t[:3, 3] + d[:3, 3], abs=1e-9)
-    assert base[:3, :3] == pytest.approx(d[:3, :3] @ t[:3, :3], abs=1e-9)
-
-
-@given(poses(), six, st.sampled_from(["", "body", "spatial", "local"]), poses())
-def test_a_twist_is_the_increment_of_a_short_time(
-    here: Pose, twist: Vector, frame: str, base: Pose
-) -> None:
-    dt = 1e-6
-    step = Pose(vector(twist[:3] * dt), quaternion_from_rotvec(vector(twist[3:] * dt)))
-    after = increment_in_base(here, step, frame, base)
-    in_base = twist_in_base(twist, here, frame, base)
-    assert (after.position - here.position) / dt == pytest.approx(in_base[:3], abs=1e-5)
-    assert turn(after.orientation, here.orientation) / dt == pytest.approx(in_base[3:], abs=1e-5)
-
-
-def test_an_unknown_frame_is_a_programmers_error() -> None:
-    here = Pose(vector((0.0, 0.0, 0.0)), quaternion_from_rotvec(vector((0.0, 0.0, 0.0))))
-    with pytest.raises(KeyError):
-        twist_in_base(vector(np.zeros(6)), here, "tool")
-    with pytest.raises(KeyError):
-        increment_in_base(here, here, "tool")

@@ -57,7 +57,7 @@ def test_a_slow_stream_becomes_a_smooth_one_that_ends_at_its_last_goal() -> None
     assert rig.value("setpoint_cp")[1] != 0
     last = goals[-1]
     assert isinstance(last, JointState)
-    goal = rig.engine.goal("goal_js")
+    goal = rig.engine.latched("goal_js")
     assert goal is not None
     assert isinstance(goal[0], JointState)
     assert goal[0].position.tolist() == last.position.tolist()
@@ -89,7 +89,7 @@ def test_increments_add_up_onto_the_newest_goal() -> None:
         rig.cycle(SLOW)
     rig.cycle(150)
     assert rig.written[-1].values == pytest.approx([0.2, -0.4], abs=1e-9)
-    goal = rig.engine.goal("goal_js")
+    goal = rig.engine.latched("goal_js")
     assert goal is not None
     assert isinstance(goal[0], JointState)
     assert goal[0].position == pytest.approx([0.2, -0.4])
@@ -112,7 +112,7 @@ def test_velocities_and_efforts_change_steadily_and_end_at_zero(
     assert setpoint[field] == pytest.approx([0.8, -0.5])
     assert [setpoint[other] for other in setpoint if other != field] == [[], []]
     assert rig.value("setpoint_cp")[1] == 0, "valid under position commands only"
-    goal = rig.engine.goal("goal_js")
+    goal = rig.engine.latched("goal_js")
     assert goal is not None
     assert getattr(goal[0], field).tolist() == [0.8, -0.5]
     assert "stop" not in rig.device.calls
@@ -193,7 +193,7 @@ def test_poses_are_followed_through_inverse_kinematics() -> None:
     assert setpoint["position"] == path[-1].tolist()
     assert setpoint["velocity"] == pytest.approx((path[-1] - path[-2]) / PERIOD, abs=0.05)
     assert rig.value("setpoint_cp")[1] != 0
-    goal = rig.engine.goal("goal_cp")
+    goal = rig.engine.latched("goal_cp")
     assert goal is not None
     assert isinstance(goal[0], Pose)
     assert goal[0].position.tolist() == goals[-1].position.tolist()
@@ -267,7 +267,7 @@ def test_twists_change_steadily_and_end_at_zero() -> None:
     assert {setpoint.mode for setpoint in rig.written} == {Mode.CARTESIAN_VELOCITY}
     assert rig.written[-1].values == pytest.approx(goal.vector)
     assert rig.value("setpoint_cp")[1] == 0
-    found = rig.engine.goal("goal_cv")
+    found = rig.engine.latched("goal_cv")
     assert found is not None
     assert isinstance(found[0], Twist)
     assert (found[0].vector.tolist(), found[0].frame_id) == (goal.vector.tolist(), "base")
@@ -303,7 +303,7 @@ def test_twists_on_joints_are_followed_in_each_cycle_and_end_at_rest(mode: Mode,
     setpoint = rig.setpoint()
     assert setpoint["velocity"] == pytest.approx([0.3, -0.5])
     assert len(setpoint["position"]) == (2 if mode is Mode.JOINT_POSITION else 0)
-    assert (rig.engine.goal("goal_cv") is not None) is (name == "interpolate_cv")
+    assert (rig.engine.latched("goal_cv") is not None) is (name == "interpolate_cv")
     rig.cycle(100)
     assert rates(rig)[-1] == pytest.approx([0.0, 0.0], abs=1e-9)
     change = np.diff(np.vstack(([0.0, 0.0], rates(rig))), axis=0)

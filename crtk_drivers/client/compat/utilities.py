@@ -23,7 +23,8 @@ from crtk_drivers.commands import COMMANDS, Command, Direction, Level, Payload
 from crtk_drivers.conversions import as_pose, have_kdl, to_kdl
 from crtk_drivers.errors import CommandRefused, DataTimeout, KinematicsError
 from crtk_drivers.payloads import value_for
-from crtk_drivers.ros.link import MESSAGE_TYPES, Caller, Inbox, Outbox, Received
+from crtk_drivers.ros.link import Caller, Inbox, Outbox, Received
+from crtk_drivers.ros.messages import TYPES
 from crtk_drivers.ros.ral import Ral
 from crtk_drivers.samples import JointState, Pose, Value, vector
 from crtk_drivers.state import OperatingState, Status
@@ -76,7 +77,7 @@ class Utils:
         if hasattr(self._instance, name):
             raise RuntimeWarning(f"{name} already exists")
         topic = self._ral.add_namespace(name)
-        kind = MESSAGE_TYPES[command.payload]
+        kind = TYPES[command.payload]
         link = self._ral.link
         if command.direction is Direction.PUBLISHED:
             inbox = self._inboxes[name] = self._ral.track(link.inbox(topic, kind, latched=False))
@@ -150,7 +151,7 @@ class Utils:
 
     def _sender(self, name: str, command: Command, outbox: Outbox) -> Callable[..., Any]:
         if command.payload is Payload.EMPTY:
-            return lambda: outbox.send_message(MESSAGE_TYPES[Payload.EMPTY]())
+            return lambda: outbox.send_message(TYPES[Payload.EMPTY]())
         if command.level is Level.MOVE:
             return lambda goal: self._move(name, command, outbox, goal)
 
@@ -233,7 +234,7 @@ class Utils:
             link,
             ral.namespace(),
             topic,
-            MESSAGE_TYPES[Payload.OPERATING_STATE],
+            TYPES[Payload.OPERATING_STATE],
             refusals=ral.add_namespace("refusals"),
             service=topic,  # so that the topic is taken as volatile
             heartbeat=False,

@@ -70,6 +70,7 @@ class ControlLink:
         self._motion = 0
         self._progress = MoveProgress.DONE
         self._move_failure = ""
+        self._stopping = 0
 
     # The process
 
@@ -99,7 +100,7 @@ class ControlLink:
         except ConnectionLost as error:
             # It died as soon as it was born; `follow` will find that out.
             logger.warning("%s", error)
-        self._remote_asked = 0
+        self._remote_asked = self._stopping = 0
         self.program_runs = False
         self._replies.clear()
 
@@ -152,11 +153,14 @@ class ControlLink:
             elif event.kind in _MOVE_FAILURES:
                 self._progress = MoveProgress.FAILED
                 self._move_failure = error.text or _MOVE_FAILURES[event.kind]
+        if event.kind is EventKind.STOPPED and event.sequence >= self._stopping:
+            self._stopping = 0
         if event.kind in (EventKind.PROCESS_DIED, EventKind.CONNECTION_LOST):
             self.loss = self.loss or f"{error.text}. {error.hint}"
             logger.error("%s: %s", self._where, error.text)
         elif event.kind is EventKind.PROGRAM_STOPPED:
             self.program_runs = False
+            self._stopping = 0
             self._remote_asked_at = -math.inf
         elif event.kind in (EventKind.MOTION_FAILED, EventKind.BAD_FRAME):
             logger.warning("%s: %s: %s %s", self._where, error.call, error.text, error.hint)
@@ -211,9 +215,14 @@ class ControlLink:
     def stop(self) -> None:
         """Stop any motion. From any thread."""
         try:
-            self.process.stop()
+            self._stopping = self.process.stop()
         except ConnectionLost as error:
             logger.warning("%s; the controller's watchdog stops the arm", error)
+
+    @property
+    def stopping(self) -> bool:
+        """Whether the arm has not come to rest yet after the last `stop`."""
+        return self._stopping > 0
 
     # Requests
 

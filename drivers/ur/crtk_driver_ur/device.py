@@ -122,7 +122,7 @@ class UrDevice(Device):
     @property
     def capabilities(self) -> Capabilities:
         """See the base class."""
-        model, servo = self._model, self._config.servo
+        model, servo, move = self._model, self._config.servo, self._config.move
         limits = tuple(
             JointLimits(
                 lower,
@@ -153,6 +153,13 @@ class UrDevice(Device):
             modes=frozenset({Mode.JOINT_POSITION, Mode.JOINT_VELOCITY, Mode.CARTESIAN_VELOCITY}),
             measured=("measured_js", "measured_cp", "measured_cv", "measured_cf"),
             native_moves=frozenset({"move_jp", "move_cp"}),
+            line_limits=CartesianLimits(
+                move.linear_velocity,
+                servo.max_angular_velocity,
+                move.linear_acceleration,
+                servo.joint_acceleration,
+            ),
+            stops_between_modes=True,
             has_kinematics=True,
             has_free=True,
             rate=self._frequency,
@@ -171,6 +178,11 @@ class UrDevice(Device):
     def address(self) -> str:
         """See the base class."""
         return f"{self._config.host or '(no host)'}:{RTDE_PORT}"
+
+    @property
+    def takes_setpoints(self) -> bool:
+        """See the base class."""
+        return not self._link.stopping
 
     @property
     def condition(self) -> Condition:
@@ -321,16 +333,16 @@ class UrDevice(Device):
             link.move(
                 link.process.move_joint,
                 goal.joints.tolist(),
-                move.joint_velocity * goal.ratio,
-                move.joint_acceleration * goal.ratio,
+                move.joint_velocity * goal.ratios.velocity,
+                move.joint_acceleration * goal.ratios.acceleration,
             )
             return
         assert goal.pose is not None
         link.move(
             link.process.move_linear,
             rotvec_from_pose(goal.pose).tolist(),
-            move.linear_velocity * goal.ratio,
-            move.linear_acceleration * goal.ratio,
+            move.linear_velocity * goal.ratios.velocity,
+            move.linear_acceleration * goal.ratios.acceleration,
         )
 
     def move_progress(self) -> MoveProgress:

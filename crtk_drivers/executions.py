@@ -1,0 +1,126 @@
+"""Moves while they run, in the I/O thread: by the hardware, or along a trajectory of ours."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+from crtk_drivers.device import Device, Goal, Mode, MoveProgress, Setpoint
+from crtk_drivers.errors import MotionAborted
+from crtk_drivers.feedback import Point
+from crtk_drivers.moves import Move
+from crtk_drivers.outputs import PoseOutput
+from crtk_drivers.profiles import JointProfile, LineProfile
+from crtk_drivers.samples import JointState
+
+
+class MoveExecution(ABC):
+    """A move while it runs, in the I/O thread."""
+
+    def __init__(self, move: Move) -> None:
+        self.move = move
+
+    @abstractmethod
+    def step(self, now: float) -> bool:
+        """Do this cycle's part; return True when the goal is reached.
+
+        Raises:
+            MotionAborted: it cannot be reached.
+        """
+
+
+class NativeMove(MoveExecution):
+    """The hardware plans and executes; this one watches."""
+
+    def __init__(self, move: Move, device: Device, goal: Goal) -> None:
+        super().__init__(move)
+        self._device = device
+        device.move(goal)
+
+    def step(self, now: float) -> bool:
+        """Ask the hardware how far it is."""
+        progress = self._device.move_progress()
+        if progress is MoveProgress.FAILED:
+            raise MotionAborted(f"the hardware ended {self.move.name} before its goal")
+        return progress is MoveProgress.DONE
+
+
+class _Streamed(MoveExecution):
+    """A trajectory of our own, sent point by point.
+
+    After a late cycle the profile goes on from where it was, at most two periods further: no burst and
+    no jump, the motion just takes longer.
+    """
+
+    def __init__(
+        self, move: Move, send: Callable[[str, Point, float], None], now: float, period: float
+    ) -> None:
+        super().__init__(move)
+        self._send = send
+        self._last = now - period  # when the setpoint went out from which it starts
+        self._longest = 2.0 * period
+        self._time = 0.0
+
+    def step(self, now: float) -> bool:
+        """Send the next point."""
+        self._time += min(now - self._last, self._longest)
+        self._last = now
+        self._send(self.move.name, self._point(self._time), now)
+        return self._time >= self._duration
+
+    @property
+    @abstractmethod
+    def _duration(self) -> float:
+        """Seconds from start to rest."""
+
+    @abstractmethod
+    def _point(self, time: float) -> Point:
+        """Return what to send `time` seconds after the start."""
+
+
+class ProfileMove(_Streamed):
+    """A profile of the joints."""
+
+    def __init__(
+        self,
+        move: Move,
+        profile: JointProfile,
+        send: Callable[[str, Point, float], None],
+        now: float,
+        period: float,
+    ) -> None:
+        super().__init__(move, send, now, period)
+        self._profile = profile
+
+    @property
+    def _duration(self) -> float:
+        return self._profile.duration
+
+    def _point(self, time: float) -> Point:
+        position, velocity, acceleration = self._profile.state(time)
+        state = JointState(position=position, velocity=velocity)
+        return Point(Setpoint(Mode.JOINT_POSITION, position), state, acceleration)
+
+
+class LineMove(_Streamed):
+    """A straight line of the tool."""
+
+    def __init__(
+        self,
+        move: Move,
+        profile: LineProfile,
+        output: PoseOutput,
+        send: Callable[[str, Point, float], None],
+        now: float,
+        period: float,
+    ) -> None:
+        super().__init__(move, send, now, period)
+        self._profile = profile
+        self._output = output
+
+    @property
+    def _duration(self) -> float:
+        return self._profile.duration
+
+    def _point(self, time: float) -> Point:
+        return self._output.point(*self._profile.at(time))

@@ -1,0 +1,175 @@
+"""What the tool is to do in one cycle, as a setpoint: of the hardware's own kind, or of its joints.
+
+Each output belongs to one stream or move, in the I/O thread, and is asked once a cycle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crtk_drivers.commands import Command
+from crtk_drivers.device import Device, Mode, Setpoint
+from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.feedback import Feedback, Point
+from crtk_drivers.reach import Reach
+from crtk_drivers.resolved_rate import ResolvedRate
+from crtk_drivers.samples import JointState, Pose, Vector, vector
+
+_STILL = 1e-6
+"""rad/s (m/s) of a joint that stands: what rounding leaves over."""
+
+_LATE = 2.0
+"""Cycles that a stream goes on at most in one of them, after a late one."""
+
+_TOLERANCE = 0.01
+"""By how much a joint may exceed its velocity limit between two poses: rounding."""
+
+
+class PoseOutput:
+    """Poses that follow each other smoothly: as they are if the hardware takes them, else by kinematics.
+
+    Args:
+        command: that they come from.
+        device: whose modes, limits and rate it keeps.
+        feedback: where it begins.
+        reach: what can be reached.
+        now: monotonic seconds.
+    """
+
+    def __init__(
+        self, command: Command, device: Device, feedback: Feedback, reach: Reach, now: float
+    ) -> None:
+        capabilities = device.capabilities
+        self._command = command
+        self._device = device
+        self._reach = reach
+        self._takes_poses = Mode.CARTESIAN_POSITION in capabilities.modes
+        self._cycle = 1.0 / capabilities.rate
+        self._rates = ResolvedRate(capabilities.limits, capabilities.cartesian_limits, self._cycle)
+        self._joints, self._velocity, _ = feedback.motion(now)
+        most = vector([limit.velocity for limit in capabilities.limits])
+        self._longest_step = most * (self._cycle * _LATE * (1.0 + _TOLERANCE))
+
+    def point(self, pose: Pose, twist: Vector) -> Point:
+        """Return what to send for a pose of the tool that moves with a twist (6,), base axes.
+
+        Raises:
+            CommandRefused: out of reach, or a joint would be too fast.
+        """
+        if self._takes_poses:
+            return Point(self._reach.setpoint(self._command, pose), twist=twist)
+        joints = self._reach.joints(self._command, pose, self._joints)
+        step = np.abs(joints - self._joints)
+        if (step > self._longest_step).any():
+            names = self._device.capabilities.joints
+            raise CommandRefused(
+                self._command.name,
+                Reason.STEP_TOO_LARGE,
+                f"{names[int(np.argmax(step / self._longest_step))]} would be too fast on the way",
+                where=self._device.address,
+                remedy="Stay away from singularities, or command joints.",
+            )
+        velocity = self._rates.follow_twist(joints, self._device.jacobian(joints), twist).velocity
+        acceleration = vector((velocity - self._velocity) / self._cycle)
+        self._joints, self._velocity = joints, velocity
+        return Point(
+            Setpoint(Mode.JOINT_POSITION, joints),
+            JointState(position=joints, velocity=velocity),
+            acceleration,
+            twist,
+        )
+
+
+class TwistOutput:
+    """Twists: as they are if the hardware takes them, else through the Jacobian.
+
+    Joints take velocities if they can, else the positions to which these lead in each cycle. They keep
+    the limits of position, velocity and acceleration, see `crtk_drivers.resolved_rate`.
+
+    Args:
+        device: whose modes, limits and rate it keeps.
+        feedback: where it is, and how it moves at the beginning.
+        now: monotonic seconds.
+    """
+
+    def __init__(self, device: Device, feedback: Feedback, now: float) -> None:
+        capabilities = device.capabilities
+        self._device = device
+        self._feedback = feedback
+        self._cycle = 1.0 / capabilities.rate
+        self._takes_twists = Mode.CARTESIAN_VELOCITY in capabilities.modes
+        self._takes_velocities = Mode.JOINT_VELOCITY in capabilities.modes
+        limits = capabilities.cartesian_limits
+        self._rates = ResolvedRate(capabilities.limits, limits, self._cycle)
+        _, self._velocity, _ = feedback.motion(now)
+
+    def point(self, twist: Vector) -> Point:
+        """Return what to send for a twist (6,), base axes, in this cycle."""
+        if self._takes_twists:
+            return Point(Setpoint(Mode.CARTESIAN_VELOCITY, twist))
+        joints = self._feedback.reference_joints()
+        jacobian = self._device.jacobian(joints)
+        before = self._velocity
+        velocity = self._rates.follow_twist(joints, jacobian, twist, before).velocity
+        self._velocity = velocity
+        if self._takes_velocities:
+            return Point(Setpoint(Mode.JOINT_VELOCITY, velocity), twist=twist)
+        position = vector(joints + velocity * self._cycle)
+        state = JointState(position=position, velocity=velocity)
+        acceleration = vector((velocity - before) / self._cycle)
+        return Point(Setpoint(Mode.JOINT_POSITION, position), state, acceleration, twist)
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the joints, if it moves these, have been told to stand."""
+        return self._takes_twists or bool(np.abs(self._velocity).max() <= _STILL)
+
+
+class WrenchOutput:
+    """Wrenches: as they are if the hardware takes them, else as joint efforts, by the Jacobian's transpose.
+
+    Args:
+        device: whose modes it keeps.
+        feedback: where it is.
+    """
+
+    def __init__(self, device: Device, feedback: Feedback) -> None:
+        self._device = device
+        self._feedback = feedback
+        self._takes_wrenches = Mode.CARTESIAN_EFFORT in device.capabilities.modes
+
+    def point(self, wrench: Vector) -> Point:
+        """Return what to send for a wrench (6,), base axes, that the tool is to exert in this cycle."""
+        if self._takes_wrenches:
+            return Point(Setpoint(Mode.CARTESIAN_EFFORT, wrench))
+        jacobian = self._device.jacobian(self._feedback.measured_joints())
+        effort = vector(jacobian.T @ wrench)
+        return Point(Setpoint(Mode.JOINT_EFFORT, effort), wrench=wrench)
+
+    is_at_rest = True
+    """An effort has no way to come to rest: it is over at once."""
+
+
+class Pursuit:
+    """A tool that goes to a pose as directly as the limits of its joints allow.
+
+    The joint position that reaches the pose is sent as soon as the joints may be that fast. Until then, and
+    near a singularity where they may never be, the tool approaches through the damped Jacobian, its joint
+    velocities scaled as a whole (see `crtk_drivers.resolved_rate`).
+
+    Args:
+        device: whose limits and rate it keeps.
+    """
+
+    def __init__(self, device: Device) -> None:
+        capabilities = device.capabilities
+        self._device = device
+        self._cycle = 1.0 / capabilities.rate
+        self._rates = ResolvedRate(capabilities.limits, capabilities.cartesian_limits, self._cycle)
+
+    def point(self, joints: Vector, goal: Pose) -> Point:
+        """Return the next step (n,) from a joint position towards a pose of the tool in the base frame."""
+        device = self._device
+        pose, jacobian = device.forward_kinematics(joints), device.jacobian(joints)
+        rate = self._rates.follow_pose(joints, pose, jacobian, goal, self._cycle)
+        return Point(Setpoint(Mode.JOINT_POSITION, vector(joints + rate.velocity * self._cycle)))
