@@ -14,7 +14,7 @@ from collections.abc import Callable, Collection
 from typing import Any, Self
 
 import rclpy
-from crtk_msgs.msg import OperatingState, StringStamped
+from crtk_msgs.msg import CartesianServo, JointServo, OperatingState, StringStamped
 from crtk_msgs.srv import QueryForwardKinematics, QueryInverseKinematics, TriggerOperatingState
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
@@ -25,7 +25,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Empty, Float64MultiArray, String
+from std_msgs.msg import Empty, Float64, Float64MultiArray, String
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
@@ -40,6 +40,14 @@ PUBLISHED = {
     "local/measured_cp": PoseStamped,
     "setpoint_js": JointState,
     "setpoint_cp": PoseStamped,
+    "setpoint_cv": TwistStamped,
+    "setpoint_cf": WrenchStamped,
+    "body/measured_cv": TwistStamped,
+    "spatial/measured_cf": WrenchStamped,
+    "body/jacobian": Float64MultiArray,
+    "trajectory_j/ratio": Float64,
+    "trajectory_j/ratio_v": Float64,
+    "trajectory_j/ratio_a": Float64,
     "goal_js": JointState,
     "goal_cp": PoseStamped,
     "jacobian": Float64MultiArray,
@@ -54,6 +62,15 @@ COMMANDED = {
     "servo_cp": PoseStamped,
     "servo_cv": TwistStamped,
     "servo_cr": PoseStamped,
+    "servo_cf": WrenchStamped,
+    "servo_js": JointServo,
+    "servo_cs": CartesianServo,
+    "body/servo_cv": TwistStamped,
+    "spatial/move_cr": PoseStamped,
+    "interpolate_cf": WrenchStamped,
+    "trajectory_j/set_ratio": Float64,
+    "trajectory_j/set_ratio_v": Float64,
+    "trajectory_j/set_ratio_a": Float64,
     "interpolate_jp": JointState,
     "interpolate_jr": JointState,
     "interpolate_jv": JointState,

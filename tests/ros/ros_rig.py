@@ -47,6 +47,8 @@ class Rig:
         until(lambda: engine.status.detail == "", "the device is back")
         engine.state_command("disable")
         until(lambda: engine.status.state == "DISABLED", "the device is disabled")
+        told = self.client["operating_state"].messages
+        until(lambda: told[-1].state == "DISABLED", "the client has heard that")
         self.device.go_to_zero()
 
 

@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
 from std_msgs.msg import Float64MultiArray
 
-from crtk_drivers.commands import COMMANDS, Direction, Payload
+from crtk_drivers.commands import COMMANDS, Payload
 from crtk_drivers.ros.messages import (
     TYPES,
     fill,
@@ -23,7 +23,18 @@ from crtk_drivers.ros.messages import (
     stamp_ns,
     value_of,
 )
-from crtk_drivers.samples import JointState, Matrix, Pose, Twist, Wrench, vector
+from crtk_drivers.samples import (
+    CartesianServo,
+    Flag,
+    JointServo,
+    JointState,
+    Matrix,
+    Number,
+    Pose,
+    Twist,
+    Wrench,
+    vector,
+)
 from crtk_drivers.state import OperatingState, Status
 
 numbers = st.floats(allow_nan=False)
@@ -126,8 +137,44 @@ def test_vectors_of_unlike_size_are_an_error() -> None:
 
 
 def test_every_payload_that_travels_has_a_type() -> None:
-    mixed = {Payload.JOINT_SERVO, Payload.CARTESIAN_SERVO}
-    for command in COMMANDS.values():
-        assert command.payload in TYPES or command.payload in mixed
-        if command.direction is Direction.PUBLISHED:
-            assert command.payload in TYPES
+    assert {command.payload for command in COMMANDS.values()} == set(TYPES)
+
+
+def test_mixed_setpoints_keep_their_modes() -> None:
+    joints = JointServo((1, 2), vector((0.5, 0.0)), vector((0.0, 0.25)), name=("a", "b"))
+    message = TYPES[Payload.JOINT_SERVO]()
+    fill(message, joints)
+    back = value_of(over_the_wire(message), "")
+    assert isinstance(back, JointServo)
+    assert (back.modes, back.name) == ((1, 2), ("a", "b"))
+    assert (back.position.tolist(), back.velocity.tolist(), back.effort.size) == (
+        [0.5, 0.0],
+        [0.0, 0.25],
+        0,
+    )
+
+    turned = vector((0.0, 0.6, 0.0, 0.8))
+    axes = CartesianServo(
+        (1, 2, 4, 0, 0, 0),
+        Pose(vector((1, 2, 3)), turned),
+        Twist(vector((4, 5, 6)), vector((7, 8, 9))),
+        Wrench(vector((10, 11, 12)), vector((13, 14, 15))),
+        Pose(vector((16, 17, 18)), turned),
+    )
+    message = TYPES[Payload.CARTESIAN_SERVO]()
+    fill(message, axes)
+    back = value_of(over_the_wire(message), "base")
+    assert isinstance(back, CartesianServo)
+    assert (back.modes, back.frame_id) == ((1, 2, 4, 0, 0, 0), "base")
+    assert back.pose.position.tolist() == [1, 2, 3]
+    assert back.twist.vector.tolist() == [4, 5, 6, 7, 8, 9]
+    assert back.wrench.vector.tolist() == [10, 11, 12, 13, 14, 15]
+    assert back.task.position.tolist() == [16, 17, 18]
+    assert back.task.orientation.tolist() == back.pose.orientation.tolist() == turned.tolist()
+
+
+def test_numbers_and_flags() -> None:
+    for payload, value in ((Payload.NUMBER, Number(1)), (Payload.FLAG, Flag(True))):
+        message = TYPES[payload]()
+        fill(message, value)
+        assert value_of(over_the_wire(message), "") == value

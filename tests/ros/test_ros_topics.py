@@ -19,7 +19,8 @@ from crtk_drivers.ros.feedback import coherent
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 
 JOINTS = ["x", "y", "z", "yaw"]
-NEVER_OFFERED = ("servo_cf", "interpolate_cf", "servo_cs")
+NEVER_OFFERED = ("use_gravity_compensation", "local/servo_cp", "body/servo_cp", "measured2_js")
+LATCHED = ("operating_state", "refusals", "goal_js", "goal_cp")
 
 
 def topic(rig: Rig, name: str) -> str:
@@ -39,7 +40,7 @@ def test_what_is_published_is_reliable(rig: Rig) -> None:
     for name in PUBLISHED:
         (info,) = rig.client.node.get_publishers_info_by_topic(topic(rig, name))
         assert info.qos_profile.reliability is ReliabilityPolicy.RELIABLE, name
-        latched = name in ("operating_state", "refusals", "goal_js", "goal_cp")
+        latched = name in LATCHED or name.startswith("trajectory_j/")
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         assert info.qos_profile.durability is durability, name
 
