@@ -310,6 +310,40 @@ def test_interpolate_jp_makes_a_smooth_motion_of_20_goals_a_second(bench):
         assert bench.watch(0.3) < 1e-3
 
 
+@pytest.mark.parametrize("command", ["interpolate_jp", "servo_jp", "servo_cp"])
+def test_a_stream_that_takes_over_from_a_native_move_begins_where_that_comes_to_rest(
+    bench, command
+):
+    arm, device = bench.arm, bench.engine.device
+    firsts = []
+
+    def write(setpoint):
+        firsts.append((setpoint.values, *(np.array(x) for x in targets(device))))
+        type(device).write(device, setpoint)
+
+    def targets(device):
+        return device._state.target_q, device._state.target_qd
+
+    move = arm.move_jp(at(2.0))
+    bench.until_moving()
+    device.write = write
+    try:
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            here = arm.setpoint_js(age=0).position
+            goal = arm.forward_kinematics(here) if command == "servo_cp" else here
+            getattr(arm, command)(goal)
+            time.sleep(0.02)
+    finally:
+        del device.write
+    with pytest.raises(MotionAborted, match=f"by {command}"):
+        move.wait(LONG)
+    sent, target, speed = firsts[0]
+    np.testing.assert_allclose(sent, target, atol=2e-3)
+    assert np.abs(speed).max() < 0.01
+    bench.until_still()
+
+
 def test_servo_cr_adds_up_along_the_axes_of_the_base(bench):
     arm = bench.arm
     start = arm.forward_kinematics(arm.setpoint_jp())
