@@ -14,11 +14,12 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
+from enum import IntEnum, StrEnum
+from typing import Any
 
-from crtk_drivers.commands import Kind, Level, Space, find
+from crtk_drivers.commands import Kind, Level, Payload, Space, find
 from crtk_drivers.errors import KinematicsError
 from crtk_drivers.samples import Array, Pose, Sample, Vector
 from crtk_drivers.state import OperatingState
@@ -253,6 +254,57 @@ class Goal:
     ratios: Ratios = FULL
 
 
+Answer = Generator[None, None, str]
+"""A procedure as `Steps`, which returns what is to be told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """Something that a device does when it is asked to, beyond CRTK: taring, clearing a fault, ...
+
+    Attributes:
+        summary: one line for people.
+        run: begins it, as a procedure of the I/O thread. It may be asked for in any state; what it raises
+            of `crtk_drivers.errors` is the answer, and ends nothing else.
+    """
+
+    summary: str
+    run: Callable[[], Answer]
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """A value that a device takes beyond CRTK: where its sensor points, an output to be set, ...
+
+    Attributes:
+        summary: one line for people.
+        payload: what it is.
+        take: called with each value, from any thread and in any state. It checks, keeps the value, and
+            touches no bus; it raises CommandRefused.
+    """
+
+    summary: str
+    payload: Payload
+    take: Callable[[Any], None]
+
+
+class Severity(IntEnum):
+    """How bad it is what a note says."""
+
+    INFO = 0
+    WARNING = 1
+    ERROR = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """What people should know of a device now, in words: ``overload`` "saturated on Fz"."""
+
+    severity: Severity
+    key: str
+    text: str
+
+
 class MoveProgress(StrEnum):
     """Where a native move stands."""
 
@@ -350,6 +402,21 @@ class Device(ABC):
     @property
     def counters(self) -> Mapping[str, float]:
         """Numbers of its own for diagnostics (lost packages, retries, temperatures)."""
+        return {}
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What people should know of it now, for diagnostics. No I/O; from any thread."""
+        return ()
+
+    @property
+    def services(self) -> Mapping[str, Service]:
+        """What it does beyond CRTK, by name (lower case, underscores); constant."""
+        return {}
+
+    @property
+    def inputs(self) -> Mapping[str, Input]:
+        """What it takes beyond CRTK, by name; constant."""
         return {}
 
     def enable(self) -> Steps:

@@ -27,6 +27,7 @@ from crtk_drivers.limits import LimitPolicy, SetpointLimiter
 from crtk_drivers.moves import Move, Outcome
 from crtk_drivers.orders import LINE, OrderMaker
 from crtk_drivers.reach import Reach
+from crtk_drivers.requests import Request, Requests
 from crtk_drivers.samples import EMPTY, Flag, Number, Pose, Stamp, Value, Vector
 from crtk_drivers.state import HOMING_COMMANDS, OperatingState, Status, parse_command
 from crtk_drivers.transitions import Transitions
@@ -108,7 +109,9 @@ class Engine:
         period = 1.0 / self.capabilities.rate
         stale_after = min(max(5.0 * period, 0.02), self.options.sample_timeout)
         self._feedback = Feedback(device, stale_after)
-        self._health = HealthRecorder(self.capabilities.rate, late_after=2.0 * period)
+        self.services, self.inputs = device.services, device.inputs
+        own_names = (*self.services, *self.inputs)
+        self._health = HealthRecorder(self.capabilities.rate, 2.0 * period, own_names)
         self._sample_deadman = Deadman(self.options.sample_timeout)
         homed = not self.capabilities.needs_homing
         not_yet = Status(OperatingState.FAULT, homed, False, "not connected yet")
@@ -134,6 +137,8 @@ class Engine:
             self.options.interpolate_timeout,
         )
         self._feedback.latch(_ratio_values(self._orders.ratios))
+        timeout = self.capabilities.transition_timeout
+        self._requests = Requests(self.services, self.where, timeout)
         self._transitions = Transitions(
             device, self.where, self._board, self._motion.end, self._feedback.seed
         )
@@ -182,7 +187,8 @@ class Engine:
 
     def health(self) -> Health:
         """Return the counters."""
-        return self._health.snapshot(self._feedback.sample_age(self._clock()), self.device.counters)
+        age = self._feedback.sample_age(self._clock())
+        return self._health.snapshot(age, self.device.counters, self.device.notes)
 
     def forward_kinematics(self, joints: Vector) -> Pose:
         """Return the tool pose (base frame) of a joint position (n,).
@@ -269,6 +275,39 @@ class Engine:
             self._board.announce()
             raise
 
+    def request(self, name: str) -> Request:
+        """Ask the device for one of its own `services`.
+
+        Raises:
+            CommandRefused: there is no such service, one is running, or the device is not connected.
+        """
+        try:
+            if not self._connected:
+                raise CommandRefused(
+                    name,
+                    Reason.NOT_CONNECTED,
+                    self.status.detail or "not connected",
+                    where=self.where,
+                    remedy="The driver keeps trying to connect; ask again afterwards.",
+                )
+            return self._requests.ask(name)
+        except CommandRefused as refusal:
+            self._board.refused(refusal)
+            raise
+
+    def give(self, name: str, value: Value) -> None:
+        """Hand a value to one of the device's own `inputs`.
+
+        Raises:
+            CommandRefused: the device does not take it.
+        """
+        try:
+            self.inputs[name].take(value)
+        except CommandRefused as refusal:
+            refusal.where = refusal.where or self.where
+            self._board.refused(refusal)
+            raise
+
     def report_refusal(self, refusal: CommandRefused) -> None:
         """Count and tell a refusal that a front made itself (a payload it could not convert)."""
         self._board.refused(refusal)
@@ -313,6 +352,7 @@ class Engine:
             self._motion.end(self._alarm)
             self._alarm = ""
         try:
+            self._requests.step(now)
             self._advance(now)
         except DeviceFault as fault:
             self._leave(OperatingState.FAULT, str(fault))
@@ -327,6 +367,7 @@ class Engine:
         self._health.reconnects += was_connected
         self._health.pause()
         self._feedback.invalidate()
+        self._requests.end(ConnectionLost(reason, where=self.where))
         try:
             self._leave(OperatingState.FAULT, reason)
         except DeviceError as error:
@@ -342,6 +383,7 @@ class Engine:
         finally:
             self._connected = False
             self._health.connected = False
+            self._requests.end(ConnectionLost("shut down", where=self.where))
             self.device.close()
 
     # -------------------------------------------------------------------- for the watchdog's thread

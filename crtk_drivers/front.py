@@ -14,6 +14,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ from crtk_drivers.errors import (
 from crtk_drivers.fronts import DEFAULT_AGE, DEFAULT_WAIT, DeviceFront
 from crtk_drivers.health import Health
 from crtk_drivers.moves import Move
-from crtk_drivers.payloads import value_for
+from crtk_drivers.payloads import converted, value_for
 from crtk_drivers.samples import EMPTY, Number, Pose, Stamp, Value, Vector, vector
 from crtk_drivers.session import Session, open_session
 from crtk_drivers.sims import RunningSim
@@ -43,6 +44,9 @@ logger = logging.getLogger(__name__)
 
 LOG_INTERVAL = 2.0
 """Seconds in which a warning or refusal of one kind is logged once."""
+
+SERVICE_TIMEOUT = 30.0
+"""Seconds to wait for a device's own service."""
 
 _POLL = 0.001
 
@@ -112,6 +116,10 @@ class LocalDevice(DeviceFront):
         self._engine.add_observer(self._watch)
         for name, command in self._engine.commands.items():
             self._add(name, command)
+        for name, service in self._engine.services.items():
+            self._attach(name, partial(self._request, name), service.summary)
+        for name, taken in self._engine.inputs.items():
+            self._attach(name, partial(self._give, name, taken.payload), taken.summary)
 
     # ----------------------------------------------------------------------------------- life cycle
 
@@ -199,7 +207,14 @@ class LocalDevice(DeviceFront):
         }
         makers[command.direction](name, command)
 
-    def _attach(self, name: str, method: Callable[..., Any], doc: str) -> None:
+    def _request(self, name: str, timeout: float = SERVICE_TIMEOUT) -> str:
+        return self._engine.request(name).wait(timeout)
+
+    def _give(self, name: str, payload: Payload, value: Any) -> None:
+        where = self._engine.where
+        self._engine.give(name, self._reported(lambda: converted(name, payload, value, where)))
+
+    def _attach(self, name: str, method: Any, doc: str) -> None:
         method.__name__ = name
         method.__doc__ = doc
         owner: Any = self
@@ -282,8 +297,11 @@ class LocalDevice(DeviceFront):
         self._attach(name, sender, f"{command.level}: {command.summary} ({command.units}).")
 
     def _payload(self, command: Command, value: Any) -> Value:
+        return self._reported(lambda: value_for(command, value, self._engine.where))
+
+    def _reported(self, convert: Callable[[], Value]) -> Value:
         try:
-            return value_for(command, value, self._engine.where)
+            return convert()
         except CommandRefused as refusal:
             self._engine.report_refusal(refusal)
             raise

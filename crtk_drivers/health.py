@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from crtk_drivers.commands import is_name
+from crtk_drivers.device import Note
 from crtk_drivers.errors import CommandRefused
 
 _RATE_WINDOW = 100
@@ -33,12 +34,18 @@ class Health:
     refusals: Mapping[str, int] = field(default_factory=dict)
     last_refusal: str = ""
     device: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[Note, ...] = ()
 
 
 class HealthRecorder:
-    """The counters. Cycle figures are written by one I/O thread; refusals by any thread."""
+    """The counters. Cycle figures are written by one I/O thread; refusals by any thread.
 
-    def __init__(self, rate_expected: float, late_after: float) -> None:
+    `own_names` are those of a device's services and inputs beyond CRTK.
+    """
+
+    def __init__(
+        self, rate_expected: float, late_after: float, own_names: Iterable[str] = ()
+    ) -> None:
         self.connected = False
         self.stream = ""
         self.samples = 0
@@ -48,6 +55,7 @@ class HealthRecorder:
         self.clamped = 0
         self._rate_expected = rate_expected
         self._late_after = late_after
+        self._own_names = frozenset(own_names)
         self._cycles = 0
         self._late_cycles = 0
         self._worst_cycle = 0.0
@@ -73,13 +81,16 @@ class HealthRecorder:
     def refused(self, refusal: CommandRefused) -> int:
         """Count a refusal and return how many of its kind there have been."""
         # Any text may be submitted: the table must not grow.
-        key = f"{refusal.command if is_name(refusal.command) else 'unknown'}: {refusal.reason}"
+        known = is_name(refusal.command) or refusal.command in self._own_names
+        key = f"{refusal.command if known else 'unknown'}: {refusal.reason}"
         with self._lock:
             self._refusals[key] += 1
             self._last_refusal = str(refusal)
             return self._refusals[key]
 
-    def snapshot(self, sample_age: float, device: Mapping[str, float]) -> Health:
+    def snapshot(
+        self, sample_age: float, device: Mapping[str, float], notes: tuple[Note, ...] = ()
+    ) -> Health:
         """Return the counters as they are now."""
         times = list(self._times)
         span = times[-1] - times[0] if len(times) > 1 else 0.0
@@ -102,4 +113,5 @@ class HealthRecorder:
             refusals=refusals,
             last_refusal=last_refusal,
             device=dict(device),
+            notes=notes,
         )

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, cast
 
-from crtk_drivers.commands import Command, Payload
+from crtk_drivers.commands import Command, Kind, Payload
 from crtk_drivers.conversions import as_pose
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.samples import (
@@ -51,8 +51,8 @@ _HELP: Mapping[Payload, str] = MappingProxyType(
 )
 
 
-def _six(make: Callable[..., Value]) -> Callable[[Command, Any], Value]:
-    def convert(command: Command, value: Any) -> Value:
+def _six(make: Callable[..., Value]) -> Callable[[Kind, Any], Value]:
+    def convert(kind: Kind, value: Any) -> Value:
         numbers = vector(value)
         if numbers.size != 6:
             raise ValueError(f"it has {numbers.size} numbers")
@@ -67,14 +67,14 @@ def _boolean(value: Any) -> bool:
     return value
 
 
-_CONVERT: Mapping[Payload, Callable[[Command, Any], Value]] = MappingProxyType(
+_CONVERT: Mapping[Payload, Callable[[Kind, Any], Value]] = MappingProxyType(
     {
-        Payload.JOINT_STATE: lambda command, value: joint_state(command.kind, vector(value)),
-        Payload.POSE: lambda command, value: as_pose(value),
+        Payload.JOINT_STATE: lambda kind, value: joint_state(kind, vector(value)),
+        Payload.POSE: lambda kind, value: as_pose(value),
         Payload.TWIST: _six(Twist),
         Payload.WRENCH: _six(Wrench),
-        Payload.NUMBER: lambda command, value: Number(float(value)),
-        Payload.FLAG: lambda command, value: Flag(_boolean(value)),
+        Payload.NUMBER: lambda kind, value: Number(float(value)),
+        Payload.FLAG: lambda kind, value: Flag(_boolean(value)),
     }
 )
 
@@ -85,17 +85,28 @@ def value_for(command: Command, value: Any, where: str) -> Value:
     Raises:
         CommandRefused: it cannot be one; nothing was sent.
     """
+    return converted(command.name, command.payload, value, where, command.kind)
+
+
+def converted(
+    name: str, payload: Payload, value: Any, where: str, kind: Kind = Kind.POSITION
+) -> Value:
+    """Return `value` as a payload; `kind` says which field bare numbers of joints fill.
+
+    Raises:
+        CommandRefused: it cannot be one.
+    """
     try:
         if isinstance(value, tuple(_TYPES.values())):
-            if not isinstance(value, _TYPES[command.payload]):
-                raise TypeError(f"the payload is a {command.payload}")
+            if not isinstance(value, _TYPES[payload]):
+                raise TypeError(f"the payload is a {payload}")
             return cast("Value", value)
-        return _CONVERT[command.payload](command, value)
+        return _CONVERT[payload](kind, value)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise CommandRefused(
-            command.name,
+            name,
             Reason.WRONG_TYPE,
-            f"cannot make a {command.payload} of {type(value).__name__}: {error}",
+            f"cannot make a {payload} of {type(value).__name__}: {error}",
             where=where,
-            remedy=_HELP.get(command.payload, "Pass a ready message of its ROS type."),
+            remedy=_HELP.get(payload, "Pass a ready message of its ROS type."),
         ) from error

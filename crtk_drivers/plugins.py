@@ -28,7 +28,7 @@ from typing import Any, Final
 
 from crtk_drivers.capabilities import offered
 from crtk_drivers.commands import Command
-from crtk_drivers.config import DeviceConfig, from_file, from_values, load
+from crtk_drivers.config import DeviceConfig, Settings, from_file, from_values, load
 from crtk_drivers.device import Device
 from crtk_drivers.errors import MissingExtra, PluginError
 from crtk_drivers.sims import RunningSim, SimPlugin
@@ -54,6 +54,24 @@ def _no_options(config: Any) -> Mapping[str, Any]:
 
 
 @dataclass(frozen=True)
+class Tool:
+    """A command for people beside the node: ``crtk-driver <device> <tool>``. It starts no node.
+
+    Attributes:
+        name: as it is typed.
+        summary: one line for the help.
+        run: does it with a configuration (with ``--sim`` one that points at a running simulator) and
+            options, writes what people want to know to the terminal, and returns the exit code.
+        options: the class of its own options, as for a configuration.
+    """
+
+    name: str
+    summary: str
+    run: Callable[[Any, Any], int]
+    options: type[Settings] = Settings
+
+
+@dataclass(frozen=True)
 class DevicePlugin:
     """All that the core needs to bring up one kind of device.
 
@@ -68,6 +86,7 @@ class DevicePlugin:
         extra: the extra of its distribution that brings its libraries; empty if it needs none.
         sim_config: the configuration that points at a running simulator.
         sim_options: the options of the simulator that suit a configuration (model, ...).
+        tools: commands for people, to look at hardware, scan a bus, calibrate, ...
     """
 
     name: str
@@ -79,6 +98,7 @@ class DevicePlugin:
     check_real: Callable[[Any], None] = _nothing
     sim_config: Callable[[Any, RunningSim], Any] = _same_config
     sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
+    tools: tuple[Tool, ...] = ()
 
     def load_config(
         self, config: Mapping[str, Any] | str | Path | None, values: Mapping[str, Any]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import logging
 
-from crtk_drivers.device import Steps
+from crtk_drivers.device import Answer, Steps
 
 logger = logging.getLogger(__name__)
 
 
-def close(steps: Steps | None, where: str) -> None:
+def close(steps: Steps | Answer | None, where: str) -> None:
     """Close `steps`, so that its ``finally`` blocks run now; what they raise is logged. I/O thread only."""
     if steps is None:
         return

@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from typing import Any
 
 import typer
 
 from crtk_drivers.cli.launch import launch_of, launch_options
 from crtk_drivers.cli.log_setup import LEVELS, LogFormat, set_up_logging
-from crtk_drivers.cli.options import Parameters, make_command, option
+from crtk_drivers.cli.options import (
+    Parameters,
+    SubCommand,
+    given_settings,
+    make_command,
+    make_group,
+    option,
+    setting_options,
+)
 from crtk_drivers.cli.status_line import StatusLine
 from crtk_drivers.cli.terminal import ERR, sentence
-from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.config import load
+from crtk_drivers.plugins import DevicePlugin, Tool
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace, suggestion
+
+_TOOL_PREFIX = "tool_"
 
 LOG_OPTIONS: Parameters = (
     option(
@@ -67,7 +79,24 @@ def build(plugin: DevicePlugin, panel: str) -> Any:
         f"[dim]Try:[/dim]  crtk-driver {plugin.name} --ns /demo {example}\n\n"
         "[dim]--ros-args and all that follows it goes to ROS 2 as it is.[/dim]"
     )
-    return make_command(plugin.name, run, parameters, help=help_text, panel=panel)
+    if not plugin.tools:
+        return make_command(plugin.name, run, parameters, help=help_text, panel=panel)
+    tools = [_tool_command(plugin, tool) for tool in plugin.tools]
+    return make_group(plugin.name, run, parameters, tools, help=help_text, panel=panel)
+
+
+def _tool_command(plugin: DevicePlugin, tool: Tool) -> SubCommand:
+    own = setting_options(tool.options, lambda name: f"Options of {tool.name}", prefix=_TOOL_PREFIX)
+
+    def run(context: typer.Context, **given: Any) -> int:
+        set_up_logging(ERR, given["log_level"], given["log_format"])
+        launch = launch_of(plugin, given)
+        options = load(tool.options, given_settings(tool.options, given, _TOOL_PREFIX))
+        with closing(launch.open()) as session:
+            return tool.run(session.config, options)
+
+    parameters = [*own, *launch_options(plugin), *LOG_OPTIONS]
+    return SubCommand(tool.name, run, parameters, f"{sentence(tool.summary)} Starts no node.")
 
 
 def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequence[str]) -> int:

@@ -129,9 +129,15 @@ def option(name: str, annotation: Any, default: Any, *names: str, **more: Any) -
 
 
 def setting_options(
-    model: type, panel_of: Callable[[str], str], reserved: Collection[str] = ()
+    model: type,
+    panel_of: Callable[[str], str],
+    reserved: Collection[str] = (),
+    prefix: str = _PREFIX,
 ) -> Parameters:
-    """Return one option for each scalar key of `model` that is not `reserved` for another option."""
+    """Return one option for each scalar key of `model` that is not `reserved` for another option.
+
+    `prefix` keeps the options of several models of one command apart.
+    """
     parameters = []
     for setting in scalar_settings(model):
         if setting.option in reserved:
@@ -142,7 +148,7 @@ def setting_options(
             names += f"/--no-{setting.option.removeprefix('--')}"
         parameters.append(
             option(
-                _PREFIX + setting.name,
+                prefix + setting.name,
                 bool | None if is_flag else str | None,
                 None,
                 names,
@@ -154,12 +160,13 @@ def setting_options(
     return parameters
 
 
-def given_settings(model: type, given: Mapping[str, Any]) -> Layer:
+def given_settings(model: type, given: Mapping[str, Any], prefix: str = _PREFIX) -> Layer:
     """Return the layer of the settings that were given as options of their own.
 
     Args:
         model: that `setting_options` was called with.
         given: the arguments of the command's function.
+        prefix: that `setting_options` was called with.
 
     Raises:
         ConfigError: a value cannot be read.
@@ -167,7 +174,7 @@ def given_settings(model: type, given: Mapping[str, Any]) -> Layer:
     values: dict[str, Any] = {}
     places: dict[tuple[str | int, ...], str] = {}
     for setting in scalar_settings(model):
-        value = given.get(_PREFIX + setting.name)
+        value = given.get(prefix + setting.name)
         if value is None:
             continue
         if isinstance(value, str):
@@ -185,13 +192,62 @@ def make_command(
     What `run` returns is the exit code. The type is that of whichever click typer brings.
     """
 
+    app = typer.Typer(add_completion=False, rich_markup_mode="rich")
+    function = _function(run, parameters)
+    app.command(name=name, help=help, rich_help_panel=panel)(function)
+    return typer.main.get_command(app)
+
+
+@dataclass(frozen=True)
+class SubCommand:
+    """A command of a group made by `make_group`: see `make_command`."""
+
+    name: str
+    run: Callable[..., int]
+    parameters: Parameters
+    help: str
+
+
+def make_group(
+    name: str,
+    run: Callable[..., int],
+    parameters: Parameters,
+    commands: Sequence[SubCommand],
+    *,
+    help: str,
+    panel: str,
+) -> Any:
+    """Return a click group that is a command by itself, as of `make_command`, and has commands below it."""
+    app = typer.Typer(
+        name=name,
+        help=help,
+        rich_help_panel=panel,
+        invoke_without_command=True,
+        add_completion=False,
+        rich_markup_mode="rich",
+    )
+
+    def itself(context: typer.Context, **given: Any) -> int:
+        return 0 if context.invoked_subcommand else run(context=context, **given)
+
+    app.callback()(_function(itself, parameters, ends=False))
+    for each in commands:
+        app.command(name=each.name, help=each.help)(_function(each.run, each.parameters))
+    return typer.main.get_command(app)
+
+
+def _function(
+    run: Callable[..., int], parameters: Parameters, ends: bool = True
+) -> Callable[..., None]:
+    """Return a function with these parameters for typer; `ends`: nothing may follow a run that succeeds."""
+
     def function(**given: Any) -> None:
-        raise typer.Exit(run(**given))
+        code = run(**given)
+        if ends or code:
+            raise typer.Exit(code)
 
     context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
     signature = [context, *parameters]
     function.__signature__ = inspect.Signature(signature)  # type: ignore[attr-defined]
     function.__annotations__ = {each.name: each.annotation for each in signature}
-    app = typer.Typer(add_completion=False, rich_markup_mode="rich")
-    app.command(name=name, help=help, rich_help_panel=panel)(function)
-    return typer.main.get_command(app)
+    return function

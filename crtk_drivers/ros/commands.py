@@ -1,4 +1,4 @@
-"""Subscriptions: one for each command that the device offers, and for none besides.
+"""Subscriptions: one for each command and input that the device offers, and for none besides.
 
 A callback converts, hands over to the engine, which checks everything, and returns; it never waits and
 touches no bus. What is refused is counted and told by the engine; nothing raises into the executor.
@@ -21,6 +21,7 @@ from crtk_drivers.ros import qos
 from crtk_drivers.ros.messages import TYPES, stamp_ns, value_of
 from crtk_drivers.ros.names import Frames
 from crtk_drivers.ros.publishing import Throttle
+from crtk_drivers.samples import Value
 
 logger = logging.getLogger(__name__)
 
@@ -45,6 +46,22 @@ class CommandTopics:
             for name, command in engine.commands.items()
             if command.direction is Direction.COMMANDED
         }
+        self.subscriptions |= {
+            name: qos.subscription(
+                node,
+                TYPES[taken.payload],
+                name,
+                self._guarded(name, self._taking(name)),
+                qos.NEWEST,
+            )
+            for name, taken in engine.inputs.items()
+        }
+
+    def _taking(self, name: str) -> Callable[[Any], None]:
+        def take(message: Any) -> None:
+            self._engine.give(name, self._value(name, message))
+
+        return take
 
     def _handler(self, name: str, command: Command) -> Callable[[Any], None]:
         if command.payload is Payload.TEXT:
@@ -58,10 +75,14 @@ class CommandTopics:
 
     def _submit_value(self, name: str, message: Any) -> None:
         header = getattr(message, "header", None)
-        frame_id = "" if header is None else self._frames.incoming(header.frame_id)
         stamp = 0 if header is None else stamp_ns(header.stamp)
+        self._engine.submit(name, self._value(name, message), stamp)
+
+    def _value(self, name: str, message: Any) -> Value:
+        header = getattr(message, "header", None)
+        frame_id = "" if header is None else self._frames.incoming(header.frame_id)
         try:
-            value = value_of(message, frame_id)
+            return value_of(message, frame_id)
         except ValueError as error:
             refusal = CommandRefused(
                 name,
@@ -72,7 +93,6 @@ class CommandTopics:
             )
             self._engine.report_refusal(refusal)
             raise refusal from error
-        self._engine.submit(name, value, stamp)
 
     def _guarded(self, name: str, handle: Callable[[Any], None]) -> Callable[[Any], None]:
         def receive(message: Any) -> None:

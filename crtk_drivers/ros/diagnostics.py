@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from crtk_drivers.device import Severity
 from crtk_drivers.health import Health
 from crtk_drivers.ros.messages import set_stamp
 from crtk_drivers.state import OperatingState, Status
@@ -25,6 +26,12 @@ _LEVELS = {
     OperatingState.DISABLED: DiagnosticStatus.OK,
     OperatingState.PAUSED: DiagnosticStatus.WARN,
     OperatingState.FAULT: DiagnosticStatus.ERROR,
+}
+
+_SEVERITIES = {
+    Severity.INFO: DiagnosticStatus.OK,
+    Severity.WARNING: DiagnosticStatus.WARN,
+    Severity.ERROR: DiagnosticStatus.ERROR,
 }
 
 
@@ -67,15 +74,20 @@ class Diagnostics:
         )
 
     def _device(self, status: Status, health: Health) -> DiagnosticStatus:
+        level, text = _LEVELS[status.state], status.detail or status.state.value
+        worst = max(health.notes, key=lambda note: note.severity, default=None)
+        if worst is not None and _SEVERITIES[worst.severity] > level:
+            level, text = _SEVERITIES[worst.severity], worst.text
         return self._status(
             "device",
-            _LEVELS[status.state],
-            status.detail or status.state.value,
+            level,
+            text,
             {
                 "operating_state": status.state.value,
                 "is_homed": status.is_homed,
                 "is_busy": status.is_busy,
                 **{key: f"{value:g}" for key, value in health.device.items()},
+                **{note.key: note.text for note in health.notes},
             },
         )
 

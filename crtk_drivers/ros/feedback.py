@@ -69,8 +69,14 @@ def _topic(node: Node, engine: Engine, name: str, command: Command) -> _Topic:
         publisher,
         message,
         hasattr(message, "header"),
-        name.rpartition("/")[0] or engine.capabilities.base_frame if in_a_frame else None,
+        _frame(command, engine) if in_a_frame else None,
     )
+
+
+def _frame(command: Command, engine: Engine) -> str:
+    """Return the frame of a value that does not name its own."""
+    own = {"local": "local", "body": engine.capabilities.tool_frame}
+    return own.get(command.frame, engine.capabilities.base_frame)
 
 
 def coherent(engine: Engine, names: Iterable[str]) -> Values:

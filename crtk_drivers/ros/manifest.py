@@ -8,6 +8,8 @@ Published once, latched, as JSON in a std_msgs/String on ``~/crtk_capabilities``
     driver_version  of this package
     device          {name, address}
     commands        {CRTK name: {name on ROS, type, direction, level, units, summary}}
+    services        {name: {name on ROS, type, summary}}: what it does beyond CRTK
+    inputs          {name: {name on ROS, type, summary}}: what it takes beyond CRTK
     joints          [{name, lower, upper, velocity, acceleration, jerk, effort}], in the order of all vectors
     tool            limits of the tool, or null
     frames          {base, tool}: as they appear in messages and on /tf
@@ -71,6 +73,22 @@ def manifest(
         "driver_version": driver_version(),
         "device": {"name": engine.name, "address": engine.device.address},
         "commands": commands,
+        "services": {
+            name: {
+                "name": ros_names[name],
+                "type": "std_srvs/srv/Trigger",
+                "summary": service.summary,
+            }
+            for name, service in engine.services.items()
+        },
+        "inputs": {
+            name: {
+                "name": ros_names[name],
+                "type": type_name(TYPES[taken.payload]),
+                "summary": taken.summary,
+            }
+            for name, taken in engine.inputs.items()
+        },
         "joints": [
             {"name": name, **_finite(asdict(limits))}
             for name, limits in zip(capabilities.joints, capabilities.limits, strict=True)

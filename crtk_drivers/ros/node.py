@@ -25,7 +25,7 @@ from crtk_drivers.ros.parameters import declare_frame_prefix, declare_rates
 from crtk_drivers.ros.publishing import PublishingThread, Throttle
 from crtk_drivers.ros.refusals import RefusalTopic
 from crtk_drivers.ros.rosout import RosoutHandler
-from crtk_drivers.ros.services import Services
+from crtk_drivers.ros.services import DeviceServices, Services
 from crtk_drivers.ros.status import StatusTopic
 from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import Stamp
@@ -108,6 +108,7 @@ class DriverNode:
         self._transforms = Transforms(node, self._thread, engine, frames)
         self._commands = CommandTopics(node, engine, frames)
         self._services = Services(node, engine, self._status.next_stamp)
+        self._device_services = DeviceServices(context, node.get_namespace(), engine)
         self._ros_names = self._names_on_ros()
         self._set_up_diagnostics()
         self._set_up_manifest()
@@ -132,12 +133,14 @@ class DriverNode:
         self._status.announce(self._engine.status, Stamp.now())
         logging.getLogger("crtk_drivers").addHandler(self._rosout)
         self._thread.start()
+        self._device_services.start()
 
     def stop(self, timeout: float = PUBLISHER_TIMEOUT) -> bool:
         """Publish what is still to be told and end; False if DDS still blocks after `timeout` s."""
         logging.getLogger("crtk_drivers").removeHandler(self._rosout)
         self._engine.remove_observer(self._listener)
         self._engine.on_sample = None
+        self._device_services.stop(timeout)
         return self._thread.stop(timeout)
 
     def _names_on_ros(self) -> dict[str, str]:
@@ -148,9 +151,12 @@ class DriverNode:
             "operating_state": self._status.publisher,
         }
         names = {name: endpoint.topic_name for name, endpoint in endpoints.items()}
-        names |= {name: srv.service_name for name, srv in self._services.services.items()}
+        services = {**self._services.services, **self._device_services.services}
+        names |= {name: srv.service_name for name, srv in services.items()}
+        payloads = {name: command.payload for name, command in self._engine.commands.items()}
+        payloads |= {name: taken.payload for name, taken in self._engine.inputs.items()}
         expected = {
-            endpoint.topic_name: type_name(TYPES[self._engine.commands[name].payload])
+            endpoint.topic_name: type_name(TYPES[payloads[name]])
             for name, endpoint in endpoints.items()
         }
         self._thread.job("graph", TypeConflicts(self.node, expected).check, GRAPH_RATE)

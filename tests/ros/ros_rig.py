@@ -13,6 +13,7 @@ from ros_client import TIMEOUT, RosClient
 
 from crtk_drivers.config import NodeConfig
 from crtk_drivers.device import Condition
+from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.ros.serving import Serving
 from crtk_drivers.session import Session
 from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
@@ -54,10 +55,14 @@ class Rig:
 
 @contextmanager
 def serve(
-    config: LoopbackConfig, namespace: str, ros_args: list[str], node: NodeConfig | None = None
+    config: LoopbackConfig,
+    namespace: str,
+    ros_args: list[str],
+    node: NodeConfig | None = None,
+    plugin: DevicePlugin = PLUGIN,
 ) -> Iterator[tuple[Session, Serving]]:
     """Serve a loopback device from a thread of this process."""
-    session = Session(PLUGIN, config)
+    session = Session(plugin, config)
     stop = threading.Event()
     with Serving(session.engine, namespace, ros_args, node) as serving, session:
         thread = threading.Thread(target=serving.spin, args=(stop,), name="test serving")
@@ -71,12 +76,19 @@ def serve(
 
 @contextmanager
 def rig_of(
-    namespace: str, ros_args: list[str] | None = None, node: NodeConfig | None = None, **config: Any
+    namespace: str,
+    ros_args: list[str] | None = None,
+    node: NodeConfig | None = None,
+    plugin: DevicePlugin = PLUGIN,
+    **config: Any,
 ) -> Iterator[Rig]:
     """Serve a loopback device, and connect a client to it."""
     with (
         RosClient(namespace) as client,
-        serve(LoopbackConfig(**config), namespace, ros_args or [], node) as (session, serving),
+        serve(LoopbackConfig(**config), namespace, ros_args or [], node, plugin) as (
+            session,
+            serving,
+        ),
     ):
         client.check_connections()
         yield Rig(session, serving, client)

@@ -27,9 +27,27 @@ ENTRY_POINTS = """
 [crtk_drivers.devices]
 loopback = crtk_drivers.testing.loopback:PLUGIN
 deaf = deaf_device:PLUGIN
+tooled = tooled_device:PLUGIN
 bad = no_such_module:PLUGIN
 [crtk_drivers.sims]
 ur = crtk_sim_backends.ur:SIM
+"""
+
+TOOLED = """
+from pydantic import Field
+from crtk_drivers.config import Settings
+from crtk_drivers.errors import ConnectionFailed
+from crtk_drivers.plugins import DevicePlugin, Tool
+from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
+class Options(Settings):
+    count: int = Field(default=1, ge=1, description="how often")
+def info(config, options):
+    print(f"{config.address} looked at {options.count} times")
+    if options.count == 13:
+        raise ConnectionFailed("nobody is there", where=config.address)
+    return 3 if options.count == 3 else 0
+PLUGIN = DevicePlugin("tooled", "has a tool", LoopbackConfig, LoopbackDevice,
+                      tools=(Tool("info", "tells what it is.", info, Options),))
 """
 
 DEAF = """
@@ -51,11 +69,13 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: crtk-drivers\nVersion: 9.8\n")
     (info / "entry_points.txt").write_text(ENTRY_POINTS)
     (tmp_path / "deaf_device.py").write_text(DEAF)
+    (tmp_path / "tooled_device.py").write_text(TOOLED)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv(plugins.ONLY, "")
     monkeypatch.setenv("COLUMNS", "200")
     yield
     sys.modules.pop("deaf_device", None)
+    sys.modules.pop("tooled_device", None)
 
 
 Capture = pytest.CaptureFixture[str]
@@ -190,6 +210,25 @@ def test_ros_arguments_are_taken_as_they_are(capsys: Capture) -> None:
     assert split.ros_args == ["--ros-args", "-r", "__ns:=/a", "--debug"]
     assert split.debug
     assert "`list` starts no node" in refusal(capsys, "list", "--ros-args", "-r", "a:=b")
+
+
+@pytest.mark.parametrize(("count", "code"), [("2", 0), ("3", 3), ("13", 1), ("0", 2)])
+def test_a_tool_of_a_device(count: str, code: int, capsys: Capture) -> None:
+    assert main(["tooled", "info", "--address", "there", "--count", count]) == code
+    shown = capsys.readouterr()
+    if code != 2:
+        assert f"there looked at {count} times" in shown.out
+    assert ("nobody is there" in shown.err) is (code == 1)
+    assert ("--count" in shown.err) is (code == 2)
+
+
+def test_the_tools_of_a_device_are_in_its_help(capsys: Capture) -> None:
+    assert main(["tooled", "--help"]) == 0
+    shown = capsys.readouterr().out
+    assert "Tells what it is. Starts no node." in shown
+    assert "--ns" in shown
+    assert main(["tooled", "info", "--help"]) == 0
+    assert "How often" in capsys.readouterr().out
 
 
 def test_version(capsys: Capture) -> None:
