@@ -1,0 +1,211 @@
+"""Datagrams with the time of their arrival, many at a time.
+
+A stream of 7000 datagrams a second is too much to be taken one by one by Python beside other threads: each
+system call that gives the interpreter lock away waits for it to come back, up to the switch interval (5 ms).
+`recvmmsg` takes all that has arrived in one call, into memory that was set aside once, and is called without
+giving the lock away, since it does not wait.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import errno
+import os
+import socket
+import sys
+import time
+from typing import Any, Final, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+MOST: Final = 512
+"""Datagrams taken at once."""
+SLOT: Final = 1536
+"""Bytes of a datagram; a longer one is cut and its length says so."""
+
+_SO_TIMESTAMPNS: Final = 35
+_SO_RCVBUFFORCE: Final = 33
+_CONTROL_SIZE: Final = 64
+_CLOCK_STEP: Final = 0.001
+"""Seconds by which the wall clock moves between two calls only when somebody sets it."""
+
+
+class Datagrams(NamedTuple):
+    """What arrived: `slots` (n, SLOT) bytes, valid until the next call; `lengths` and `arrivals` (n,).
+
+    Arrivals are monotonic seconds, of the kernel where it tells them, and do not descend.
+    """
+
+    slots: NDArray[np.uint8]
+    lengths: NDArray[np.uint32]
+    arrivals: NDArray[np.float64]
+
+
+class Receiver(Protocol):
+    """Takes what has arrived, without waiting."""
+
+    kernel_stamps: bool
+    """Whether arrivals are the kernel's; otherwise they are the time of the call."""
+
+    def receive(self) -> Datagrams | None:
+        """Return what has arrived, None if nothing has.
+
+        Raises:
+            OSError: the socket's error: `errno.ECONNREFUSED` if the peer's port is closed.
+        """
+
+
+class BatchReceiver:
+    """By `recvmmsg` (64-bit Linux).
+
+    Args:
+        peer: a UDP socket, which stays the caller's.
+    """
+
+    def __init__(self, peer: socket.socket) -> None:
+        self.kernel_stamps = True
+        self._fd = peer.fileno()
+        self._data = np.zeros((MOST, SLOT), np.uint8)
+        self._control = np.zeros((MOST, _CONTROL_SIZE // 8), np.int64)
+        self._vectors = (_IoVector * MOST)()
+        self._headers = (_MessageHeader * MOST)()
+        for i in range(MOST):
+            self._vectors[i].base = self._data.ctypes.data + i * SLOT
+            self._vectors[i].length = SLOT
+            header = self._headers[i]
+            header.vectors = ctypes.addressof(self._vectors) + i * ctypes.sizeof(_IoVector)
+            header.vector_count = 1
+            header.control = self._control.ctypes.data + i * _CONTROL_SIZE
+        fields = np.frombuffer(memoryview(self._headers), _HEADER_FIELDS)
+        self._control_lengths = fields["control_length"]
+        self._lengths = fields["length"]
+        self._call = ctypes.PyDLL(None, use_errno=True).recvmmsg
+        self._call.argtypes = (
+            ctypes.c_int,
+            ctypes.c_void_p,
+            ctypes.c_uint,
+            ctypes.c_int,
+            ctypes.c_void_p,
+        )
+        self._address = ctypes.addressof(self._headers)
+        self._wall_offset: int | None = None
+        peer.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+
+    def receive(self) -> Datagrams | None:
+        """See `Receiver`."""
+        self._control_lengths[:] = _CONTROL_SIZE
+        flags = socket.MSG_DONTWAIT | socket.MSG_TRUNC
+        count = self._call(self._fd, self._address, MOST, flags, None)
+        if count < 0:
+            code = ctypes.get_errno()
+            if code in (errno.EAGAIN, errno.EINTR):
+                return None
+            raise OSError(code, os.strerror(code))
+        return Datagrams(self._data[:count], self._lengths[:count], self._arrivals(count))
+
+    def _arrivals(self, count: int) -> NDArray[np.float64]:
+        """Return the kernel's stamps on the monotonic clock; now, where there are none that can be used."""
+        now = time.monotonic()
+        offset = time.time_ns() - round(now * 1e9)
+        before, self._wall_offset = self._wall_offset, offset
+        was_set = before is not None and abs(offset - before) > _CLOCK_STEP * 1e9
+        control = self._control[:count]
+        stamped = (control[:, 1] == _TIMESTAMP_KIND) & (self._control_lengths[:count] > 0)
+        if was_set or not stamped.all():
+            return np.full(count, now)
+        wall = control[:, 2] * 1_000_000_000 + control[:, 3]
+        arrivals = (wall - offset).astype(np.float64) * 1e-9
+        result: NDArray[np.float64] = np.maximum.accumulate(np.minimum(arrivals, now))
+        return result
+
+
+class _IoVector(ctypes.Structure):
+    _fields_ = (("base", ctypes.c_void_p), ("length", ctypes.c_size_t))
+
+
+class _MessageHeader(ctypes.Structure):
+    """``struct mmsghdr`` of Linux: a ``struct msghdr`` and the length of what was received."""
+
+    _fields_ = (
+        ("name", ctypes.c_void_p),
+        ("name_length", ctypes.c_uint32),
+        ("vectors", ctypes.c_void_p),
+        ("vector_count", ctypes.c_size_t),
+        ("control", ctypes.c_void_p),
+        ("control_length", ctypes.c_size_t),
+        ("flags", ctypes.c_int),
+        ("padding", ctypes.c_int),
+        ("length", ctypes.c_uint32),
+    )
+
+
+_HEADER_FIELDS: Final = np.dtype(
+    {
+        "names": ["control_length", "length"],
+        "formats": [np.uint64, np.uint32],
+        "offsets": [_MessageHeader.control_length.offset, _MessageHeader.length.offset],
+        "itemsize": ctypes.sizeof(_MessageHeader),
+    }
+)
+
+_TIMESTAMP_KIND: Final = int(
+    np.array([socket.SOL_SOCKET, _SO_TIMESTAMPNS], np.int32).view(np.int64)[0]
+)
+"""Level and type of the control message with a stamp, as the 8 bytes that they are."""
+
+
+class PlainReceiver:
+    """One by one, with the time of the call: where there is no `recvmmsg`.
+
+    Args:
+        peer: a non-blocking UDP socket, which stays the caller's.
+    """
+
+    def __init__(self, peer: socket.socket) -> None:
+        self.kernel_stamps = False
+        self._peer = peer
+        self._data = np.zeros((MOST, SLOT), np.uint8)
+        self._rows = [row.data for row in self._data]
+        self._lengths = np.zeros(MOST, np.uint32)
+
+    def receive(self) -> Datagrams | None:
+        """See `Receiver`."""
+        count = 0
+        try:
+            for row in self._rows:
+                self._lengths[count] = self._peer.recv_into(row)
+                count += 1
+        except BlockingIOError:
+            pass
+        except OSError:
+            if not count:
+                raise
+        if not count:
+            return None
+        arrivals = np.full(count, time.monotonic())
+        return Datagrams(self._data[:count], self._lengths[:count], arrivals)
+
+
+def receiver_for(peer: socket.socket) -> Receiver:
+    """Return the receiver for a non-blocking UDP socket on this machine."""
+    batches: Any = sys.platform == "linux" and sys.maxsize > 1 << 32
+    return BatchReceiver(peer) if batches else PlainReceiver(peer)
+
+
+def ask_for_buffer(peer: socket.socket, size: int) -> int:
+    """Ask for a receive buffer of `size` bytes and return how many it got.
+
+    More than ``net.core.rmem_max`` takes a privilege that the process may have.
+    """
+    peer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
+    if sys.platform == "linux" and _buffer_of(peer) < size:
+        with contextlib.suppress(PermissionError):
+            peer.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, size)
+    return _buffer_of(peer)
+
+
+def _buffer_of(peer: socket.socket) -> int:
+    size = peer.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+    return size // 2 if sys.platform == "linux" else size  # Linux doubles it for its own needs

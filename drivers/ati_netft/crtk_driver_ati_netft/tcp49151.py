@@ -1,0 +1,249 @@
+"""The sensor's TCP channel (port 49151): one reading for each request. Codec and connection.
+
+Requests are 20 bytes, big-endian. Readings have 16 bits and no sequence number: enough where UDP is blocked,
+at a few hundred readings per second. It also tells units and scale where the web server is off. (ATI
+9620-05-NET FT, chapter on the TCP interface.)
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import socket
+import struct
+import time
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from crtk_driver_ati_netft import units
+from crtk_driver_ati_netft.calibration import Scale
+from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
+from crtk_drivers.samples import Vector, vector
+
+PORT: Final = 49151
+HEADER: Final = 0x1234
+
+_READ_FT, _READ_CALIBRATION, _WRITE_TRANSFORM = 0, 1, 2
+_BIAS, _CLEAR_LATCH = 1, 2
+
+_READING = struct.Struct(">HH6h")
+_CALIBRATION = struct.Struct(">HBBII6H")
+_WRITTEN = struct.Struct(">HBB")
+_REMEDY = "Is this the TCP port (49151) of a NetFT sensor?"
+
+
+class Reading(NamedTuple):
+    """One reading: the upper half of the status word at its place, and 16-bit values (6,)."""
+
+    status: int
+    values: tuple[int, ...]
+
+
+class TcpScale(NamedTuple):
+    """What the readings are worth: counts of the stream in one step of a reading, (6,), and their scale."""
+
+    scale: Scale
+    steps: tuple[int, ...]
+
+    @property
+    def factors(self) -> Vector:
+        """SI value of one step of a reading of each axis (6,), in N and N·m."""
+        return vector(self.scale.factors * self.steps)
+
+
+def encode_read(bias: bool = False, clear_latch: bool = False) -> bytes:
+    """Return the request for a reading, which may also set the bias and clear the monitor condition."""
+    commands = (_BIAS if bias else 0) | (_CLEAR_LATCH if clear_latch else 0)
+    return struct.pack(">B15xHH", _READ_FT, 0, commands)
+
+
+def encode_read_calibration() -> bytes:
+    """Return the request for units and scale."""
+    return struct.pack(">B19x", _READ_CALIBRATION)
+
+
+def encode_transform(distance_code: int, angle_code: int, values: Vector) -> bytes:
+    """Return the request that sets the tool transform: values (6,) in the units of the codes.
+
+    Raises:
+        ValueError: a value that does not fit.
+    """
+    hundredths = [round(value * 100.0) for value in values.tolist()]
+    try:
+        return struct.pack(">BBB6h5x", _WRITE_TRANSFORM, distance_code, angle_code, *hundredths)
+    except struct.error as error:
+        raise ValueError(f"a transform that does not fit: {values}") from error
+
+
+def decode_reading(reply: bytes) -> Reading:
+    """Return the reading of a reply.
+
+    Raises:
+        ValueError: it is none.
+    """
+    status, *values = _unpack(_READING, reply)
+    return Reading(status << 16, tuple(values))
+
+
+def decode_calibration(reply: bytes) -> TcpScale:
+    """Return the units and the scale of a reply.
+
+    Raises:
+        ValueError: it is none, or the units are unknown.
+    """
+    force_code, torque_code, per_force, per_torque, *steps = _unpack(_CALIBRATION, reply)
+    force = units.factor_of_code(units.FORCE, force_code)
+    torque = units.factor_of_code(units.TORQUE, torque_code)
+    if force is None or torque is None:
+        raise ValueError(f"unknown units: codes {force_code} and {torque_code}")
+    return TcpScale(Scale(per_force, per_torque, force, torque), tuple(steps))
+
+
+def decode_written(reply: bytes, command: int) -> bool:
+    """Return whether the sensor accepted what was written.
+
+    Raises:
+        ValueError: the reply is to something else.
+    """
+    answered, result = _unpack(_WRITTEN, reply)
+    if answered != command:
+        raise ValueError(f"an answer to command {answered}, not {command}")
+    return result == 0
+
+
+def _unpack(form: struct.Struct, reply: bytes) -> tuple[int, ...]:
+    if len(reply) != form.size:
+        raise ValueError(f"{len(reply)} bytes, not {form.size}")
+    header, *values = form.unpack(reply)
+    if header != HEADER:
+        raise ValueError(f"the header is 0x{header:04x}, not 0x{HEADER:04x}")
+    return tuple(values)
+
+
+class TcpChannel:
+    """One connection. `open`, then ask; one request is on its way at a time.
+
+    Args:
+        host, port: of the sensor.
+        clock: monotonic seconds.
+    """
+
+    def __init__(
+        self, host: str, port: int = PORT, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.where = f"TCP {host}:{port}"
+        self._address = (host, port)
+        self._clock = clock
+        self._socket: socket.socket | None = None
+        self._reply = bytearray()
+        self._asked_at = 0.0
+        self._asked = False
+
+    def open(self, deadline: float) -> None:
+        """Connect.
+
+        Raises:
+            ConnectionFailed: not by the monotonic `deadline`.
+        """
+        try:
+            left = deadline - self._clock()
+            if left <= 0.0:
+                raise TimeoutError("no time left")
+            self._socket = socket.create_connection(self._address, left)
+        except OSError as error:
+            raise ConnectionFailed(
+                f"cannot connect: {error}",
+                where=self.where,
+                remedy="Check the address, the cable, and that the sensor is on.",
+            ) from error
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.setblocking(False)
+
+    def close(self) -> None:
+        """Disconnect. May be called twice."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+        self._reply.clear()
+        self._asked = False
+
+    def calibration(self, deadline: float) -> TcpScale:
+        """Return units and scale.
+
+        Raises:
+            ConnectionFailed: no answer by the monotonic `deadline`.
+            ConnectionLost, ProtocolError: the connection ended; the answer is none.
+        """
+        self._ask(encode_read_calibration())
+        reply = self._await(_CALIBRATION.size, deadline)
+        if reply is None:
+            raise ConnectionFailed("no answer in time", where=self.where, remedy=_REMEDY)
+        try:
+            return decode_calibration(reply)
+        except ValueError as error:
+            raise ProtocolError(str(error), where=self.where, remedy=_REMEDY) from error
+
+    def read(
+        self, deadline: float, *, bias: bool = False, clear_latch: bool = False
+    ) -> tuple[Reading, float] | None:
+        """Return a reading and its time, halfway between question and answer; None: not by the deadline.
+
+        A question that is not answered yet is not asked again: the next call goes on waiting, and `bias`
+        and `clear_latch` are then for naught.
+
+        Raises:
+            ConnectionLost, ProtocolError: as for `calibration`.
+        """
+        if not self._asked:
+            self._ask(encode_read(bias, clear_latch))
+        reply = self._await(_READING.size, deadline)
+        if reply is None:
+            return None
+        try:
+            return decode_reading(reply), (self._asked_at + self._clock()) / 2.0
+        except ValueError as error:
+            raise ProtocolError(str(error), where=self.where, remedy=_REMEDY) from error
+
+    def _ask(self, request: bytes) -> None:
+        peer = self._peer()
+        try:
+            if peer.send(request) != len(request):
+                raise BlockingIOError(errno.EAGAIN, "its buffer is full")
+        except OSError as error:
+            raise self._lost(str(error)) from error
+        self._asked, self._asked_at = True, self._clock()
+
+    def _await(self, size: int, deadline: float) -> bytes | None:
+        peer = self._peer()
+        poll = select.poll()
+        poll.register(peer, select.POLLIN)
+        while len(self._reply) < size:
+            left = deadline - self._clock()
+            if not poll.poll(max(0.0, left) * 1000.0):
+                return None
+            try:
+                piece = peer.recv(size - len(self._reply))
+            except BlockingIOError:
+                continue
+            except OSError as error:
+                raise self._lost(os.strerror(error.errno or 0)) from error
+            if not piece:
+                raise self._lost("the sensor closed the connection")
+            self._reply += piece
+        reply = bytes(self._reply)
+        self._reply.clear()
+        self._asked = False
+        return reply
+
+    def _peer(self) -> socket.socket:
+        if self._socket is None:
+            raise self._lost("it is closed")
+        return self._socket
+
+    def _lost(self, what: str) -> ConnectionLost:
+        return ConnectionLost(
+            f"the connection is gone: {what}",
+            where=self.where,
+            remedy="Is the sensor on? The driver connects again by itself.",
+        )

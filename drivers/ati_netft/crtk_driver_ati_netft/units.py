@@ -1,0 +1,60 @@
+"""Units of force, torque, length and angle as the sensors write them, and their factors to SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+
+_POUND = 4.4482216152605
+_KILOGRAM = 9.80665
+
+FORCE: Final[Mapping[str, float]] = MappingProxyType(
+    {
+        "lbf": _POUND,
+        "n": 1.0,
+        "klbf": 1000.0 * _POUND,
+        "kn": 1000.0,
+        "kgf": _KILOGRAM,
+        "gf": _KILOGRAM / 1000.0,
+    }
+)
+"""N in one of each; the order is that of the unit codes, which begin with 1."""
+
+TORQUE: Final[Mapping[str, float]] = MappingProxyType(
+    {
+        "lbfin": 0.1129848290276167,
+        "lbfft": 1.3558179483314004,
+        "nm": 1.0,
+        "nmm": 0.001,
+        "kgfcm": _KILOGRAM / 100.0,
+        "knm": 1000.0,
+    }
+)
+"""N·m in one of each; the order is that of the unit codes, which begin with 1."""
+
+LENGTH: Final[Mapping[str, float]] = MappingProxyType(
+    {"in": 0.0254, "ft": 0.3048, "mm": 0.001, "cm": 0.01, "m": 1.0}
+)
+ANGLE: Final[Mapping[str, float]] = MappingProxyType({"deg": 0.017453292519943295, "rad": 1.0})
+
+_SPELLINGS = {
+    "lb": "lbf", "lbs": "lbf", "pounds": "lbf", "newton": "n", "newtons": "n", "klb": "klbf",
+    "kg": "kgf", "g": "gf",
+    "lbin": "lbfin", "inlb": "lbfin", "inlbf": "lbfin", "inlbs": "lbfin", "lbsin": "lbfin",
+    "lbft": "lbfft", "ftlb": "lbfft", "ftlbf": "lbfft", "ftlbs": "lbfft", "lbsft": "lbfft",
+    "mn": "nm", "mmn": "nmm", "kgcm": "kgfcm", "cmkg": "kgfcm",
+    "inch": "in", "inches": "in", "feet": "ft", "millimeters": "mm", "meters": "m",
+    "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad",
+}  # fmt: skip
+
+
+def factor(units: Mapping[str, float], text: str) -> float | None:
+    """Return how much of the SI unit one of `text` is; None if it is in no spelling one of `units`."""
+    plain = "".join(letter for letter in text.lower() if letter.isalpha())
+    return units.get(plain, units.get(_SPELLINGS.get(plain, "")))
+
+
+def factor_of_code(units: Mapping[str, float], code: int) -> float | None:
+    """Return the same for a unit code; None if there is none such."""
+    return list(units.values())[code - 1] if 1 <= code <= len(units) else None

@@ -1,0 +1,162 @@
+"""The sensor's web server: its pages read, and its settings written and read back. Blocking, with a deadline.
+
+Every answer has a size cap, and the whole exchange a deadline that a slow server cannot stretch. Settings go
+out as ``GET /page.cgi?name=value&...``; the server answers with a page for people, and clamps and rounds
+silently: what counts is what `WebPages.read` says afterwards.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import time
+from collections.abc import Callable, Iterable, Mapping
+from typing import Final
+from urllib.parse import urlencode
+
+from crtk_driver_ati_netft.calibration import (
+    LONGEST_PAGE,
+    CalibrationInfo,
+    SensorInfo,
+    read_calibration,
+    read_sensor,
+)
+from crtk_drivers.errors import ConnectionFailed, ProtocolError
+
+PORT: Final = 80
+_LONGEST_ANSWER: Final = LONGEST_PAGE + 16384
+_ON = "The sensor's web server can be reached with a browser when it is on."
+
+
+class WebPages:
+    """The web server of one sensor. Each call is one connection.
+
+    Args:
+        host, port: of the server.
+        timeout: seconds for each call at most.
+        clock: monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        port: int = PORT,
+        timeout: float = 1.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.host = host
+        self.port = port
+        self._timeout = timeout
+        self._clock = clock
+
+    @property
+    def where(self) -> str:
+        """For messages."""
+        return f"http://{self.host}:{self.port}"
+
+    def read(self, deadline: float | None = None) -> SensorInfo:
+        """Return the sensor's configuration.
+
+        Raises:
+            ConnectionFailed: no answer in time.
+            ProtocolError: the answer is no configuration that can be used.
+        """
+        path = "/netftapi2.xml"
+        return read_sensor(self.get(path, deadline), self.where + path)
+
+    def calibration(self, index: int, deadline: float | None = None) -> CalibrationInfo:
+        """Return the calibration with an index from 0 to 15; raises as `read`."""
+        path = f"/netftcalapi.xml?index={index}"
+        return read_calibration(self.get(path, deadline), self.where + path)
+
+    def write(
+        self,
+        page: str,
+        values: Mapping[str, object] | Iterable[tuple[str, object]],
+        deadline: float | None = None,
+    ) -> None:
+        """Write settings, all in one request, in the order given. Read them back.
+
+        Args:
+            page: ``setting.cgi``, ``config.cgi``, ``comm.cgi`` or ``moncon.cgi``.
+            values: of its variables.
+            deadline: monotonic, besides the timeout of each call.
+
+        Raises:
+            ConnectionFailed, ProtocolError: no answer, or one that is not a success.
+        """
+        pairs = list(values.items()) if isinstance(values, Mapping) else list(values)
+        self.get(f"/{page}?{urlencode(pairs)}", deadline)
+
+    def get(self, path: str, deadline: float | None = None) -> bytes:
+        """Return the body of one page.
+
+        Raises:
+            ConnectionFailed: no connection, or no complete answer in time.
+            ProtocolError: the answer is not HTTP, too long, or not a success.
+        """
+        until = self._clock() + self._timeout
+        until = until if deadline is None else min(until, deadline)
+        request = f"GET {path} HTTP/1.0\r\nHost: {self.host}\r\nConnection: close\r\n\r\n"
+        try:
+            with socket.create_connection((self.host, self.port), self._left(until)) as peer:
+                peer.settimeout(self._left(until))
+                peer.sendall(request.encode("ascii"))
+                answer = self._receive(peer, until)
+        except OSError as error:
+            raise ConnectionFailed(
+                f"GET {path}: {error or 'no answer in time'}", where=self.where, remedy=_ON
+            ) from error
+        return self._body(answer, path)
+
+    def _left(self, until: float) -> float:
+        left = until - self._clock()
+        if left <= 0.0:
+            raise TimeoutError("no complete answer in time")
+        return left
+
+    def _receive(self, peer: socket.socket, until: float) -> bytes:
+        """Return everything up to the end of the answer."""
+        data = bytearray()
+        complete = _LONGEST_ANSWER
+        while len(data) < complete:
+            if not select.select([peer], [], [], self._left(until))[0]:
+                continue
+            piece = peer.recv(65536)
+            if not piece:
+                break
+            searched = max(0, len(data) - 3)
+            data += piece
+            if complete == _LONGEST_ANSWER and (end := data.find(b"\r\n\r\n", searched)) >= 0:
+                length = _headers(data[:end]).get("content-length", "")
+                complete = min(complete, end + 4 + int(length)) if length.isdecimal() else complete
+        return bytes(data)
+
+    def _body(self, answer: bytes, path: str) -> bytes:
+        head, blank, body = answer.partition(b"\r\n\r\n")
+        words = head.split(b"\r\n", 1)[0].decode("latin-1").split(None, 2)
+        if not blank or len(words) < 2 or not words[0].startswith("HTTP/"):
+            raise self._wrong(f"GET {path}: the answer is not HTTP: {answer[:40]!r}")
+        if words[1] != "200":
+            raise self._wrong(f"GET {path}: answered with {' '.join(words[1:])[:80]}")
+        if len(answer) >= _LONGEST_ANSWER:
+            raise self._wrong(f"GET {path}: the answer is longer than {LONGEST_PAGE} bytes")
+        length = _headers(head).get("content-length", "")
+        if length.isdecimal() and len(body) < int(length):
+            raise ConnectionFailed(
+                f"GET {path}: closed after {len(body)} of {length} bytes",
+                where=self.where,
+                remedy=_ON,
+            )
+        return body
+
+    def _wrong(self, what: str) -> ProtocolError:
+        return ProtocolError(
+            what, where=self.where, remedy="Is this the address of a NetFT sensor?"
+        )
+
+
+def _headers(head: bytes | bytearray) -> dict[str, str]:
+    lines = bytes(head).decode("latin-1").split("\r\n")[1:]
+    pairs = (line.partition(":") for line in lines)
+    return {name.strip().lower(): value.strip() for name, _, value in pairs}
