@@ -66,8 +66,8 @@ class Compensation:
         matrix: see `transfer`.
     """
 
-    bias: Vector = NO_LOAD
-    weight: Vector = NO_LOAD
+    bias: Vector = field(default_factory=lambda: NO_LOAD)
+    weight: Vector = field(default_factory=lambda: NO_LOAD)
     matrix: Array = field(default_factory=lambda: np.eye(6))
 
     def apply(self, values: Array) -> Array:

@@ -36,18 +36,21 @@ class StreamWatch:
         self._next = math.inf
         self._asked = -math.inf
         self._pause = FIRST_PAUSE
+        self._begun = False
         self._ended_by_us = True
         self._taken = -math.inf
         self._grudge = 0.0
 
     def begin(self, now: float) -> None:
-        """Want the stream from now on, also if it is there already."""
+        """Want a new series from now on, also if one is there already."""
+        self._begun = True
         self._ended_by_us |= now - self._heard < self._patience
         self._next = max(now, self._heard + self._grudge)
         self._pause = FIRST_PAUSE
 
     def end(self) -> None:
         """Want it no more."""
+        self._begun = False
         self._ended_by_us = True
         self._next = math.inf
 
@@ -55,6 +58,7 @@ class StreamWatch:
         """Return whether to ask now; if so, it counts as asked."""
         if now < self._next:
             return False
+        self._begun = False
         self.requests += 1
         self._asked = now
         self._next = now + self._pause
@@ -63,6 +67,9 @@ class StreamWatch:
 
     def heard(self, now: float) -> bool:
         """Records arrived, the last of them at `now`; return whether they had probably been taken from us."""
+        self._heard = now
+        if self._begun:
+            return False
         prompt = self.requests == 1 and now - self._asked <= self._patience
         taken = prompt and not self._ended_by_us
         if taken:
@@ -74,7 +81,6 @@ class StreamWatch:
             self._taken = now
         self._ended_by_us = False
         self.requests = 0
-        self._heard = now
         self._pause = FIRST_PAUSE
         self._next = now + max(self._patience, self._grudge)
         return taken
