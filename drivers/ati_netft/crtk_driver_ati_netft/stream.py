@@ -329,7 +329,8 @@ class RdtStream:
             arrivals = arrivals[accepted.keep]
         if not sequence.size:
             return None
-        if self._watch.heard(float(arrivals[-1])):
+        # Not when the last record arrived: it may have waited for us.
+        if self._watch.heard(self._clock()):
             self.takeovers += 1
             accepted = accepted._replace(events=((Event.TAKEN_OVER, 0), *accepted.events))
         if any(event is Event.RESTARTED for event, _ in accepted.events):

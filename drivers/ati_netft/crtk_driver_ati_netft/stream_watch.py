@@ -66,7 +66,7 @@ class StreamWatch:
         return True
 
     def heard(self, now: float) -> bool:
-        """Records arrived, the last of them at `now`; return whether they had probably been taken from us."""
+        """Records were there at `now`; return whether they had probably been taken from us."""
         self._heard = now
         if self._begun:
             return False

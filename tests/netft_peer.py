@@ -1,0 +1,88 @@
+"""The far side of an RDT stream, for tests that need each datagram to be a chosen one."""
+
+from __future__ import annotations
+
+import errno
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+RECORD = struct.Struct(">III6i")
+
+
+def record(rdt: int, ft: int, status: int = 0, counts: tuple[int, ...] = (0,) * 6) -> bytes:
+    """Return one record."""
+    return RECORD.pack(rdt % 2**32, ft % 2**32, status, *counts)
+
+
+class Peer:
+    """A sensor that does what a test tells it; on a free port of its own.
+
+    Attributes:
+        on_start: called with each start request's command, in the peer's thread, or None.
+        requests: all that arrived, as (command, count).
+    """
+
+    def __init__(self, host: str = "127.0.0.1") -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind((host, 0))
+        self.socket.settimeout(0.02)
+        self.host, self.port = self.socket.getsockname()
+        self.requests: list[tuple[int, int]] = []
+        self.client: tuple[str, int] | None = None
+        self.on_start: Callable[[int], None] | None = None
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def send(self, *datagrams: bytes) -> None:
+        """Send to whoever asked last."""
+        assert self.client is not None
+        for data in datagrams:
+            self.socket.sendto(data, self.client)
+
+    def stream(self, count: int, rdt: int = 1, ft: int = 1000, step: int = 1) -> None:
+        """Send records one a datagram, all zeros."""
+        self.send(*(record(rdt + i, ft + i * step) for i in range(count)))
+
+    def wait_for(self, command: int, count: int = 1, timeout: float = 10.0) -> None:
+        """Wait until so many requests with a command have come."""
+        deadline = time.monotonic() + timeout
+        while sum(c == command for c, _ in self.requests) < count:
+            assert time.monotonic() < deadline, f"no request {command:#x}: {self.requests}"
+            time.sleep(0.002)
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            try:
+                data, address = self.socket.recvfrom(64)
+            except TimeoutError:
+                continue
+            except OSError as error:
+                if error.errno == errno.ECONNREFUSED:
+                    continue
+                raise
+            header, command, count = struct.unpack(">HHI", data)
+            assert header == 0x1234
+            if command in (1, 2, 3):
+                self.client = address
+            self.requests.append((command, count))
+            if command in (1, 2, 3) and self.on_start is not None:
+                self.on_start(command)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._ended.set()
+        self._thread.join()
+        self.socket.close()
