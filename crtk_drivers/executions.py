@@ -65,7 +65,7 @@ class _Streamed(MoveExecution):
         """Send the next point."""
         self._time += min(now - self._last, self._longest)
         self._last = now
-        self._send(self.move.name, self._point(self._time), now)
+        self._send(self.move.name, self._point(self._time, now), now)
         return self._time >= self._duration
 
     @property
@@ -74,8 +74,8 @@ class _Streamed(MoveExecution):
         """Seconds from start to rest."""
 
     @abstractmethod
-    def _point(self, time: float) -> Point:
-        """Return what to send `time` seconds after the start."""
+    def _point(self, time: float, now: float) -> Point:
+        """Return what to send `time` seconds after the start, at the monotonic time `now`."""
 
 
 class ProfileMove(_Streamed):
@@ -96,7 +96,7 @@ class ProfileMove(_Streamed):
     def _duration(self) -> float:
         return self._profile.duration
 
-    def _point(self, time: float) -> Point:
+    def _point(self, time: float, now: float) -> Point:
         position, velocity, acceleration = self._profile.state(time)
         state = JointState(position=position, velocity=velocity)
         return Point(Setpoint(Mode.JOINT_POSITION, position), state, acceleration)
@@ -122,5 +122,5 @@ class LineMove(_Streamed):
     def _duration(self) -> float:
         return self._profile.duration
 
-    def _point(self, time: float) -> Point:
-        return self._output.point(*self._profile.at(time))
+    def _point(self, time: float, now: float) -> Point:
+        return self._output.point(*self._profile.at(time), now)

@@ -41,6 +41,10 @@ PATIENCE: Final = 8
 """Steps without progress after which a descent ends."""
 PROGRESS: Final = 0.9
 """What counts as progress: the squared error falls below this part of the least so far."""
+NEAR: Final = 0.1
+"""A reference this near, in rad or m, is followed by Newton's method alone; it is where streams are."""
+NEWTON_STEPS: Final = 4
+"""Most of these steps."""
 ENOUGH_ATTEMPTS: Final = 10
 """After fewer attempts that ended short, a pose is not yet called out of reach."""
 EDGE: Final = 1e-10
@@ -210,10 +214,10 @@ class SerialChain:
     def inverse(self, pose: Pose, reference: Vector, *, restarts: int | None = None) -> Vector:
         """Return a joint position (n,) within the limits that takes the tool point to `pose`.
 
-        Levenberg-Marquardt from `reference`, and from random positions about it, further out each
-        time, if that fails. A descent from the reference follows a moving pose on its branch; after a
-        restart the branch may be another, so who streams setpoints passes ``restarts=0``. Whole turns
-        of revolute joints are chosen to be nearest to the reference.
+        Newton's method where `reference` is near; else Levenberg-Marquardt from there, and from random
+        positions about it, further out each time, if that fails. A descent from the reference follows a
+        moving pose on its branch; after a restart the branch may be another, so who streams setpoints
+        passes ``restarts=0``. Whole turns of revolute joints are chosen to be nearest to the reference.
 
         Args:
             pose: in the base frame, with a unit quaternion.
@@ -226,6 +230,9 @@ class SerialChain:
         """
         start = self._to_chain(reference)
         target = _as_se3(self._pin, pose)
+        followed = self._follow(target, start)
+        if followed is not None:
+            return self._to_vector(followed)
         self._check_reach(target)
         deadline = time.monotonic() + self._time_limit
         data = self._workspace.data
@@ -283,6 +290,27 @@ class SerialChain:
             spread = min(1.0, 4.0 * attempt / restarts)
             anywhere = random.uniform(np.minimum(low, high), np.maximum(low, high))
             yield reference + spread * (anywhere - reference)
+
+    def _follow(self, target: Any, start: Vector) -> Vector | None:
+        """Return what is reached from near by in a few steps, None if it is not as simple as that."""
+        if self._position_only or start.size < 6:
+            return None
+        pin, model, frame, data = self._pin, self._model, self._frame, self._workspace.data
+        joints = start
+        for _ in range(NEWTON_STEPS):
+            error = pin.log6(self._place(data, joints).actInv(target)).vector
+            x, y, z, rx, ry, rz = error.tolist()
+            if math.hypot(x, y, z) < CONVERGED and math.hypot(rx, ry, rz) < CONVERGED:
+                return None if self._beyond(joints).any() else self._limits.clip(joints)
+            if math.hypot(x, y, z, rx, ry, rz) > NEAR:
+                return None
+            jacobian = pin.computeFrameJacobian(model, data, joints, frame, pin.LOCAL)
+            square = jacobian @ jacobian.T
+            square.ravel()[::7] += LEAST_DAMPING
+            joints = joints + jacobian.T @ self._cholesky(square).solve(error)
+            if max(map(abs, (joints - start).tolist())) > NEAR:
+                return None
+        return None
 
     def _descend(self, data: Any, target: Any, start: Vector, bounds: _Bounds) -> _Descent:
         """Run Levenberg-Marquardt from `start`, within `bounds`."""

@@ -45,12 +45,11 @@ class PoseOutput:
         self._reach = reach
         self._takes_poses = Mode.CARTESIAN_POSITION in capabilities.modes
         self._cycle = 1.0 / capabilities.rate
-        self._rates = ResolvedRate(capabilities.limits, capabilities.cartesian_limits, self._cycle)
         self._joints, self._velocity, _ = feedback.motion(now)
-        most = vector([limit.velocity for limit in capabilities.limits])
-        self._longest_step = most * (self._cycle * _LATE * (1.0 + _TOLERANCE))
+        self._now = now - self._cycle
+        self._fastest = vector([limit.velocity for limit in capabilities.limits])
 
-    def point(self, pose: Pose, twist: Vector) -> Point:
+    def point(self, pose: Pose, twist: Vector, now: float) -> Point:
         """Return what to send for a pose of the tool that moves with a twist (6,), base axes.
 
         Raises:
@@ -58,24 +57,28 @@ class PoseOutput:
         """
         if self._takes_poses:
             return Point(self._reach.setpoint(self._command, pose), twist=twist)
-        joints = self._reach.joints(self._command, pose, self._joints)
-        step = np.abs(joints - self._joints)
-        if (step > self._longest_step).any():
+        step = min(max(now - self._now, self._cycle), _LATE * self._cycle)
+        self._now = now
+        # Where the joints would go on to: inverse kinematics has the least to do from there.
+        expected = vector(self._joints + self._velocity * step)
+        joints = self._reach.joints(self._command, pose, expected)
+        velocity = (joints - self._joints) / step
+        excess = np.abs(velocity) / self._fastest
+        if excess.max() > 1.0 + _TOLERANCE:
             names = self._device.capabilities.joints
             raise CommandRefused(
                 self._command.name,
                 Reason.STEP_TOO_LARGE,
-                f"{names[int(np.argmax(step / self._longest_step))]} would be too fast on the way",
+                f"{names[int(np.argmax(excess))]} would be too fast on the way",
                 where=self._device.address,
                 remedy="Stay away from singularities, or command joints.",
             )
-        velocity = self._rates.follow_twist(joints, self._device.jacobian(joints), twist).velocity
-        acceleration = vector((velocity - self._velocity) / self._cycle)
-        self._joints, self._velocity = joints, velocity
+        acceleration = (velocity - self._velocity) / step
+        self._joints, self._velocity = joints, vector(velocity)
         return Point(
             Setpoint(Mode.JOINT_POSITION, joints),
-            JointState(position=joints, velocity=velocity),
-            acceleration,
+            JointState(position=joints, velocity=self._velocity),
+            vector(acceleration),
             twist,
         )
 

@@ -89,10 +89,12 @@ class ResolvedRate:
         cycle: float,
         damping: Damping = Damping(),
     ) -> None:
-        self._lower = vector([limit.lower for limit in limits])
-        self._upper = vector([limit.upper for limit in limits])
-        self._velocity = vector([limit.velocity for limit in limits])
-        self._acceleration = vector([limit.acceleration for limit in limits])
+        self._bounds = [
+            (limit.lower, limit.upper, limit.velocity, limit.acceleration / 2.0) for limit in limits
+        ]
+        self._slews = [
+            (-limit.acceleration * cycle, limit.acceleration * cycle) for limit in limits
+        ]
         self._cartesian = cartesian_limits
         self._cycle = cycle
         self._damping = damping
@@ -167,30 +169,38 @@ class ResolvedRate:
     def _limited(
         self, joints: Vector, wanted: Vector, before: Vector | None
     ) -> tuple[Vector, float]:
-        down, up = self._room(self._lower - joints, -1.0), self._room(self._upper - joints, 1.0)
-        scale = _fitting(wanted, down, up)
-        velocity = wanted * scale
+        """Return the velocity (n,) within the limits, and by how much all of `wanted` was scaled."""
+        targets = wanted.tolist()
+        rooms = [
+            (-self._stoppable(here - low, top, brake), self._stoppable(high - here, top, brake))
+            for here, (low, high, top, brake) in zip(joints.tolist(), self._bounds, strict=True)
+        ]
+        scale = _fitting(targets, rooms)
+        velocity = [value * scale for value in targets]
         if before is None:
-            return velocity, scale
-        change = velocity - before
-        most = self._acceleration * self._cycle
-        slewed = before + change * _fitting(change, -most, most)
+            return vector(velocity), scale
+        start = before.tolist()
+        change = [new - old for new, old in zip(velocity, start, strict=True)]
+        share = _fitting(change, self._slews)
         # Each by itself: what is left over from before may have any direction.
-        return np.minimum(np.maximum(slewed, down), up), scale
+        slewed = [
+            min(max(old + step * share, down), up)
+            for old, step, (down, up) in zip(start, change, rooms, strict=True)
+        ]
+        return vector(slewed), scale
 
-    def _room(self, distance: Vector, sign: float) -> Vector:
-        """Return the velocity (n,) towards limits that are `distance` away, which can be stopped there."""
-        room = np.maximum(distance * sign, 0.0)
-        braking = self._acceleration / 2.0
+    def _stoppable(self, room: float, fastest: float, braking: float) -> float:
+        """Return the speed towards a limit `room` away that can still be stopped there."""
+        if room <= 0.0:
+            return 0.0
         t = self._cycle
-        allowed = braking * (np.sqrt(t * t + 2.0 * room / braking) - t)
-        return sign * np.minimum(allowed, self._velocity)
+        return min(fastest, braking * (math.sqrt(t * t + 2.0 * room / braking) - t))
 
 
-def _fitting(values: Vector, lowest: Vector, highest: Vector) -> float:
+def _fitting(values: list[float], bounds: Sequence[tuple[float, float]]) -> float:
     """Return the largest share in [0, 1] of a vector that is within bounds around zero."""
     share = 1.0
-    for value, low, high in zip(values.tolist(), lowest.tolist(), highest.tolist(), strict=True):
+    for value, (low, high) in zip(values, bounds, strict=True):
         bound = high if value > 0.0 else low
         if abs(value) > abs(bound):
             share = min(share, bound / value)

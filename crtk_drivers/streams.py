@@ -226,7 +226,7 @@ class PoseStream(Stream):
     def step(self, now: float) -> Point:
         """See the base class."""
         pose, twist = self._interpolator.step(now)
-        return self._output.point(pose, vector(twist.vector))
+        return self._output.point(pose, vector(twist.vector), now)
 
     @property
     def is_over(self) -> bool:
