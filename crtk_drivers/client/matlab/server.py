@@ -1,0 +1,91 @@
+"""The process that runs the client for MATLAB: ``python -m crtk_drivers.client.matlab.server``.
+
+Requests come on standard input, answers go to standard output: JSON, one a line, in turn.
+
+    {"do": "get", "device": 2, "name": "measured_js"}    a request of `Session`
+    {"value": ...}                                       its answer
+    {"error": {"identifier": "crtk:Refused", "message": "..."}}
+    {"pending": 7}                                       not yet: {"do": "poll", "pending": 7}, until it is
+
+So MATLAB never waits longer than `PATIENCE` in one call, and Ctrl-C works there. What was interrupted is not
+asked for again, and the next request begins while it still waits. At the end of the input it leaves ROS.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import signal
+import sys
+import threading
+from typing import Any
+
+from crtk_drivers.client.matlab.session import Session, described
+from crtk_drivers.errors import CrtkError
+
+logger = logging.getLogger(__name__)
+
+PATIENCE = 0.1
+"""Seconds after which an answer is put off."""
+
+
+class _Job(threading.Thread):
+    def __init__(self, session: Session, request: dict[str, Any]) -> None:
+        super().__init__(name="crtk request", daemon=True)
+        self._session = session
+        self._request = request
+        self.answer: dict[str, Any] = {}
+
+    def run(self) -> None:
+        try:
+            self.answer = {"value": self._session.perform(**self._request)}
+        except Exception as error:
+            if not isinstance(error, (CrtkError, AttributeError)):
+                logger.exception("request %s", self._request)
+            self.answer = {"error": described(error)}
+
+
+class Server:
+    """Answers requests, one after the other."""
+
+    def __init__(self) -> None:
+        self._session = Session()
+        self._job: _Job | None = None
+        self._number = 0
+
+    def answer(self, line: str) -> str:
+        """Return the answer to a request."""
+        request = json.loads(line)
+        if request["do"] != "poll":
+            self._number += 1
+            self._job = _Job(self._session, request)
+            self._job.start()
+        elif self._job is None or request["pending"] != self._number:
+            raise ValueError(f"request {request['pending']} is not the last one")
+        self._job.join(PATIENCE)
+        if self._job.is_alive():
+            return json.dumps({"pending": self._number})
+        return json.dumps(self._job.answer)
+
+    def close(self) -> None:
+        """Leave ROS."""
+        self._session.close()
+
+
+def main() -> None:
+    """Serve until the input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C interrupts MATLAB's call, not the client
+    with os.fdopen(os.dup(1), "w") as answers:
+        os.dup2(2, 1)  # whatever else is printed must not look like an answer
+        server = Server()
+        try:
+            for line in sys.stdin:
+                answers.write(f"{server.answer(line)}\n")
+                answers.flush()
+        finally:
+            server.close()
+
+
+if __name__ == "__main__":
+    main()
