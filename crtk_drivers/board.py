@@ -110,7 +110,8 @@ class StatusBoard:
         self._health.refused(refusal)
         with self.lock:
             self._tell(lambda observer: observer.command_refused(refusal))
-            if refusal.command.startswith("move_") and not self.status.is_busy:
+            is_move = refusal.command.rpartition("/")[2].startswith("move_")
+            if is_move and not self.status.is_busy:
                 self.update(busy=True)
                 self.update(busy=False)
 

@@ -389,7 +389,7 @@ class MotionExecutor:
         superseded, self._move = self._move, None
         if superseded is not None:
             superseded.move.finish(Outcome.PREEMPTED, f"by {name}")
-        if not name.startswith("move_"):
+        if find(name).level is not Level.MOVE:
             self._not_busy()
 
     def _finish_move(self, outcome: Outcome, reason: str = "") -> None:

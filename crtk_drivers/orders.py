@@ -6,6 +6,8 @@ what only inverse kinematics or the distance from the present setpoint can tell.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from crtk_drivers.arbiter import Order
@@ -99,12 +101,18 @@ class OrderMaker:
             CommandRefused: too far from the present setpoint, or out of reach.
         """
         if isinstance(value, Pose) and not command.is_relative:
-            value = pose_in_base(value, command.frame, self._capabilities.base_pose)
+            value = self._in_base(command, value)
+        elif isinstance(value, CartesianServo):
+            value = replace(value, task=self._in_base(command, value.task))
         if command.level is Level.MOVE:
             return self._move(command, value)
         if command.level is Level.INTERPOLATE:
             return self._interpolate(command, value)
         return self._servo(command, value)
+
+    def _in_base(self, command: Command, pose: Pose) -> Pose:
+        pose = pose_in_base(pose, command.frame, self._capabilities.base_pose)
+        return replace(pose, frame_id=self._capabilities.base_frame)
 
     # ---------------------------------------------------------------------------------------- servo
 

@@ -115,12 +115,14 @@ class TwistOutput:
         before = self._velocity
         velocity = self._rates.follow_twist(joints, jacobian, twist, before).velocity
         self._velocity = velocity
+        acceleration = vector((velocity - before) / self._cycle)
+        done = vector(jacobian @ velocity)  # within the limits, and without what is damped
         if self._takes_velocities:
-            return Point(Setpoint(Mode.JOINT_VELOCITY, velocity), twist=twist)
+            setpoint = Setpoint(Mode.JOINT_VELOCITY, velocity)
+            return Point(setpoint, None, acceleration, done)
         position = vector(joints + velocity * self._cycle)
         state = JointState(position=position, velocity=velocity)
-        acceleration = vector((velocity - before) / self._cycle)
-        return Point(Setpoint(Mode.JOINT_POSITION, position), state, acceleration, twist)
+        return Point(Setpoint(Mode.JOINT_POSITION, position), state, acceleration, done)
 
     @property
     def is_at_rest(self) -> bool:
