@@ -44,6 +44,7 @@ from crtk_drivers.frames import (
     wrench_from_base,
     wrench_in_base,
 )
+from crtk_drivers.rotation import turn
 from crtk_drivers.samples import (
     EMPTY,
     JointState,
@@ -66,6 +67,9 @@ _POSITION_MODES = frozenset({None, Mode.JOINT_POSITION, Mode.CARTESIAN_POSITION}
 
 _STREAMING = 2.0
 """Intervals between two positions after which the next one is missing, and the stream stands."""
+
+_TOLERANCE = 1.05
+"""By how much a stream may exceed a velocity limit, for its clock is not ours."""
 
 _SHORT = 1e-6
 """Seconds over which a derivative is taken of the Jacobian."""
@@ -94,8 +98,8 @@ class Point:
 class _Active:
     """The setpoint in force: `mode` None means holding, or the hardware's own trajectory.
 
-    `drift` (n,) is how fast positions that come without a velocity are moving on: they were sent at the time
-    `sent`, `interval` after those before.
+    `drift` is how fast positions that come without a velocity are moving on, joints (n,) or the tool (6,):
+    they were sent at the time `sent`, `interval` after those before.
     """
 
     mode: Mode | None = None
@@ -166,9 +170,8 @@ class Feedback:
             wrench = values
         before, interval = self._active, now - self._active.sent
         drift = EMPTY
-        follows = mode is Mode.JOINT_POSITION and before.mode is mode and interval > 0.0
-        if follows and before.joints.position.size and not joints.velocity.size:
-            drift = vector((joints.position - before.joints.position) / interval)
+        if before.mode is mode and interval > 0.0 and not (joints.velocity.size or twist.size):
+            drift = _drift(mode, before, joints.position, pose, interval)
         self._active = _Active(
             mode, joints, pose, point.acceleration, twist, wrench, drift, stamp_ns, now, interval
         )
@@ -294,8 +297,8 @@ class Feedback:
         active = self._active
         position = self.reference_joints()
         velocity, acceleration = self.joint_setpoint().velocity, active.acceleration
-        if active.drift.size and now - active.sent < _STREAMING * active.interval:
-            velocity = np.clip(active.drift, -self._fastest, self._fastest)
+        if active.mode is Mode.JOINT_POSITION and self._drifts(now):
+            velocity = active.drift
         elif not velocity.size and active.mode not in _POSITION_MODES:
             velocity = self._measured().velocity  # an effort or a twist is in force
         at_rest = vector(np.zeros(position.size))
@@ -303,6 +306,24 @@ class Feedback:
             position,
             velocity if velocity.size else at_rest,
             acceleration if acceleration.size else at_rest,
+        )
+
+    def _drifts(self, now: float) -> bool:
+        """Whether the positions of a stream, which come without a velocity, are moving on.
+
+        What was faster than anything may move was a step, and leads nowhere.
+        """
+        active, limits = self._active, self._capabilities.cartesian_limits
+        if not active.drift.size or now - active.sent >= _STREAMING * active.interval:
+            return False
+        if active.mode is Mode.JOINT_POSITION:
+            return bool((np.abs(active.drift) <= self._fastest * _TOLERANCE).all())
+        if limits is None:
+            return False
+        linear, angular = math.hypot(*active.drift[:3]), math.hypot(*active.drift[3:])
+        return (
+            linear <= limits.linear_velocity * _TOLERANCE
+            and angular <= limits.angular_velocity * _TOLERANCE
         )
 
     def reference_pose(self, native: bool = False) -> Pose | None:
@@ -327,6 +348,8 @@ class Feedback:
         """Return the twist (6,) of the tool, base axes, that a new motion starts from."""
         if self._active.twist.size:
             return self._active.twist
+        if self._active.mode is Mode.CARTESIAN_POSITION and self._drifts(now):
+            return self._active.drift
         joints, velocity, _ = self.motion(now)
         if not self._capabilities.has_kinematics or not velocity.any():
             return vector(np.zeros(6))
@@ -424,3 +447,13 @@ class Feedback:
         if not isinstance(value, JointState) or not self._capabilities.has_kinematics:
             return None
         return Matrix(self._device.jacobian(value.position))
+
+
+def _drift(mode: Mode, before: _Active, position: Vector, pose: Vector, interval: float) -> Vector:
+    """Return how fast a stream of positions or poses (7,) moves."""
+    if mode is Mode.JOINT_POSITION and before.joints.position.size:
+        return vector((position - before.joints.position) / interval)
+    if mode is Mode.CARTESIAN_POSITION and before.pose.size:
+        moved = pose[:3] - before.pose[:3]
+        return vector(np.concatenate((moved, turn(pose[3:], before.pose[3:]))) / interval)
+    return EMPTY

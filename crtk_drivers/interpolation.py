@@ -78,6 +78,9 @@ _SLOPE_BASELINE = 0.03
 _REFERENCE_SHARE = 0.95
 """The reference's largest share of a velocity limit; the rest is for catching up."""
 
+_ROUNDING = 1e-12
+"""rad (m) and their derivatives that are nothing but rounding."""
+
 _LONGEST_STEP = 2.0
 """Cycles that one step may advance: after a late cycle the motion goes on where it was."""
 
@@ -192,9 +195,9 @@ class _Approach:
         """Go from `state` (position, velocity, acceleration) to the line reference + slope * time."""
         position, velocity, acceleration = state
         problem = self._problem
-        problem.current_position = (position - reference).tolist()
-        problem.current_velocity = (velocity - slope).tolist()
-        problem.current_acceleration = acceleration.tolist()
+        problem.current_position = _without_rounding(position - reference)
+        problem.current_velocity = _without_rounding(velocity - slope)
+        problem.current_acceleration = _without_rounding(acceleration)
         problem.min_velocity = (-self._velocity - slope).tolist()
         problem.max_velocity = (self._velocity - slope).tolist()
         problem.control_interface = ControlInterface.Position
@@ -654,6 +657,11 @@ class PoseInterpolator(Interpolator[tuple[Vector, Vector]]):
 
     def _zero(self) -> tuple[Vector, Vector]:
         return self._goals.newest[1]  # never asked for: a pose rests at its goal
+
+
+def _without_rounding(values: Vector) -> list[float]:
+    """Return numbers of which those are zero that are nothing but rounding: ruckig cannot solve for them."""
+    return [0.0 if abs(value) < _ROUNDING else value for value in values.tolist()]
 
 
 def _finite(values: ArrayLike, size: int) -> Vector:

@@ -282,6 +282,8 @@ def check_line(
         KinematicsError: it leaves the reach or the range of a joint, or makes a joint too fast, as near a
             singularity; its message says where.
     """
+    if line.duration <= 0.0:
+        return vector(start)  # it is there already
     count = max(LINE_SAMPLES, math.ceil(line.duration / LINE_SAMPLE_TIME))
     lower = vector([limit.lower for limit in limits])
     upper = vector([limit.upper for limit in limits])
