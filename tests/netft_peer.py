@@ -24,17 +24,29 @@ class Peer:
 
     Attributes:
         on_start: called with each start request's command, in the peer's thread, or None.
+        rate: of the stream of records that it sends from a start to a stop, in Hz; 0 for none.
+        tick_rate: of its own measurements, in Hz.
+        status, counts: what its records hold.
+        frozen: its measurements stand still.
         requests: all that arrived, as (command, count).
     """
 
     def __init__(self, host: str = "127.0.0.1") -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind((host, 0))
-        self.socket.settimeout(0.02)
+        self.socket.settimeout(0.001)
         self.host, self.port = self.socket.getsockname()
         self.requests: list[tuple[int, int]] = []
         self.client: tuple[str, int] | None = None
         self.on_start: Callable[[int], None] | None = None
+        self.rate = 0.0
+        self.tick_rate = 7000.0
+        self.status = 0
+        self.counts: tuple[int, ...] = (0,) * 6
+        self.frozen = False
+        self._begun = self._booted = time.monotonic()
+        self._sent = 0
+        self._ticks = 0
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run)
 
@@ -55,8 +67,30 @@ class Peer:
             assert time.monotonic() < deadline, f"no request {command:#x}: {self.requests}"
             time.sleep(0.002)
 
+    def reboot(self) -> None:
+        """Lose the client and begin to count anew."""
+        self.client = None
+        self._booted = time.monotonic()
+
+    def steal(self) -> None:
+        """Send to nobody until the stream is asked for again, as if another client had asked."""
+        self.client = None
+
+    def _feed(self) -> None:
+        if self.client is None or not self.rate:
+            return
+        due = int((time.monotonic() - self._begun) * self.rate)
+        step = round(self.tick_rate / self.rate)
+        while self._sent < due:
+            self._sent += 1
+            if not self.frozen:
+                before = int((self._begun - self._booted) * self.tick_rate)
+                self._ticks = before + self._sent * step
+            self.send(record(self._sent, self._ticks, self.status, self.counts))
+
     def _run(self) -> None:
         while not self._ended.is_set():
+            self._feed()
             try:
                 data, address = self.socket.recvfrom(64)
             except TimeoutError:
@@ -68,7 +102,9 @@ class Peer:
             header, command, count = struct.unpack(">HHI", data)
             assert header == 0x1234
             if command in (1, 2, 3):
-                self.client = address
+                self.client, self._begun, self._sent = address, time.monotonic(), 0
+            elif command == 0:
+                self.client = None
             self.requests.append((command, count))
             if command in (1, 2, 3) and self.on_start is not None:
                 self.on_start(command)

@@ -19,6 +19,7 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from crtk_driver_ati_netft import units
+from crtk_driver_ati_netft.units import Scale
 from crtk_drivers.errors import ProtocolError
 from crtk_drivers.samples import Vector, vector
 
@@ -28,33 +29,6 @@ LONGEST_PAGE: Final = 262144
 _REPORT = "Report it with the page and the firmware of the sensor, or give the scale in the configuration."
 
 _Value = TypeVar("_Value")
-
-
-@dataclass(frozen=True, slots=True)
-class Scale:
-    """What a count is worth.
-
-    Attributes:
-        counts_per_force, counts_per_torque: per unit.
-        force, torque: N and N·m in one unit.
-    """
-
-    counts_per_force: float
-    counts_per_torque: float
-    force: float = 1.0
-    torque: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name in ("counts_per_force", "counts_per_torque", "force", "torque"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} is {getattr(self, name)}, not above zero")
-
-    @property
-    def factors(self) -> Vector:
-        """SI value of one count of each axis (6,), in N and N·m."""
-        force = self.force / self.counts_per_force
-        torque = self.torque / self.counts_per_torque
-        return vector([force] * 3 + [torque] * 3)
 
 
 @dataclass(frozen=True)

@@ -73,8 +73,10 @@ class ClockFit:
         x = (ticks - self._origin[0]).astype(np.float64)
         y = arrivals - self._origin[1]
         late = self._add(x, y)
+        # Line and arrivals ascend, and so does the earlier of the two; only the line itself may move back.
         stamps = arrivals if late is None else arrivals - np.maximum(late, 0.0)
-        stamps = np.maximum.accumulate(np.maximum(stamps, self._last))
+        if stamps[0] < self._last:
+            stamps = np.maximum(stamps, self._last)
         self._last = float(stamps[-1])
         if arrivals[-1] >= self._block_end:
             self._end_block()

@@ -69,10 +69,14 @@ class Compensation:
     bias: Vector = field(default_factory=lambda: NO_LOAD)
     weight: Vector = field(default_factory=lambda: NO_LOAD)
     matrix: Array = field(default_factory=lambda: np.eye(6))
+    _offset: Vector = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_offset", self.matrix @ (self.bias + self.weight))
 
     def apply(self, values: Array) -> Array:
         """Return wrenches (n, 6) or (6,) without bias and weight, at the point and in the axes wanted."""
-        result: Array = (values - (self.bias + self.weight)) @ self.matrix.T
+        result: Array = values @ self.matrix.T - self._offset
         return result
 
 

@@ -22,6 +22,10 @@ class Filter(Protocol):
     def delay(self) -> float:
         """Group delay at rest, in values."""
 
+    @property
+    def rest(self) -> int:
+        """Values taken that are not in any result yet."""
+
     def take(self, values: Block) -> Block | None:
         """Return the newest result (axes,), None if there is no new one."""
 
@@ -47,17 +51,23 @@ class Mean:
         """See `Filter`."""
         return (self.window - 1) / 2.0
 
+    @property
+    def rest(self) -> int:
+        """See `Filter`."""
+        return len(self._rest)
+
     def take(self, values: Block) -> Block | None:
         """See `Filter`."""
-        if self._rest.size:
+        if len(self._rest):
             values = np.concatenate((self._rest, values))
         whole = len(values) // self.window * self.window
         self._rest = values[whole:]
         if not whole:
             return None
         last = values[whole - self.window : whole]
+        first = last[0]
         # from its first value, so that the mean of equal values is that value to the last bit
-        result: Block = last[0] + (last - last[0]).mean(axis=0)
+        result: Block = first + np.add.reduce(last - first) / self.window
         return result
 
     def reset(self) -> None:
@@ -103,6 +113,7 @@ class LowPass:
         self._pushes = pushes[::-1].T.copy()
         self._powers = powers
         self._read = read
+        self.rest = 0
         self._state: tuple[Block, Block] | None = None
 
     @property

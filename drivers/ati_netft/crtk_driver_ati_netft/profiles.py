@@ -55,6 +55,7 @@ class Profile:
         has_web: configuration by HTTP.
         adc_rates: the rates that ``setadcrate`` takes, by the internal rate that follows; empty without.
         filters: -3 dB frequency in Hz of each filter code, where the family's manual lists them.
+        counts: per N and per N·m, where every sensor of the family has the same; None otherwise.
         filter_by_rdt, period_by_rdt: command for the filter code and the period in ms, None without.
     """
 
@@ -67,6 +68,7 @@ class Profile:
     has_web: bool = True
     adc_rates: Mapping[int, int] = field(default_factory=dict)
     filters: Mapping[int, float] = field(default_factory=dict)
+    counts: tuple[float, float] | None = None
     filter_by_rdt: int | None = None
     period_by_rdt: int | None = None
 
@@ -202,6 +204,7 @@ ONROBOT = Profile(
     status=_ONROBOT_STATUS,
     has_web=False,
     filters=MappingProxyType({0: 0.0, 1: 500.0, 2: 150.0, 3: 50.0, 4: 15.0, 5: 5.0, 6: 1.5}),
+    counts=(10000.0, 100000.0),
     filter_by_rdt=0x0081,
     period_by_rdt=0x0082,
 )

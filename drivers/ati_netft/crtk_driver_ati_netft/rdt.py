@@ -70,6 +70,11 @@ def decode(datagram: bytes | bytearray | memoryview) -> Records | None:
     return np.frombuffer(datagram, RECORD)
 
 
+def native(records: Records) -> NDArray[np.int32]:
+    """Return all numbers of records as this machine has them: (n, 9), in the order of `RECORD`."""
+    return records.view(">i4").reshape(-1, 9).astype(np.int32)
+
+
 class Decoded(NamedTuple):
     """The records of several datagrams, in the order of arrival.
 

@@ -78,9 +78,11 @@ class BatchReceiver:
             header.vectors = ctypes.addressof(self._vectors) + i * ctypes.sizeof(_IoVector)
             header.vector_count = 1
             header.control = self._control.ctypes.data + i * _CONTROL_SIZE
+        # Two fields of all headers: what the kernel wrote, and what it is told before.
         fields = np.frombuffer(memoryview(self._headers), _HEADER_FIELDS)
         self._control_lengths = fields["control_length"]
         self._lengths = fields["length"]
+        self._control_lengths[:] = _CONTROL_SIZE
         self._call = ctypes.PyDLL(None, use_errno=True).recvmmsg
         self._call.argtypes = (
             ctypes.c_int,
@@ -95,7 +97,6 @@ class BatchReceiver:
 
     def receive(self) -> Datagrams | None:
         """See `Receiver`."""
-        self._control_lengths[:] = _CONTROL_SIZE
         flags = socket.MSG_DONTWAIT | socket.MSG_TRUNC
         count = self._call(self._fd, self._address, MOST, flags, None)
         if count < 0:
@@ -103,7 +104,9 @@ class BatchReceiver:
             if code in (errno.EAGAIN, errno.EINTR):
                 return None
             raise OSError(code, os.strerror(code))
-        return Datagrams(self._data[:count], self._lengths[:count], self._arrivals(count))
+        arrivals = self._arrivals(count)
+        self._control_lengths[:count] = _CONTROL_SIZE
+        return Datagrams(self._data[:count], self._lengths[:count], arrivals)
 
     def _arrivals(self, count: int) -> NDArray[np.float64]:
         """Return the kernel's stamps on the monotonic clock; now, where there are none that can be used."""
@@ -111,14 +114,14 @@ class BatchReceiver:
         offset = time.time_ns() - round(now * 1e9)
         before, self._wall_offset = self._wall_offset, offset
         was_set = before is not None and abs(offset - before) > _CLOCK_STEP * 1e9
-        control = self._control[:count]
-        stamped = (control[:, 1] == _TIMESTAMP_KIND) & (self._control_lengths[:count] > 0)
-        if was_set or not stamped.all():
+        if was_set or not self._control_lengths[:count].all():
             return np.full(count, now)
-        wall = control[:, 2] * 1_000_000_000 + control[:, 3]
-        arrivals = (wall - offset).astype(np.float64) * 1e-9
-        result: NDArray[np.float64] = np.maximum.accumulate(np.minimum(arrivals, now))
-        return result
+        seconds, rest = divmod(offset, 1_000_000_000)
+        control = self._control[:count]
+        arrivals: NDArray[np.float64] = control[:, 2] - seconds + (control[:, 3] - rest) * 1e-9
+        if arrivals[0] > arrivals[-1] or arrivals[-1] > now:
+            arrivals = np.maximum.accumulate(np.minimum(arrivals, now))
+        return arrivals
 
 
 class _IoVector(ctypes.Structure):
@@ -149,11 +152,6 @@ _HEADER_FIELDS: Final = np.dtype(
         "itemsize": ctypes.sizeof(_MessageHeader),
     }
 )
-
-_TIMESTAMP_KIND: Final = int(
-    np.array([socket.SOL_SOCKET, _SO_TIMESTAMPNS], np.int32).view(np.int64)[0]
-)
-"""Level and type of the control message with a stamp, as the 8 bytes that they are."""
 
 
 class PlainReceiver:

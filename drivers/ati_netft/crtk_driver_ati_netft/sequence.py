@@ -31,6 +31,8 @@ SLACK: Final = 0.25
 
 _WRAP: Final = 1 << 32
 _HALF: Final = 1 << 31
+_MOST: Final = 1 << 15
+_COUNT: Final = np.arange(1, _MOST + 1, dtype=np.uint32)
 
 
 class Event(StrEnum):
@@ -124,19 +126,18 @@ class SequenceTracker:
     def _take_plain(
         self, rdt: NDArray[np.uint32], ft: NDArray[np.uint32], when: NDArray[np.float64]
     ) -> Accepted | None:
-        """Follow a batch in which each record follows the one before; None if there is another one."""
-        if not self._any or self.frozen:
+        """Follow a batch that goes on at the same step; None if it does not."""
+        step, count = self.step, rdt.size
+        if not step or self._same or count > _MOST or count * step > self._rate:
             return None
-        expected = np.arange(self._rdt + 1, self._rdt + 1 + rdt.size, dtype=np.int64)
-        if not np.array_equal(rdt, (expected & (_WRAP - 1)).astype(np.uint32)):
+        one_by_one = _COUNT[:count]
+        rdts = one_by_one + np.uint32(self._rdt)
+        fts = one_by_one * np.uint32(step) + np.uint32(self._ft)
+        if (rdts != rdt).any() or (fts != ft).any():
             return None
-        steps = np.diff(ft, prepend=np.uint32(self._ft)).view(np.int32)
-        if int(steps.min()) <= 0 or int(steps.max()) > self._most(when[0] - self._when):
-            return None
-        ticks = self._ticks + np.cumsum(steps, dtype=np.int64)
-        self._rdt, self._ft = int(rdt[-1]), int(ft[-1])
-        self._ticks, self._when, self._same = int(ticks[-1]), float(when[-1]), 0
-        self.step = int(steps[-1])
+        ticks = one_by_one * np.int64(step) + self._ticks
+        self._rdt, self._ft = int(rdts[-1]), int(fts[-1])
+        self._ticks, self._when = int(ticks[-1]), float(when[-1])
         return Accepted(None, ticks)
 
     def _take_each(

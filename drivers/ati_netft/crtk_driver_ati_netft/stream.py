@@ -11,6 +11,7 @@ import logging
 import os
 import select
 import socket
+import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -103,7 +104,7 @@ class RdtStream:
         self.malformed = 0
         self.takeovers = 0
         self._where = f"RDT {host}:{port}"
-        self._profile = profile
+        self.profile = profile
         self._mode = mode
         self._wanted_buffer = receive_buffer
         self._make_receiver = make_receiver
@@ -113,6 +114,7 @@ class RdtStream:
         self._socket: socket.socket | None = None
         self._receiver: Receiver | None = None
         self._poll = select.poll()
+        self._waking = threading.Lock()
         self._wake = -1
         self._aborted = False
         self._malformed_row = 0
@@ -122,6 +124,18 @@ class RdtStream:
     def address(self) -> str:
         """Host and port, for messages."""
         return f"{self.host}:{self.port}"
+
+    @property
+    def frozen(self) -> bool:
+        """Whether records come, but the same measurement again and again."""
+        return self.tracker.frozen
+
+    @property
+    def record_rate(self) -> float:
+        """Records per second as far as it is known, in Hz; 0 before two have arrived."""
+        if not self.tracker.step:
+            return 0.0
+        return (self.clock_fit.tick_rate or self.profile.rate) / self.tracker.step
 
     @property
     def counters(self) -> Mapping[str, float]:
@@ -170,9 +184,9 @@ class RdtStream:
     def abort(self) -> None:
         """End an `open` that waits, from any thread; later ones fail."""
         self._aborted = True
-        wake = self._wake
-        if wake >= 0:
-            os.eventfd_write(wake, 1)
+        with self._waking:
+            if self._wake >= 0:
+                os.eventfd_write(self._wake, 1)
 
     def close(self) -> None:
         """Stop the stream and disconnect. May be called twice."""
@@ -207,9 +221,10 @@ class RdtStream:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
-        wake, self._wake = self._wake, -1
-        if wake >= 0:
-            os.close(wake)
+        with self._waking:
+            wake, self._wake = self._wake, -1
+            if wake >= 0:
+                os.close(wake)
 
     # ------------------------------------------------------------------------------------ requests
 
@@ -242,13 +257,13 @@ class RdtStream:
         self._send_bytes(rdt.encode_request(command, value))
 
     def _send(self, action: Action) -> None:
-        if action not in self._profile.actions:
-            raise ValueError(f"{self._profile.name} has no request for {action} over RDT")
-        self._send_bytes(rdt.encode_request(*self._profile.actions[action]))
+        if action not in self.profile.actions:
+            raise ValueError(f"{self.profile.name} has no request for {action} over RDT")
+        self._send_bytes(rdt.encode_request(*self.profile.actions[action]))
 
     def _start(self) -> None:
         self.tracker.expect_series()
-        self._send_bytes(rdt.encode_request(self._profile.starts[self._mode]))
+        self._send_bytes(rdt.encode_request(self.profile.starts[self._mode]))
 
     def _send_bytes(self, request: bytes) -> None:
         try:
@@ -322,12 +337,13 @@ class RdtStream:
         return self._batch(records, arrivals)
 
     def _batch(self, records: rdt.Records, arrivals: NDArray[np.float64]) -> Batch | None:
-        sequence = records["rdt_sequence"].astype(np.uint32)
-        accepted = self.tracker.take(sequence, records["ft_sequence"].astype(np.uint32), arrivals)
+        numbers = rdt.native(records)
+        unsigned = numbers.view(np.uint32)
+        accepted = self.tracker.take(unsigned[:, 0], unsigned[:, 1], arrivals)
         if accepted.keep is not None:
-            records, sequence = records[accepted.keep], sequence[accepted.keep]
+            numbers, unsigned = numbers[accepted.keep], unsigned[accepted.keep]
             arrivals = arrivals[accepted.keep]
-        if not sequence.size:
+        if not len(numbers):
             return None
         # Not when the last record arrived: it may have waited for us.
         if self._watch.heard(self._clock()):
@@ -338,9 +354,14 @@ class RdtStream:
         times = arrivals
         if not self.tracker.frozen:
             times = self.clock_fit.stamp(accepted.ticks, arrivals)
-        values = records["counts"].astype(np.float64) * self.factors
-        status = records["status"].astype(np.uint32)
-        return Batch(sequence, accepted.ticks, status, values, times, accepted.events)
+        return Batch(
+            sequence=unsigned[:, 0],
+            ticks=accepted.ticks,
+            status=unsigned[:, 2],
+            values=numbers[:, 3:] * self.factors,
+            times=times,
+            events=accepted.events,
+        )
 
     def _count_malformed(self, count: int, some_good: bool, lengths: NDArray[Any]) -> None:
         self.malformed += count

@@ -8,16 +8,15 @@ at a few hundred readings per second. It also tells units and scale where the we
 from __future__ import annotations
 
 import errno
-import os
 import select
-import socket
 import struct
 import time
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from crtk_driver_ati_netft import units
-from crtk_driver_ati_netft.calibration import Scale
+from crtk_driver_ati_netft.tcp_socket import TcpSocket
+from crtk_driver_ati_netft.units import Scale
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
 from crtk_drivers.samples import Vector, vector
 
@@ -135,7 +134,8 @@ class TcpChannel:
         self.where = f"TCP {host}:{port}"
         self._address = (host, port)
         self._clock = clock
-        self._socket: socket.socket | None = None
+        self._aborted = False
+        self._connection = TcpSocket(lambda: self._aborted, clock)
         self._reply = bytearray()
         self._asked_at = 0.0
         self._asked = False
@@ -147,24 +147,22 @@ class TcpChannel:
             ConnectionFailed: not by the monotonic `deadline`.
         """
         try:
-            left = deadline - self._clock()
-            if left <= 0.0:
-                raise TimeoutError("no time left")
-            self._socket = socket.create_connection(self._address, left)
+            self._connection.connect(*self._address, deadline)
         except OSError as error:
+            self._connection.close()
             raise ConnectionFailed(
-                f"cannot connect: {error}",
+                f"cannot connect: {error.strerror or error}",
                 where=self.where,
                 remedy="Check the address, the cable, and that the sensor is on.",
             ) from error
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._socket.setblocking(False)
+
+    def abort(self) -> None:
+        """End what waits, from any thread; later calls fail."""
+        self._aborted = True
 
     def close(self) -> None:
         """Disconnect. May be called twice."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+        self._connection.close()
         self._reply.clear()
         self._asked = False
 
@@ -206,28 +204,23 @@ class TcpChannel:
             raise ProtocolError(str(error), where=self.where, remedy=_REMEDY) from error
 
     def _ask(self, request: bytes) -> None:
-        peer = self._peer()
         try:
-            if peer.send(request) != len(request):
+            if self._connection.peer.send(request) != len(request):
                 raise BlockingIOError(errno.EAGAIN, "its buffer is full")
         except OSError as error:
-            raise self._lost(str(error)) from error
+            raise self._lost(error.strerror or str(error)) from error
         self._asked, self._asked_at = True, self._clock()
 
     def _await(self, size: int, deadline: float) -> bytes | None:
-        peer = self._peer()
-        poll = select.poll()
-        poll.register(peer, select.POLLIN)
         while len(self._reply) < size:
-            left = deadline - self._clock()
-            if not poll.poll(max(0.0, left) * 1000.0):
-                return None
             try:
-                piece = peer.recv(size - len(self._reply))
+                if not self._connection.wait(select.POLLIN, deadline):
+                    return None
+                piece = self._connection.peer.recv(size - len(self._reply))
             except BlockingIOError:
                 continue
             except OSError as error:
-                raise self._lost(os.strerror(error.errno or 0)) from error
+                raise self._lost(error.strerror or str(error)) from error
             if not piece:
                 raise self._lost("the sensor closed the connection")
             self._reply += piece
@@ -235,11 +228,6 @@ class TcpChannel:
         self._reply.clear()
         self._asked = False
         return reply
-
-    def _peer(self) -> socket.socket:
-        if self._socket is None:
-            raise self._lost("it is closed")
-        return self._socket
 
     def _lost(self, what: str) -> ConnectionLost:
         return ConnectionLost(

@@ -1,10 +1,14 @@
-"""Units of force, torque, length and angle as the sensors write them, and their factors to SI."""
+"""Units as the sensors write them, their factors to SI, and what a count is worth."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
+
+from crtk_drivers.samples import Vector, vector
 
 _POUND = 4.4482216152605
 _KILOGRAM = 9.80665
@@ -58,3 +62,30 @@ def factor(units: Mapping[str, float], text: str) -> float | None:
 def factor_of_code(units: Mapping[str, float], code: int) -> float | None:
     """Return the same for a unit code; None if there is none such."""
     return list(units.values())[code - 1] if 1 <= code <= len(units) else None
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """What a count is worth.
+
+    Attributes:
+        counts_per_force, counts_per_torque: per unit.
+        force, torque: N and N·m in one unit.
+    """
+
+    counts_per_force: float
+    counts_per_torque: float
+    force: float = 1.0
+    torque: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("counts_per_force", "counts_per_torque", "force", "torque"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} is {getattr(self, name)}, not above zero")
+
+    @property
+    def factors(self) -> Vector:
+        """SI value of one count of each axis (6,), in N and N·m."""
+        force = self.force / self.counts_per_force
+        torque = self.torque / self.counts_per_torque
+        return vector([force] * 3 + [torque] * 3)

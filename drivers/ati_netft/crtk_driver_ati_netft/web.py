@@ -7,8 +7,8 @@ silently: what counts is what `WebPages.read` says afterwards.
 
 from __future__ import annotations
 
+import errno
 import select
-import socket
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
@@ -21,9 +21,9 @@ from crtk_driver_ati_netft.calibration import (
     read_calibration,
     read_sensor,
 )
+from crtk_driver_ati_netft.tcp_socket import TcpSocket
 from crtk_drivers.errors import ConnectionFailed, ProtocolError
 
-PORT: Final = 80
 _LONGEST_ANSWER: Final = LONGEST_PAGE + 16384
 _ON = "The sensor's web server can be reached with a browser when it is on."
 
@@ -40,7 +40,7 @@ class WebPages:
     def __init__(
         self,
         host: str,
-        port: int = PORT,
+        port: int,
         timeout: float = 1.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -48,11 +48,16 @@ class WebPages:
         self.port = port
         self._timeout = timeout
         self._clock = clock
+        self._aborted = False
 
     @property
     def where(self) -> str:
         """For messages."""
         return f"http://{self.host}:{self.port}"
+
+    def abort(self) -> None:
+        """End what waits, from any thread; later calls fail."""
+        self._aborted = True
 
     def read(self, deadline: float | None = None) -> SensorInfo:
         """Return the sensor's configuration.
@@ -98,31 +103,30 @@ class WebPages:
         until = self._clock() + self._timeout
         until = until if deadline is None else min(until, deadline)
         request = f"GET {path} HTTP/1.0\r\nHost: {self.host}\r\nConnection: close\r\n\r\n"
+        connection = TcpSocket(lambda: self._aborted, self._clock)
         try:
-            with socket.create_connection((self.host, self.port), self._left(until)) as peer:
-                peer.settimeout(self._left(until))
-                peer.sendall(request.encode("ascii"))
-                answer = self._receive(peer, until)
+            if until <= self._clock():
+                raise TimeoutError(errno.ETIMEDOUT, "no time left; not asked in time")
+            connection.connect(self.host, self.port, until)
+            connection.peer.send(request.encode("ascii"))
+            answer = self._receive(connection, until)
         except OSError as error:
             raise ConnectionFailed(
-                f"GET {path}: {error or 'no answer in time'}", where=self.where, remedy=_ON
+                f"GET {path}: {error.strerror or error}", where=self.where, remedy=_ON
             ) from error
+        finally:
+            connection.close()
         return self._body(answer, path)
 
-    def _left(self, until: float) -> float:
-        left = until - self._clock()
-        if left <= 0.0:
-            raise TimeoutError("no complete answer in time")
-        return left
-
-    def _receive(self, peer: socket.socket, until: float) -> bytes:
+    @staticmethod
+    def _receive(connection: TcpSocket, until: float) -> bytes:
         """Return everything up to the end of the answer."""
         data = bytearray()
         complete = _LONGEST_ANSWER
         while len(data) < complete:
-            if not select.select([peer], [], [], self._left(until))[0]:
-                continue
-            piece = peer.recv(65536)
+            if not connection.wait(select.POLLIN, until):
+                raise TimeoutError(errno.ETIMEDOUT, "no complete answer in time")
+            piece = connection.peer.recv(65536)
             if not piece:
                 break
             searched = max(0, len(data) - 3)

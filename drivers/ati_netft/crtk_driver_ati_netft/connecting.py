@@ -1,0 +1,194 @@
+"""How a sensor is reached: what it is, what a count is worth, its settings, and then its stream."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from crtk_driver_ati_netft import settings
+from crtk_driver_ati_netft.calibration import SensorInfo
+from crtk_driver_ati_netft.config import NetFtConfig
+from crtk_driver_ati_netft.profiles import PROFILES, Mode, Profile, detect
+from crtk_driver_ati_netft.settings import SensorSettings
+from crtk_driver_ati_netft.source import Source
+from crtk_driver_ati_netft.stream import RdtStream
+from crtk_driver_ati_netft.tcp49151 import TcpChannel
+from crtk_driver_ati_netft.tcp_stream import TcpStream
+from crtk_driver_ati_netft.units import Scale
+from crtk_driver_ati_netft.web import WebPages
+from crtk_drivers.errors import ConfigError, ConnectionFailed, DeviceError
+from crtk_drivers.samples import vector
+
+logger = logging.getLogger(__name__)
+
+_UDP_SHARE = 0.5
+"""Of the time for the connection, before TCP is tried."""
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A sensor that is connected and streams."""
+
+    info: SensorInfo
+    profile: Profile
+    source: Source
+
+
+def connect(
+    config: NetFtConfig,
+    web: WebPages,
+    source: Source | None,
+    deadline: float,
+    tell: Callable[[Source], None],
+) -> Connection:
+    """Return a sensor that streams.
+
+    Args:
+        config: of the device.
+        web: its web server.
+        source: of the connection before, whose counters go on; None if there was none.
+        deadline: monotonic.
+        tell: called with each source before it is opened, so that it can be aborted.
+
+    Raises:
+        ConnectionFailed: not in time.
+        ProtocolError: what it says of itself cannot be used.
+    """
+    info = identify(config, web, deadline)
+    profile = PROFILES.get(config.profile) or detect(info.product)
+    if config.http and profile.has_web and info.tags:
+        info = settings.apply(web, info, profile, _wanted(config), deadline)
+        if config.scale is not None:
+            info = replace(info, scale=config.scale.scale)
+    return Connection(info, profile, _open(config, profile, info, source, deadline, tell))
+
+
+def identify(config: NetFtConfig, web: WebPages, deadline: float) -> SensorInfo:
+    """Return what the sensor says of itself, or as much as the configuration says of it.
+
+    Raises:
+        ConnectionFailed: it says nothing, and the configuration not what a count is worth.
+        ProtocolError: what it says cannot be used.
+    """
+    typed = config.scale.scale if config.scale is not None else None
+    profile = PROFILES.get(config.profile)
+    if typed is None and profile is not None and profile.counts is not None:
+        typed = Scale(*profile.counts)
+    if not config.http or (profile is not None and not profile.has_web):
+        if typed is None:
+            raise ConfigError("scale: is needed when http is false", where=web.host)
+        return SensorInfo(typed)
+    try:
+        return web.read(deadline)
+    except DeviceError as error:
+        if typed is not None:
+            logger.warning("%s; going on with the scale of the configuration", error)
+            return SensorInfo(typed, problems=(error.message,))
+        if not isinstance(error, ConnectionFailed):
+            raise
+        return _ask_over_tcp(config, error, deadline)
+
+
+def _ask_over_tcp(config: NetFtConfig, refusal: ConnectionFailed, deadline: float) -> SensorInfo:
+    """Return the scale that the TCP channel tells, for a sensor whose web server is off."""
+    channel = TcpChannel(config.host, config.tcp_port)
+    until = min(deadline, time.monotonic() + config.http_timeout)
+    try:
+        channel.open(until)
+        scale = channel.calibration(until).scale
+    except DeviceError as error:
+        raise ConnectionFailed(
+            f"{refusal.message}; over TCP: {error.message}",
+            where=refusal.where,
+            remedy="Check the address and that the sensor is on; or give `scale` and set http to false.",
+        ) from error
+    finally:
+        channel.close()
+    logger.warning("%s; the scale was read over TCP", refusal)
+    return SensorInfo(scale, problems=(refusal.message,))
+
+
+def _wanted(config: NetFtConfig) -> SensorSettings:
+    sensor = config.sensor
+    transform = sensor.tool_transform
+    return SensorSettings(
+        configuration=sensor.configuration,
+        internal_rate=sensor.internal_rate,
+        rdt_rate=sensor.rdt_rate,
+        filter_code=sensor.filter_code,
+        buffer_size=sensor.buffer_size,
+        tool_transform=None if transform is None else vector(transform),
+    )
+
+
+def _open(
+    config: NetFtConfig,
+    profile: Profile,
+    info: SensorInfo,
+    before: Source | None,
+    deadline: float,
+    tell: Callable[[Source], None],
+) -> Source:
+    if config.transport == "tcp":
+        return _open_tcp(config, before, deadline, tell)
+    left = deadline - time.monotonic()
+    share = _UDP_SHARE if config.transport == "auto" else 1.0
+    try:
+        return _open_udp(config, profile, info, before, time.monotonic() + left * share, tell)
+    except ConnectionFailed as error:
+        if config.transport == "udp":
+            raise
+        try:
+            source = _open_tcp(config, before, deadline, tell)
+        except DeviceError as second:
+            raise ConnectionFailed(
+                f"{error.message}; over TCP: {second.message}",
+                where=error.where,
+                remedy=error.remedy,
+            ) from second
+        logger.warning("%s; measuring over TCP instead, with 16 bits", error)
+        return source
+
+
+def _open_udp(
+    config: NetFtConfig,
+    profile: Profile,
+    info: SensorInfo,
+    before: Source | None,
+    deadline: float,
+    tell: Callable[[Source], None],
+) -> RdtStream:
+    if isinstance(before, RdtStream) and before.profile is profile:
+        stream = before
+    else:
+        stream = RdtStream(
+            config.host,
+            profile,
+            info.scale.factors,
+            port=config.rdt_port,
+            mode=Mode(config.mode),
+            rate=float(info.rdt_rate or min(profile.rate, 1000)),
+            receive_buffer=config.receive_buffer,
+        )
+    stream.factors = info.scale.factors
+    tell(stream)
+    stream.open(deadline)
+    by_rdt = {profile.filter_by_rdt: config.sensor.filter_code}
+    if config.sensor.rdt_rate is not None:
+        by_rdt[profile.period_by_rdt] = max(1, round(1000.0 / config.sensor.rdt_rate))
+    for command, value in by_rdt.items():
+        if command is not None and value is not None:
+            stream.send_value(command, value)
+            stream.resume()
+    return stream
+
+
+def _open_tcp(
+    config: NetFtConfig, before: Source | None, deadline: float, tell: Callable[[Source], None]
+) -> TcpStream:
+    tcp = before if isinstance(before, TcpStream) else TcpStream(config.host, config.tcp_port)
+    tell(tcp)
+    tcp.open(deadline)
+    return tcp

@@ -1,0 +1,400 @@
+"""The NetFT sensor as a CRTK device: it measures, and that is all.
+
+What the operating state means for a device without motors. Connected, it measures, and what it measures is
+published and valid in any state. ENABLED says that somebody relies on it: entering ENABLED takes a sensor
+without errors and fresh measurements, and an error (status bits, a frozen transducer, a restart) ends it in
+FAULT, so that a loop that is closed over the sensor is told by the state and not by its data alone. DISABLED
+and PAUSED ask for nothing. There is nothing to find (`home` returns at once, is_homed is always true), and
+the device is never busy.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from crtk_driver_ati_netft import connecting
+from crtk_driver_ati_netft.averaging import Averaging
+from crtk_driver_ati_netft.blocks import BlockReader
+from crtk_driver_ati_netft.calibration import SensorInfo
+from crtk_driver_ati_netft.compensation import Tool, transfer
+from crtk_driver_ati_netft.config import NetFtConfig
+from crtk_driver_ati_netft.monitor import LoadMonitor
+from crtk_driver_ati_netft.pipeline import Listener, Pipeline, Published
+from crtk_driver_ati_netft.profiles import NETBOX, PROFILES, Profile
+from crtk_driver_ati_netft.sequence import Event
+from crtk_driver_ati_netft.services import SensorBias, SensorServices
+from crtk_driver_ati_netft.source import Source
+from crtk_driver_ati_netft.stream import RECEIVE_BUFFER, Batch
+from crtk_driver_ati_netft.web import WebPages
+from crtk_drivers.commands import Payload
+from crtk_drivers.device import (
+    Capabilities,
+    Condition,
+    Device,
+    Input,
+    Note,
+    Service,
+    Setpoint,
+    Severity,
+    Steps,
+    StopPolicy,
+)
+from crtk_drivers.errors import ConnectionLost, DeviceFault
+from crtk_drivers.geometry import matrix_from_quaternion, quaternion_from_rotvec
+from crtk_drivers.samples import Array, Pose, Sample, Stamp, Vector, Wrench, vector
+from crtk_drivers.state import OperatingState
+
+logger = logging.getLogger(__name__)
+
+
+class NetFtDevice(Device):
+    """One sensor.
+
+    Besides CRTK it has the services and inputs of `crtk_driver_ati_netft.services`, and for programs in the
+    same process every measurement: `blocks`, `add_listener`.
+    """
+
+    def __init__(self, config: NetFtConfig) -> None:
+        self._config = config
+        self.info: SensorInfo | None = None
+        """What the sensor said of itself when it was connected last."""
+        self.profile: Profile = PROFILES.get(config.profile, NETBOX)
+        self.web = WebPages(config.host, config.http_port, config.http_timeout)
+        self._source: Source | None = None
+        self._aborted = False
+        self._connected_before = False
+        self._just_opened = False
+        self._due = 0.0
+        self._averaging: Averaging | None = None
+        self.monitor = LoadMonitor(self.profile, config.alarm)
+        self._mounting = _matrix(config.mounting)
+        measuring = config.measuring_frame_id or config.frame_id
+        self._measuring_frame = measuring
+        self.pipeline = Pipeline(
+            config.rate,
+            config.low_pass,
+            transfer(vector(config.point), _matrix(config.rotation)),
+            vector(config.gravity),
+            f"ati-netft {self.address}",
+        )
+        self.pipeline.set_bias(vector(config.bias))
+        if config.tool is not None:
+            tool = Tool(config.tool.mass, vector(config.tool.center_of_mass))
+            self.pipeline.set_tool(tool)
+        if config.orientation is not None:
+            self.pipeline.set_rotation(_matrix(config.orientation))
+        self._services = SensorServices(self)
+        self._capabilities = Capabilities(
+            measured=("measured_cf", "raw/measured_cf"),
+            rate=config.rate,
+            paced_by_stream=True,
+            base_frame=config.frame_id,
+            tool_frame=measuring,
+            transition_timeout=10.0,
+            stop=StopPolicy(0.0, "has nothing that moves"),
+        )
+
+    # -------------------------------------------------------------------------- programs in this process
+
+    @property
+    def source(self) -> Source:
+        """What brings the measurements.
+
+        Raises:
+            ConnectionLost: the device is not open.
+        """
+        if self._source is None:
+            raise ConnectionLost("not connected", where=self.address, remedy="Open it first.")
+        return self._source
+
+    def blocks(self) -> BlockReader:
+        """Return a reader of every measurement from now on; iterate over it for blocks.
+
+        It ends when the device is closed, and begins again after it, so that a lost link is a pause.
+        """
+        return self.pipeline.reader()
+
+    def add_listener(self, listener: Listener) -> None:
+        """Call `listener` with every block, in the I/O thread: it must return at once."""
+        self.pipeline.add_listener(listener)
+
+    def remove_listener(self, listener: Listener) -> None:
+        """Call it no more."""
+        self.pipeline.remove_listener(listener)
+
+    # ---------------------------------------------------------------------------------------- the device
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """See the base class."""
+        return self._capabilities
+
+    @property
+    def address(self) -> str:
+        """See the base class."""
+        return f"{self._config.host}:{self._config.rdt_port}"
+
+    @property
+    def config(self) -> NetFtConfig:
+        """As it was given."""
+        return self._config
+
+    def open(self, deadline: float) -> None:
+        """See the base class."""
+        found = connecting.connect(
+            self._config, self.web, self._source, deadline, self._about_to_open
+        )
+        self.info = found.info
+        if found.profile is not self.profile:
+            self.profile = found.profile
+            self.monitor = LoadMonitor(found.profile, self._config.alarm)
+        self.monitor.clear()
+        self.monitor.set_rated(found.info.rated)
+        self._log_connection(found.info)
+        if self._connected_before:
+            self._services.doubt_bias("the connection was lost")
+        self._connected_before = self._just_opened = True
+        self.pipeline.restart()
+        self.pipeline.ring.open()
+        self._due = 0.0
+
+    def abort_open(self) -> None:
+        """See the base class."""
+        self._aborted = True
+        self.web.abort()
+        if self._source is not None:
+            self._source.abort()
+
+    def _about_to_open(self, source: Source) -> None:
+        self._source = source
+        if self._aborted:
+            source.abort()
+
+    def close(self) -> None:
+        """See the base class."""
+        self.pipeline.ring.close()
+        self._services.close()
+        if self._source is not None:
+            self._source.close()
+
+    def read(self, deadline: float) -> Sample | None:
+        """See the base class."""
+        source = self.source
+        while True:
+            batch = source.receive(deadline, min(self._due, deadline))
+            if batch is None:
+                return None
+            self._follow(batch)
+            published = self.pipeline.take(batch, source.record_rate)
+            self._due = time.monotonic() + self.pipeline.pending
+            if published is not None:
+                return self._sample(published, batch)
+
+    def write(self, setpoint: Setpoint) -> None:
+        """Not called: a sensor has no modes."""
+        raise NotImplementedError
+
+    def stop(self) -> None:
+        """See the base class."""
+
+    def enable(self) -> Steps:
+        """Rely on the measurements from now on.
+
+        Raises:
+            DeviceFault: the sensor reports an error, or is frozen.
+        """
+        condition = self.condition
+        if condition.allows is OperatingState.FAULT:
+            raise DeviceFault(
+                condition.reason,
+                where=self.address,
+                remedy="Remove the cause, and enable again.",
+            )
+        yield from ()
+
+    @property
+    def condition(self) -> Condition:
+        """See the base class."""
+        now = time.monotonic()
+        reason = self.monitor.error(now)
+        if self._source is not None and self._source.frozen:
+            reason = "the transducer is frozen: the sensor repeats one measurement"
+        if self._config.on_saturation == "fault":
+            reason = reason or self.monitor.saturation(now)
+        return Condition(OperatingState.FAULT, reason) if reason else Condition()
+
+    # --------------------------------------------------------------------------------------- diagnostics
+
+    @property
+    def counters(self) -> Mapping[str, float]:
+        """See the base class."""
+        counters = dict(self._source.counters) if self._source is not None else {}
+        counters["record_rate"] = self._source.record_rate if self._source is not None else 0.0
+        counters["error_records"] = float(self.monitor.error_records)
+        counters["saturated_records"] = float(self.monitor.saturated_records)
+        counters["peak_of_rated"] = self.monitor.peak
+        counters["filter_delay"] = self.pipeline.delay
+        bias = self.pipeline.compensation.bias
+        for axis, value in zip(("fx", "fy", "fz", "tx", "ty", "tz"), bias.tolist(), strict=True):
+            counters[f"bias_{axis}"] = value
+        return counters
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """See the base class."""
+        now = time.monotonic()
+        monitor = self.monitor
+        found = [
+            (Severity.ERROR, "status", monitor.error(now)),
+            (Severity.ERROR, "saturation", monitor.saturation(now)),
+            (Severity.WARNING, "overload", monitor.overload(now)),
+            (Severity.INFO, "notice", ", ".join(monitor.notices)),
+            (Severity.WARNING, "orientation", self._orientation_note(now)),
+            (Severity.WARNING, "receive_buffer", self._buffer_note()),
+            *self._services.notes(),
+        ]
+        if self.info is not None:
+            found += [(Severity.WARNING, "web page", text) for text in self.info.problems]
+            found.append((Severity.INFO, "sensor", _describe(self.info, self.profile)))
+        return tuple(Note(severity, key, text) for severity, key, text in found if text)
+
+    def _orientation_note(self, now: float) -> str:
+        if self.pipeline.tool is None:
+            return ""
+        if self.pipeline.oriented_at is None:
+            return "unknown: the tool's weight is not taken off"
+        age = now - self.pipeline.oriented_at
+        if self._config.orientation is None and age > self._config.orientation_timeout:
+            return f"{age:.1f} s old: the tool's weight may be another"
+        return ""
+
+    def _buffer_note(self) -> str:
+        granted = self._source.counters.get("receive_buffer", 0.0) if self._source else 0.0
+        if not granted or granted >= min(self._config.receive_buffer, RECEIVE_BUFFER):
+            return ""
+        return (
+            f"the kernel grants {granted / 1024:.0f} KiB: measurements may be lost on a busy machine "
+            f"(sudo sysctl net.core.rmem_max={self._config.receive_buffer})"
+        )
+
+    def _log_connection(self, info: SensorInfo) -> None:
+        logger.info("%s: %s", self.address, _describe(info, self.profile))
+        if text := self._buffer_note():
+            logger.warning("%s: %s", self.address, text)
+
+    # ------------------------------------------------------------------------- services and inputs
+
+    @property
+    def services(self) -> Mapping[str, Service]:
+        """See the base class."""
+        return self._services.table
+
+    @property
+    def inputs(self) -> Mapping[str, Input]:
+        """See the base class."""
+        return {
+            "orientation": Input(
+                "pose of the sensor, or of what it is mounted on, in a frame at rest",
+                Payload.POSE,
+                self._take_orientation,
+            ),
+            "set_bias": Input(
+                "software bias, in the sensor's frame", Payload.WRENCH, self._services.take_bias
+            ),
+        }
+
+    @property
+    def bias(self) -> Vector:
+        """The software bias (6,), in the sensor's frame, N and N·m."""
+        return self.pipeline.compensation.bias
+
+    @property
+    def sensor_bias(self) -> SensorBias:
+        """What is known of the sensor's own bias."""
+        return self._services.sensor_bias
+
+    def begin_average(self, seconds: float) -> Averaging:
+        """Average the measurements from now on; the newest average asked for is the one that goes on."""
+        self._averaging = Averaging(seconds, time.monotonic())
+        return self._averaging
+
+    def _take_orientation(self, value: Any) -> None:
+        assert isinstance(value, Pose)
+        rotation = matrix_from_quaternion(value.orientation) @ self._mounting
+        self.pipeline.set_rotation(rotation)
+
+    # --------------------------------------------------------------------------------------- inside
+
+    def _follow(self, batch: Batch) -> None:
+        now = time.monotonic()
+        self.monitor.take(batch, now)
+        just_opened, self._just_opened = self._just_opened, False
+        for event, _ in batch.events:
+            self._happened(event, just_opened)
+        averaging = self._averaging
+        if averaging is None:
+            return
+        averaging.take(batch.values, batch.times)
+        averaging.spoilt = self.monitor.error(now) or self.monitor.saturation(now)
+        if averaging.done:
+            self._averaging = None
+
+    def _happened(self, event: Event, just_opened: bool) -> None:
+        if event is Event.RESTARTED:
+            self._services.doubt_bias("the sensor was restarted")
+        if event is Event.RESTARTED and not just_opened:
+            raise ConnectionLost(
+                "the sensor was restarted: its bias is gone, and its scale may be another",
+                where=self.address,
+                remedy="The driver reads its configuration again. Set the bias anew.",
+            )
+        if event is Event.TAKEN_OVER:
+            self._services.doubt_bias("another client had the sensor")
+            logger.warning(
+                "%s: another client seems to use the sensor, which sends to one only", self.address
+            )
+
+    def _sample(self, published: Published, batch: Batch) -> Sample:
+        value, raw = published.value, published.raw
+        stamp = Stamp(published.wall_ns, published.time)
+        if not self._is_valid(batch):
+            stamp = Stamp(0, float(batch.times[-1]))
+        values = {
+            "measured_cf": _wrench(value, self._measuring_frame),
+            "raw/measured_cf": _wrench(raw, self._config.frame_id),
+        }
+        return Sample(stamp, values)
+
+    def _is_valid(self, batch: Batch) -> bool:
+        if self.source.frozen:
+            return False
+        if not batch.status.any():
+            return True
+        table = self.profile.status
+        if table.is_error(batch.status).any():
+            return False
+        flagged = self._config.on_saturation == "flag"
+        return flagged or not table.is_saturated(batch.status).any()
+
+
+def _matrix(rotvec: tuple[float, float, float]) -> Array:
+    return matrix_from_quaternion(quaternion_from_rotvec(vector(rotvec)))
+
+
+def _wrench(values: Array, frame_id: str) -> Wrench:
+    values.setflags(write=False)
+    return Wrench(values[:3], values[3:], frame_id)
+
+
+def _describe(info: SensorInfo, profile: Profile) -> str:
+    parts = [
+        info.product or profile.summary,
+        f"serial {info.serial}" if info.serial else "",
+        f"firmware {info.firmware}" if info.firmware else "",
+        f"calibration {info.calibration_serial}" if info.calibration_serial else "",
+        f"{info.rdt_rate} records/s" if info.rdt_rate else "",
+    ]
+    return ", ".join(part for part in parts if part)

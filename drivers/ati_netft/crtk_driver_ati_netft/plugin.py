@@ -1,0 +1,52 @@
+"""The entry point of the driver."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.util import find_spec
+from typing import Any
+
+from crtk_driver_ati_netft.config import NetFtConfig
+from crtk_drivers.device import Device
+from crtk_drivers.errors import ConfigError, MissingExtra
+from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.sims import RunningSim
+
+
+def _create(config: NetFtConfig) -> Device:
+    if find_spec("defusedxml") is None:
+        raise MissingExtra("defusedxml", "ati-netft")
+    from crtk_driver_ati_netft.device import NetFtDevice
+
+    return NetFtDevice(config)
+
+
+def _require_host(config: NetFtConfig) -> None:
+    if not config.host:
+        raise ConfigError(
+            "host: is required for a real sensor",
+            where="ati-netft",
+            remedy="Give the sensor's address (--host 192.168.1.1), or use --sim.",
+        )
+
+
+def _at_sim(config: NetFtConfig, sim: RunningSim) -> NetFtConfig:
+    ports = {f"{name}_port": sim.ports[name] for name in ("rdt", "tcp", "http")}
+    return config.model_copy(update={"host": sim.host, **ports})
+
+
+def _sim_options(config: NetFtConfig) -> Mapping[str, Any]:
+    return {} if config.profile == "auto" else {"profile": config.profile}
+
+
+PLUGIN = DevicePlugin(
+    name="ati-netft",
+    summary="ATI NetFT force/torque sensors: Net Box, Ethernet Axia, SCHUNK FTN, OnRobot HEX",
+    config=NetFtConfig,
+    create=_create,
+    sim="netft",
+    extra="ati-netft",
+    check_real=_require_host,
+    sim_config=_at_sim,
+    sim_options=_sim_options,
+)

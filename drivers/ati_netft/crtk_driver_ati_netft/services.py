@@ -1,0 +1,310 @@
+"""What a NetFT sensor does beyond CRTK: bias, and finding the tool that hangs on it.
+
+Each is a procedure of the I/O thread. A bias is never set by itself. The software bias is ours: it can be
+read, set, and removed exactly. The sensor's own bias it keeps to itself, and it is unknown after the sensor
+was off or another client had it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import numpy as np
+
+from crtk_driver_ati_netft import settings
+from crtk_driver_ati_netft.averaging import Average
+from crtk_driver_ati_netft.compensation import NO_LOAD, ToolFit, fit_tool
+from crtk_driver_ati_netft.profiles import Action
+from crtk_drivers.device import Answer, Service, Severity
+from crtk_drivers.errors import CommandRefused, Reason, TransitionFailed
+from crtk_drivers.samples import Array, Vector, Wrench, vector
+
+if TYPE_CHECKING:
+    from crtk_driver_ati_netft.device import NetFtDevice
+
+AVERAGED: Final = 0.3
+"""Seconds of measurements of which a bias is the mean."""
+CHECKED: Final = 0.1
+"""Seconds of measurements by which it is checked."""
+POSE: Final = 0.5
+"""Seconds of measurements in each pose of a calibration."""
+SURE: Final = 6.0
+"""Standard errors by which two means may differ."""
+DRIFT: Final = 0.005
+"""Share of the rated load, besides, by which they may."""
+
+_Result = TypeVar("_Result")
+
+
+class SensorBias(StrEnum):
+    """What is known of the sensor's own bias."""
+
+    UNTOUCHED = "untouched"
+    """As the driver found it."""
+    SET = "set"
+    """Set by this driver."""
+    REMOVED = "removed"
+    """Removed by this driver."""
+    UNKNOWN = "unknown"
+    """The sensor was out of our hands."""
+
+
+class SensorServices:
+    """The services of one device."""
+
+    def __init__(self, device: NetFtDevice) -> None:
+        self.sensor_bias = SensorBias.UNTOUCHED
+        self.table: Mapping[str, Service] = {
+            "bias": Service("make the present load zero, in software", self._bias),
+            "unbias": Service("remove the software bias", self._unbias),
+            "get_bias": Service("tell the software bias", self._get_bias),
+            "sensor_bias": Service("make the present load zero, in the sensor", self._bias_sensor),
+            "sensor_unbias": Service("remove the sensor's own bias", self._unbias_sensor),
+            "clear_latch": Service("clear the latched monitor condition", self._clear_latch),
+            "calibration_add": Service(
+                "average the load in the present pose, for calibration_finish", self._add_pose
+            ),
+            "calibration_finish": Service(
+                "find tool and bias from the poses, and take them off", self._finish
+            ),
+            "calibration_clear": Service("forget the poses", self._clear_poses),
+        }
+        self.fit: ToolFit | None = None
+        """The result of the last calibration."""
+        self._device = device
+        self._doubt = ""
+        self._poses: list[tuple[Average, Array]] = []
+        self._worker: ThreadPoolExecutor | None = None
+
+    def close(self) -> None:
+        """End what still runs in the background."""
+        worker, self._worker = self._worker, None
+        if worker is not None:
+            worker.shutdown(wait=True, cancel_futures=True)
+
+    def doubt_bias(self, reason: str) -> None:
+        """The sensor was out of our hands: what it subtracts is not known any more."""
+        self.sensor_bias = SensorBias.UNKNOWN
+        self._doubt = reason
+
+    def notes(self) -> list[tuple[Severity, str, str]]:
+        """Return what people should know: severity, key, text."""
+        notes = []
+        if self.sensor_bias is SensorBias.UNKNOWN:
+            text = f"unknown: {self._doubt}. Set the bias anew, with the sensor unloaded"
+            notes.append((Severity.WARNING, "bias", text))
+        else:
+            notes.append((Severity.INFO, "bias", f"of the sensor: {self.sensor_bias}"))
+        if self._poses:
+            notes.append((Severity.INFO, "calibration", f"{len(self._poses)} poses taken"))
+        return notes
+
+    def take_bias(self, value: Any) -> None:
+        """Take a software bias, in the sensor's frame.
+
+        Raises:
+            CommandRefused: it is not finite, or stated in another frame.
+        """
+        assert isinstance(value, Wrench)
+        frame = self._device.config.frame_id
+        if value.frame_id not in ("", frame):
+            raise CommandRefused(
+                "set_bias",
+                Reason.WRONG_FRAME,
+                f"the bias is stated in {value.frame_id!r}",
+                remedy=f"State it in {frame!r}, the sensor's frame.",
+            )
+        if not np.isfinite(value.vector).all():
+            raise CommandRefused(
+                "set_bias", Reason.NOT_FINITE, "not finite", remedy="Send six finite numbers."
+            )
+        self._device.pipeline.set_bias(vector(value.vector))
+
+    # ------------------------------------------------------------------------------------- software
+
+    def _bias(self) -> Answer:
+        pipeline = self._device.pipeline
+        before = pipeline.compensation
+        average = yield from self._average(AVERAGED)
+        bias = vector(average.mean - before.weight)
+        pipeline.set_bias(bias)
+        after = yield from self._average(CHECKED)
+        moved = np.abs(after.mean - average.mean) > self._tolerance(average, after)
+        if moved.any():
+            pipeline.set_bias(before.bias)
+            raise TransitionFailed(
+                "the load changed while the bias was set; the bias is what it was",
+                where=self._device.address,
+                remedy="Leave the sensor alone for half a second, and try again.",
+            )
+        self._trust()
+        left = after.mean - average.mean
+        return f"software bias {_text(bias)}; left over {_text(left)}"
+
+    def _unbias(self) -> Answer:
+        self._device.pipeline.set_bias(NO_LOAD)
+        yield from ()
+        return "software bias removed"
+
+    def _get_bias(self) -> Answer:
+        yield from ()
+        return f"software bias {_text(self._device.bias)}; of the sensor: {self.sensor_bias}"
+
+    # --------------------------------------------------------------------------------- in the sensor
+
+    def _bias_sensor(self) -> Answer:
+        device = self._device
+        device.source.request(Action.BIAS)
+        yield from self._average(CHECKED)  # what was on its way when it was set
+        average = yield from self._average(AVERAGED)
+        if (np.abs(average.mean) > self._tolerance(average, average)).any():
+            self.doubt_bias("the sensor did not do what it was asked for")
+            raise TransitionFailed(
+                f"the sensor measures {_text(average.mean)} after its bias was set",
+                where=device.address,
+                remedy="Leave it alone for a second, and try again; or use `bias`.",
+            )
+        device.pipeline.set_bias(NO_LOAD)
+        self.sensor_bias = SensorBias.SET
+        return f"bias set in the sensor; left over {_text(average.mean)}. Software bias removed"
+
+    def _unbias_sensor(self) -> Answer:
+        device = self._device
+        if Action.UNBIAS in device.profile.actions:
+            device.source.request(Action.UNBIAS)
+        elif device.config.http and device.profile.has_web:
+            yield from self._in_background(lambda: settings.remove_bias(device.web))
+            device.source.resume()
+        else:
+            raise CommandRefused(
+                "sensor_unbias",
+                Reason.UNSUPPORTED,
+                "its bias can only be removed by its web page, which is switched off",
+                where=device.address,
+                remedy="Set http to true, or switch the sensor off and on.",
+            )
+        self.sensor_bias = SensorBias.REMOVED
+        average = yield from self._average(AVERAGED)
+        return f"bias of the sensor removed; it measures {_text(average.mean)}"
+
+    def _clear_latch(self) -> Answer:
+        device = self._device
+        if Action.CLEAR_LATCH not in device.profile.actions:
+            raise CommandRefused(
+                "clear_latch",
+                Reason.UNSUPPORTED,
+                f"the family {device.profile.name} has no request for it",
+                where=device.address,
+                remedy="Use the sensor's web page.",
+            )
+        device.source.request(Action.CLEAR_LATCH)
+        yield from self._average(CHECKED)
+        return ", ".join(device.monitor.notices) or "cleared"
+
+    # ----------------------------------------------------------------------------------- calibration
+
+    def _add_pose(self) -> Answer:
+        rotation = self._known_rotation()
+        average = yield from self._average(POSE)
+        if not np.allclose(rotation, self._known_rotation(), atol=2e-3):
+            raise TransitionFailed(
+                "the sensor was turned while it was measuring; the pose does not count",
+                where=self._device.address,
+                remedy="Hold it still, and try again.",
+            )
+        self._poses.append((average, rotation))
+        noise = float(np.linalg.norm(average.deviation[:3]))
+        return f"pose {len(self._poses)}: {_text(average.mean)}, noise {noise:.3g} N"
+
+    def _finish(self) -> Answer:
+        pipeline = self._device.pipeline
+        yield from ()
+        loads = np.array([average.mean for average, _ in self._poses]).reshape(-1, 6)
+        rotations = np.array([rotation for _, rotation in self._poses]).reshape(-1, 3, 3)
+        try:
+            fit = fit_tool(loads, rotations, vector(self._device.config.gravity))
+        except ValueError as error:
+            raise CommandRefused(
+                "calibration_finish",
+                Reason.OUT_OF_RANGE,
+                str(error),
+                where=self._device.address,
+                remedy="Add poses with calibration_add, or begin anew with calibration_clear.",
+            ) from error
+        self.fit = fit
+        pipeline.set_tool(fit.tool)
+        pipeline.set_bias(fit.bias)
+        self._poses.clear()
+        self._trust()
+        center = ", ".join(f"{value * 1e3:.2f}" for value in fit.tool.center.tolist())
+        return (
+            f"mass {fit.tool.mass:.4f} kg (± {fit.mass_error:.4f}), centre of mass {center} mm "
+            f"(± {np.max(fit.center_error) * 1e3:.2f}), bias {_text(fit.bias)}; "
+            f"residuals {fit.force_residual:.3g} N, {fit.torque_residual:.3g} N·m"
+        )
+
+    def _clear_poses(self) -> Answer:
+        self._poses.clear()
+        yield from ()
+        return "no poses"
+
+    @property
+    def poses(self) -> tuple[tuple[Vector, Array], ...]:
+        """Mean load (6,) and rotation (3, 3) of each pose so far."""
+        return tuple((average.mean, rotation) for average, rotation in self._poses)
+
+    # --------------------------------------------------------------------------------------- inside
+
+    def _average(self, seconds: float) -> Generator[None, None, Average]:
+        averaging = self._device.begin_average(seconds)
+        while not averaging.done:
+            yield
+            if averaging.spoilt:
+                raise TransitionFailed(
+                    f"the measurements cannot be used: {averaging.spoilt}",
+                    where=self._device.address,
+                    remedy="Unload the sensor, or remove the cause, and try again.",
+                )
+        return averaging.result()
+
+    def _tolerance(self, one: Average, other: Average) -> Vector:
+        """Return by how much two means may differ, or one from zero (6,)."""
+        info = self._device.info
+        rated = info.rated if info is not None and info.rated.size else NO_LOAD
+        noise = np.maximum(one.deviation, other.deviation)
+        return vector(SURE * noise / np.sqrt(min(one.count, other.count)) + DRIFT * rated + 1e-9)
+
+    def _known_rotation(self) -> Array:
+        rotation = self._device.pipeline.rotation
+        if rotation is None:
+            raise CommandRefused(
+                "calibration_add",
+                Reason.EMPTY,
+                "the orientation of the sensor is not known",
+                where=self._device.address,
+                remedy="Send its pose to the input `orientation`.",
+            )
+        return rotation
+
+    def _in_background(self, work: Callable[[], _Result]) -> Generator[None, None, _Result]:
+        """Do what waits for the network in another thread, and go on measuring."""
+        if self._worker is None:
+            self._worker = ThreadPoolExecutor(1, "netft settings")
+        future = self._worker.submit(work)
+        while not future.done():
+            yield
+        return future.result()
+
+    def _trust(self) -> None:
+        """The software bias covers whatever the sensor subtracts."""
+        if self.sensor_bias is SensorBias.UNKNOWN:
+            self.sensor_bias = SensorBias.UNTOUCHED
+
+
+def _text(load: Array) -> str:
+    force = ", ".join(f"{value:.4g}" for value in load[:3].tolist())
+    torque = ", ".join(f"{value:.4g}" for value in load[3:].tolist())
+    return f"[{force}] N, [{torque}] N·m"

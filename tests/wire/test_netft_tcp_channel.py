@@ -1,0 +1,206 @@
+"""The TCP channel over a connection: cut anywhere, silent, closed; and the stream that stands on it."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+import pytest
+
+from crtk_driver_ati_netft.profiles import Action
+from crtk_driver_ati_netft.tcp49151 import TcpChannel
+from crtk_driver_ati_netft.tcp_stream import TcpStream
+from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
+
+SCALE = bytes.fromhex("1234 02 03 000F4240 000F4240 000A 000A 000A 0014 0014 0014")
+READING = bytes.fromhex("1234 8002 0064 FF9C 0001 0032 FFCE 0002")
+
+Answer = Callable[[bytes], list[bytes]]
+
+
+def normal(request: bytes) -> list[bytes]:
+    return [SCALE] if request[0] == 1 else [READING]
+
+
+@contextmanager
+def sensor(answer: Answer = normal) -> Iterator[tuple[int, list[bytes]]]:
+    """Answer each request with the pieces that `answer` gives; none: never, an empty one: close."""
+    requests: list[bytes] = []
+    ended = threading.Event()
+    listener = socket.create_server(("127.0.0.1", 0))
+    listener.settimeout(0.02)
+
+    def serve(peer: socket.socket) -> None:
+        peer.settimeout(0.02)
+        data = b""
+        while not ended.is_set():
+            with suppress(TimeoutError):
+                piece = peer.recv(4096)
+                if not piece:
+                    return
+                data += piece
+            while len(data) >= 20:
+                requests.append(data[:20])
+                pieces, data = answer(data[:20]), data[20:]
+                for part in pieces:
+                    if not part:
+                        return
+                    peer.sendall(part)
+
+    def run() -> None:
+        while not ended.is_set():
+            with suppress(TimeoutError, ConnectionError):
+                peer, _ = listener.accept()
+                with peer:
+                    serve(peer)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield listener.getsockname()[1], requests
+    finally:
+        ended.set()
+        thread.join()
+        listener.close()
+
+
+def soon(seconds: float = 10.0) -> float:
+    return time.monotonic() + seconds
+
+
+def test_measurements_are_in_si_units() -> None:
+    with sensor() as (port, requests):
+        stream = TcpStream("127.0.0.1", port)
+        stream.open(soon())
+        try:
+            first, second = stream.receive(soon()), stream.receive(soon())
+        finally:
+            stream.close()
+        assert first is not None
+        assert second is not None
+        assert first.values[0] == pytest.approx([1e-3, -1e-3, 1e-5, 1e-3, -1e-3, 4e-5])
+        assert first.status.tolist() == [0x80020000]
+        assert (first.sequence[0], second.sequence[0]) == (1, 2)
+        assert first.times[0] < second.times[0] < time.monotonic()
+        assert len(requests) == 3
+
+
+def test_replies_may_come_in_pieces() -> None:
+    def pieces(request: bytes) -> list[bytes]:
+        (whole,) = normal(request)
+        return [whole[i : i + 1] for i in range(len(whole))]
+
+    with sensor(pieces) as (port, _):
+        stream = TcpStream("127.0.0.1", port)
+        stream.open(soon())
+        try:
+            assert stream.receive(soon()) is not None
+        finally:
+            stream.close()
+
+
+def test_a_late_reply_is_waited_for_and_not_asked_for_again() -> None:
+    release = threading.Event()
+
+    def slow(request: bytes) -> list[bytes]:
+        if request[0] == 0:
+            release.wait(10.0)
+        return normal(request)
+
+    with sensor(slow) as (port, requests):
+        channel = TcpChannel("127.0.0.1", port)
+        channel.open(soon())
+        try:
+            assert channel.read(soon(0.05)) is None
+            assert channel.read(soon(0.05)) is None
+            release.set()
+            assert channel.read(soon()) is not None
+        finally:
+            channel.close()
+        assert len(requests) == 1
+
+
+def test_bias_and_latch_go_with_the_next_measurement() -> None:
+    with sensor() as (port, requests):
+        stream = TcpStream("127.0.0.1", port)
+        stream.open(soon())
+        try:
+            stream.receive(soon())
+            stream.request(Action.BIAS)
+            stream.request(Action.CLEAR_LATCH)
+            stream.receive(soon())
+            stream.receive(soon())
+        finally:
+            stream.close()
+        assert [request[-1] for request in requests] == [0, 0, 3, 0]
+        with pytest.raises(ProtocolError, match="unbias"):
+            stream.request(Action.UNBIAS)
+
+
+@pytest.mark.parametrize(
+    ("answer", "error", "message"),
+    [
+        (lambda r: [], ConnectionFailed, "no answer in time"),
+        (lambda r: [b""], ConnectionLost, "closed the connection"),
+        (lambda r: [b"\x00" * 24], ProtocolError, "header"),
+        (lambda r: [SCALE] if r[0] else [], ConnectionFailed, "no measurement"),
+        (lambda r: [SCALE] if r[0] else [b"\xff" * 16], ProtocolError, "header"),
+        (lambda r: [SCALE] if r[0] else [READING[:7], b""], ConnectionLost, "closed"),
+    ],
+    ids=["silent", "closes", "not a scale", "no measurement", "not one", "half of one"],
+)
+def test_what_is_no_sensor_is_said_so(answer, error, message) -> None:
+    with sensor(answer) as (port, _):
+        stream = TcpStream("127.0.0.1", port)
+        with pytest.raises(error, match=message) as caught:
+            stream.open(soon(0.3))
+        assert str(port) in caught.value.where
+        assert caught.value.remedy
+
+
+def test_a_closed_port_is_no_connection() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+    with pytest.raises(ConnectionFailed, match="refused"):
+        TcpStream("127.0.0.1", port).open(soon())
+
+
+def test_waiting_can_be_ended() -> None:
+    with sensor(lambda request: []) as (port, requests):
+        stream = TcpStream("127.0.0.1", port)
+        failed: list[Exception] = []
+
+        def run() -> None:
+            try:
+                stream.open(soon(600.0))
+            except (ConnectionFailed, ConnectionLost) as error:
+                failed.append(error)
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        deadline = soon()
+        while not requests:
+            assert time.monotonic() < deadline
+            time.sleep(0.002)
+        stream.abort()
+        thread.join(10.0)
+        assert not thread.is_alive()
+        assert "given up" in str(failed[0])
+
+
+def test_on_hold_nothing_is_asked_for() -> None:
+    with sensor() as (port, requests):
+        stream = TcpStream("127.0.0.1", port)
+        stream.open(soon())
+        try:
+            stream.receive(soon())
+            stream.hold()
+            assert stream.receive(soon(0.05)) is None
+            stream.resume()
+            assert stream.receive(soon()) is not None
+        finally:
+            stream.close()
+        assert len(requests) == 3
