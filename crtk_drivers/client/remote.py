@@ -165,14 +165,14 @@ class RemoteDevice(DeviceFront):
 
     def _getter(self, name: str, field: str) -> Callable[..., Any]:
         inbox: Inbox = self._space.connected(name)
-        is_goal = COMMANDS[name].level is Level.GOAL
+        is_latched = COMMANDS[name].level in (Level.GOAL, Level.SETTING)
 
         def getter(age: float | None = None, wait: float | None = None, extra: bool = False) -> Any:
             oldest = DEFAULT_AGE if age is None else age
             timeout = DEFAULT_WAIT if wait is None else wait
 
             def fresh(received: Received) -> bool:
-                if is_goal or oldest == 0.0:
+                if is_latched or oldest == 0.0:
                     return True
                 return received.wall_ns != 0 and time.monotonic() - received.since <= oldest
 
@@ -225,7 +225,7 @@ class RemoteDevice(DeviceFront):
         except NotOffered:
             tracker = None  # nobody will say whether it was accepted
         if not command.is_motion:
-            return self._plain_sender(name, outbox, tracker)
+            return self._plain_sender(command, outbox, tracker)
 
         def stream(value: Any) -> None:
             if tracker is not None:
@@ -244,21 +244,24 @@ class RemoteDevice(DeviceFront):
         return payload
 
     def _plain_sender(
-        self, name: str, outbox: Outbox, tracker: StatusTracker | None
-    ) -> Callable[[], None]:
-        if tracker is None:
-            return lambda: outbox.send(None)
-
-        def plain() -> None:
+        self, command: Command, outbox: Outbox, tracker: StatusTracker | None
+    ) -> Callable[..., None]:
+        def carry_out(send: Callable[[], object]) -> None:
+            if tracker is None:
+                send()
+                return
             watch = tracker.watch()
             try:
-                outbox.send(None)
-                watch.raise_refusal(name, GRACE)
+                send()
+                watch.raise_refusal(command.name, GRACE)
             finally:
                 tracker.unwatch(watch)
-            tracker.replace(name)
+            if command.level is Level.STATE:
+                tracker.replace(command.name)
 
-        return plain
+        if command.payload is Payload.EMPTY:
+            return lambda: carry_out(lambda: outbox.send(None))
+        return lambda value: carry_out(lambda: self._send(outbox, command, value))
 
     def _mover(self, name: str, command: Command, outbox: Outbox) -> Callable[[Any], RemoteMove]:
         space, tracker = self._space, self._space.status()
