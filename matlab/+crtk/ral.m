@@ -11,6 +11,10 @@ classdef ral < handle
         number  % by which the Python client knows it
     end
 
+    properties
+        connect_timeout = 10.0  % seconds in which crtk.utils must find its device
+    end
+
     methods
 
         function self = ral(name)

@@ -13,7 +13,7 @@ classdef utils < handle
 %       end
 %   end
 %
-%   utils(class_instance, ros_namespace, ral) finds the device, which takes up to 10 s. Without a ral it
+%   utils(class_instance, ros_namespace, ral) finds the device, which takes up to ral.connect_timeout. Without a ral it
 %   makes one of its own. A fourth argument is the object whose operating state tells when moves end, for
 %   a device below the namespace of that one and without an operating state: a jaw or a gripper.
 %
@@ -42,7 +42,8 @@ classdef utils < handle
                 self.owns_ral = true;
             end
             self.ral = ral;
-            request = struct('do', 'device', 'ral', ral.number, 'namespace', self.ros_namespace);
+            request = struct('do', 'device', 'ral', ral.number, ...
+                'namespace', self.ros_namespace, 'timeout', ral.connect_timeout);
             if nargin == 4
                 request.parent = operating_state_instance.crtk_device;
             end

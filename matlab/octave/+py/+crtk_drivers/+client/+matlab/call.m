@@ -1,9 +1,9 @@
 function answer = call(request, executable)
 %CALL  For GNU Octave, which cannot call Python: the same text, over a pipe to the same process.
 
-    persistent input output
-    if isempty(input)
-        [input, output] = popen2(executable, {'-P', '-m', 'crtk_drivers.client.matlab.server'});
+    persistent input output process
+    if isempty(process)
+        [input, output, process] = popen2(executable, {'-P', '-m', 'crtk_drivers.client.matlab.server'});
     end
     fputs(input, [request "\n"]);
     fflush(input);
@@ -13,12 +13,14 @@ function answer = call(request, executable)
         piece = fgets(output);
         if ischar(piece)
             answer = [answer piece];
-        elseif toc(start) > 30.0
-            input = output = [];
-            error('crtk:ConnectionLost', '%s gave no answer within 30 s: did it end?', executable);
-        else
-            fclear(output);
-            pause(0.0005);
+            continue
         end
+        if toc(start) > 30.0 || waitpid(process, WNOHANG()) == process
+            process = [];
+            error('crtk:ConnectionLost', ['the process that runs the client (%s) has ended, or ' ...
+                'does not answer. Make crtk.ral and crtk.utils anew.'], executable);
+        end
+        fclear(output);
+        pause(0.0005);
     end
 end
