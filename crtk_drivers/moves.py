@@ -40,6 +40,10 @@ class Move:
                 self.outcome, self.reason = outcome, reason
                 self._ended.set()
 
+    def is_busy(self) -> bool:
+        """Whether it has not ended yet."""
+        return not self._ended.is_set()
+
     def wait(self, timeout: float | None = None, is_busy: bool = False) -> bool:
         """Wait until the move has ended, or with `is_busy` until it has started.
 

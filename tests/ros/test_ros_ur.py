@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +23,10 @@ from crtk_drivers.config import NodeConfig
 from crtk_drivers.ros.serving import Serving
 from crtk_drivers.session import Session, open_session
 
-NOT_ON_A_UR = frozenset({"servo_jf", "local/measured_cp"})
+NOT_ON_A_UR = frozenset(
+    {"servo_jf", "servo_cf", "interpolate_cf", "setpoint_cf", "local/measured_cp"}
+)
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 class UrRig:
@@ -172,3 +178,18 @@ def test_an_emergency_stop_is_fault_with_its_reason_and_enable_recovers(ur: UrRi
     until(lambda: ur.session.sim.control.status()["robot_mode"] == "POWER_OFF", "power is cut")
     ur.session.sim.control.clear("emergency_stop")
     ur.client.reach("enable", "ENABLED")
+
+
+@pytest.mark.parametrize("name", ["move", "servo_at_200_hz", "interpolate_from_20_hz"])
+def test_an_example_runs_unchanged_on_the_far_side(ur: UrRig, name: str) -> None:
+    ur.enabled()
+    script = EXAMPLES / f"{name}.py"
+    done = subprocess.run(
+        [sys.executable, str(script), "/test_ros_ur"],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=50,
+    )
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+    assert ur.client.state.state == "ENABLED"
