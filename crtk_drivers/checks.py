@@ -7,10 +7,10 @@ a remedy; it changes nothing. What is really sent is judged once more, see `crtk
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crtk_drivers.commands import Command, Kind, Level, Payload
 from crtk_drivers.device import Capabilities
@@ -54,6 +54,10 @@ _VALUE_TYPE: dict[Payload, type] = {
     Payload.NUMBER: Number,
     Payload.FLAG: Flag,
 }
+
+_ZERO = vector(np.zeros(3))
+_NOTHING = (Pose(_ZERO, vector((0.0, 0.0, 0.0, 1.0))), Twist(_ZERO, _ZERO), Wrench(_ZERO, _ZERO))
+"""Of a mixed setpoint, what no axis follows."""
 
 
 class CommandCheck:
@@ -337,7 +341,7 @@ class CommandCheck:
                 f"{len(value.modes)} axis modes",
                 "Send six: translation along x, y, z, rotation about x, y, z.",
             )
-        used = self._check_modes(command, value.modes)
+        self._check_modes(command, value.modes)
         if len(set(value.modes[3:])) > 1:
             raise self._refusal(
                 command,
@@ -346,13 +350,23 @@ class CommandCheck:
                 "Rotations about single axes do not add up: use one mode for all three.",
             )
         task = self.check_pose(command, value.task)
-        pose, twist, wrench = value.pose, value.twist, value.wrench
-        if AxisMode.POSITION in used:
-            pose = self.check_pose(command, replace(pose, frame_id=""))
-        if AxisMode.VELOCITY in used:
-            self._check_twist(command, replace(twist, frame_id=""))
-        if AxisMode.EFFORT in used:
-            self._check_wrench(command, replace(wrench, frame_id=""))
+        modes = np.array(value.modes)
+        goes, moves, pushes = (
+            modes == mode for mode in (AxisMode.POSITION, AxisMode.VELOCITY, AxisMode.EFFORT)
+        )
+        pose, twist, wrench = _NOTHING
+        if goes.any():
+            orientation = value.pose.orientation if goes[3] else pose.orientation
+            pose = Pose(_counted(value.pose.position, goes[:3]), orientation)
+            pose = self.check_pose(command, pose)
+        if moves.any():
+            linear = _counted(value.twist.linear, moves[:3])
+            twist = Twist(linear, _counted(value.twist.angular, moves[3:]))
+            self._check_twist(command, twist)
+        if pushes.any():
+            force = _counted(value.wrench.force, pushes[:3])
+            wrench = Wrench(force, _counted(value.wrench.torque, pushes[3:]))
+            self._check_wrench(command, wrench)
         return CartesianServo(value.modes, pose, twist, wrench, task)
 
     def _check_modes(self, command: Command, modes: tuple[int, ...]) -> frozenset[int]:
@@ -396,3 +410,8 @@ class CommandCheck:
                     f"{name} {size:.4f} exceeds {limits[index]:.4f}",
                     "Stay within the limits.",
                 )
+
+
+def _counted(values: Vector, counts: NDArray[np.bool_]) -> Vector:
+    """Return values with zeros where they do not count; if of a wrong size as they are, to be refused."""
+    return vector(np.where(counts, values, 0.0)) if values.size == counts.size else values

@@ -296,7 +296,7 @@ class MotionExecutor:
         limiter, reach = self._limiter, self._reach
         servo, slow = self._stream.timeout, self._interpolate_timeout
         if command.base_name == "servo_js":
-            return MixedJointStream(name, device, feedback, servo, now)
+            return MixedJointStream(name, device, feedback, limiter, servo, now)
         if command.base_name == "servo_cs":
             return MixedAxesStream(name, device, feedback, reach, limiter, servo, now)
         if command.level is Level.SERVO:

@@ -21,6 +21,9 @@ from crtk_drivers.samples import Pose, Vector, vector
 _VELOCITY_TOLERANCE = 0.01
 """By how much a stream of positions may exceed the velocity limits for ever: clocks and rounding differ."""
 
+_ROUNDING = 1e-9
+"""Seconds of motion."""
+
 
 @dataclass(frozen=True, slots=True)
 class LimitPolicy:
@@ -109,12 +112,29 @@ class SetpointLimiter:
         """
         limited = self.judge(name, setpoint, before)
         if setpoint.mode is Mode.JOINT_POSITION and before.size:
-            self._spend(name, np.abs(limited.setpoint.values - before) / self._velocity, now)
+            left = self.check_speed(name, limited.setpoint.values, before, now)
+            self._credit, self._credited = left, now
         return limited
 
-    def can_step(self, values: Vector, before: Vector, now: float) -> bool:
-        """Whether joint positions (n,) are near enough to those before to be sent now."""
-        return bool((np.abs(values - before) / self._velocity).max() <= self._credit_at(now))
+    def check_speed(self, name: str, values: Vector, before: Vector, now: float) -> float:
+        """Refuse joint positions (n,) that are too far from those before to be sent now.
+
+        Returns:
+            seconds of motion at full speed that a stream may still ask for after them.
+
+        Raises:
+            CommandRefused: the stream is faster than the velocity limits.
+        """
+        times = np.abs(values - before) / self._velocity
+        index, credit = int(np.argmax(times)), self.credit(now)
+        if times[index] > credit + _ROUNDING:
+            raise self._refusal(
+                name,
+                Reason.STEP_TOO_LARGE,
+                f"{self._joints[index]} would be faster than {self._velocity[index]:.4f}",
+                "Start from setpoint_js and stream more slowly, or use move_jp.",
+            )
+        return max(0.0, credit - float(times[index]))
 
     def judge_tool(self, name: str, pose: Pose, before: Pose) -> None:
         """Refuse a pose of the tool that is too far from the one before.
@@ -125,23 +145,10 @@ class SetpointLimiter:
         self._check_step(name, pose.position, before.position)
         self._check_turn(name, pose.orientation, before.orientation)
 
-    def _credit_at(self, now: float) -> float:
+    def credit(self, now: float) -> float:
         """Return the seconds of motion at full speed that a stream may ask for now."""
         earned = (now - self._credited) * (1.0 + _VELOCITY_TOLERANCE)
         return min(self._policy.max_step, self._credit + earned)
-
-    def _spend(self, name: str, times: Vector, now: float) -> None:
-        """Take the time that the slowest joint needs from what has passed."""
-        credit = self._credit_at(now)
-        index = int(np.argmax(times))
-        if times[index] > credit:
-            raise self._refusal(
-                name,
-                Reason.STEP_TOO_LARGE,
-                f"{self._joints[index]} would be faster than {self._velocity[index]:.4f}",
-                "Start from setpoint_js and stream more slowly, or use move_jp.",
-            )
-        self._credit, self._credited = credit - float(times[index]), now
 
     def _refusal(self, name: str, reason: Reason, message: str, remedy: str) -> CommandRefused:
         return CommandRefused(name, reason, message, where=self._where, remedy=remedy)

@@ -1,8 +1,8 @@
 """servo_js and servo_cs whose axes follow values of different kinds, in the I/O thread.
 
-Axes of position go to the newest position, axes of velocity move on from where they are, the others stay.
-Both are carried out as positions. When no command comes for the timeout, the axes of velocity slow down and
-the stream is over.
+Axes of position go to the newest position, axes of velocity move on from where they are, the others come to
+rest. All are carried out as positions. When no command comes for the timeout, the axes of velocity slow down
+and the stream is over.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from crtk_drivers.arbiter import Order
 from crtk_drivers.commands import find
 from crtk_drivers.device import Device, Mode, Setpoint
 from crtk_drivers.feedback import Feedback, Point
-from crtk_drivers.frames import inverse_pose, product
+from crtk_drivers.frames import inverse_pose, product, twist_from_base, twist_in_base
 from crtk_drivers.geometry import quaternion_from_rotvec, quaternion_product
 from crtk_drivers.limits import SetpointLimiter
 from crtk_drivers.outputs import Pursuit
@@ -44,16 +44,24 @@ class MixedJointStream(Stream):
         name: of the command.
         device: whose limits and rate it keeps.
         feedback: where it begins.
+        limiter: that the joints pass.
         timeout: seconds without a command after which it comes to rest.
         now: monotonic seconds.
     """
 
     def __init__(
-        self, name: str, device: Device, feedback: Feedback, timeout: float, now: float
+        self,
+        name: str,
+        device: Device,
+        feedback: Feedback,
+        limiter: SetpointLimiter,
+        timeout: float,
+        now: float,
     ) -> None:
         super().__init__(name)
         capabilities = device.capabilities
         self._feedback = feedback
+        self._limiter = limiter
         self._cycle = 1.0 / capabilities.rate
         self._rates = ResolvedRate(capabilities.limits, None, self._cycle)
         self._silence = Deadman(timeout)
@@ -67,13 +75,14 @@ class MixedJointStream(Stream):
         """See the base class."""
         assert isinstance(order.target, JointServo)
         value, modes = order.target, np.array(order.target.modes)
+        here = position = self._feedback.reference_joints()
+        goes, moves = modes == AxisMode.POSITION, modes == AxisMode.VELOCITY
+        if goes.any():
+            position = vector(np.where(goes, value.position, here))
+            self._limiter.check_speed(self.name, position, here, now)
+        self._position, self._moves = position, ~goes
+        self._wanted = value.velocity if moves.any() else vector(np.zeros(here.size))
         self._silence.feed(now)
-        here = self._feedback.reference_joints()
-        goes = modes == AxisMode.POSITION
-        self._position = vector(np.where(goes, value.position, here)) if goes.any() else here
-        self._moves = modes == AxisMode.VELOCITY
-        wanted = value.velocity if self._moves.any() else np.zeros(here.size)
-        self._wanted = vector(wanted)
 
     def step(self, now: float) -> Point:
         """See the base class."""
@@ -126,32 +135,34 @@ class MixedAxesStream(Stream):
         self._command = find(name)
         self._feedback = feedback
         self._reach = reach
-        self._limiter = limiter
-        self._pursuit = Pursuit(device)
+        self._pursuit = Pursuit(device, limiter)
         self._takes_poses = Mode.CARTESIAN_POSITION in device.capabilities.modes
         self._cycle = 1.0 / device.capabilities.rate
         self._silence = Deadman(timeout)
         self._silence.feed(now)
         self._task = self._goal = reach.pose(self._command)
+        self._has_goal = False
+        self._twist = twist_from_base(feedback.reference_twist(now), "body", self._task)
+        self._wanted = vector(np.zeros(6))
         limits = device.capabilities.cartesian_limits
         assert limits is not None
         most = (limits.linear_acceleration,) * 3 + (limits.angular_acceleration,) * 3
         self._change = np.array(most) * (self._cycle / np.sqrt(3.0))
-        self._twist = self._wanted = vector(np.zeros(6))
 
     def feed(self, order: Order, now: float) -> None:
         """See the base class."""
         value = order.target
         assert isinstance(value, CartesianServo)
-        modes = np.array(value.modes)
-        # Where the tool is sent now, as the task frame sees it.
-        here = product(inverse_pose(value.task), self._reach.pose(self._command))
-        goes, moves = modes == AxisMode.POSITION, modes == AxisMode.VELOCITY
-        position = np.where(goes[:3], value.pose.position, here.position)
-        orientation = value.pose.orientation if goes[3] else here.orientation
-        self._task = value.task
-        self._goal = Pose(vector(position), orientation)
-        self._wanted = vector(np.where(moves, value.twist.vector, 0.0))
+        in_base = twist_in_base(self._twist, "body", self._task)
+        in_task = twist_from_base(in_base, "body", value.task)
+        goes = np.array(value.modes) == AxisMode.POSITION
+        self._twist = vector(np.where(goes, 0.0, in_task))
+        here = self._reach.pose(self._command)
+        # Near a singularity the tool may be behind, and axes that stay are to come back.
+        held = product(self._task, self._goal) if self._has_goal else here
+        self._task, self._has_goal = value.task, True
+        self._goal = aimed(value, here, held)
+        self._wanted = vector(value.twist.vector)
         self._silence.feed(now)
 
     def step(self, now: float) -> Point:
@@ -167,9 +178,7 @@ class MixedAxesStream(Stream):
             return Point(self._reach.setpoint(self._command, pose))
         before = self._feedback.reference_joints()
         joints = self._reach.joints(self._command, pose, before)
-        if self._limiter.can_step(joints, before, now):
-            return Point(Setpoint(Mode.JOINT_POSITION, joints))
-        return self._pursuit.point(before, pose)
+        return self._pursuit.point(before, pose, joints, now)
 
     @property
     def is_over(self) -> bool:
@@ -180,6 +189,25 @@ class MixedAxesStream(Stream):
     def goals(self) -> Mapping[str, Value]:
         """None: a servo stream has no goal."""
         return {}
+
+
+def aimed(value: CartesianServo, here: Pose, held: Pose) -> Pose:
+    """Return the pose, in the task frame, that a mixed setpoint begins with.
+
+    Args:
+        value: whose task frame is in the base frame.
+        here: of the tool in the base frame, where axes of velocity begin.
+        held: the same, where axes without a mode stay.
+    """
+    into = inverse_pose(value.task)
+    poses = {
+        AxisMode.NONE: product(into, held),
+        AxisMode.VELOCITY: product(into, here),
+        AxisMode.POSITION: value.pose,
+    }
+    of_axes = [poses[AxisMode(mode)] for mode in value.modes]
+    position = [pose.position[axis] for axis, pose in enumerate(of_axes[:3])]
+    return Pose(vector(position), of_axes[3].orientation)
 
 
 def _moved_on(pose: Pose, twist: Vector, time: float) -> Pose:

@@ -16,8 +16,9 @@ from crtk_drivers.commands import Command, Kind, Level
 from crtk_drivers.device import FULL, Device, Goal, Mode, Ratios, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.feedback import Feedback
-from crtk_drivers.frames import pose_in_base, wrench_in_base
+from crtk_drivers.frames import pose_in_base, product, wrench_in_base
 from crtk_drivers.limits import SetpointLimiter
+from crtk_drivers.mixed import aimed
 from crtk_drivers.moves import Move
 from crtk_drivers.reach import Reach
 from crtk_drivers.samples import (
@@ -184,13 +185,16 @@ class OrderMaker:
         used = {AxisMode(mode) for mode in value.modes} - {AxisMode.NONE}
         self._require_some(command, used)
         if AxisMode.EFFORT not in used:
-            self._reach.pose(command)
+            here = self._reach.pose(command)
+            if AxisMode.POSITION in used:
+                self._servo_pose(
+                    command, product(value.task, aimed(value, here, here))
+                )  # or refused
             return Order(command.name, target=value)
         if used != {AxisMode.EFFORT}:
             raise self._unsupported(command, used)
-        counted = np.where(np.array(value.modes) == AxisMode.EFFORT, value.wrench.vector, 0.0)
         # The task frame's axes, at the tool point.
-        wrench = wrench_in_base(vector(counted), "body", value.task)
+        wrench = wrench_in_base(vector(value.wrench.vector), "body", value.task)
         if Mode.CARTESIAN_EFFORT in self._modes:
             return self._direct(command, Setpoint(Mode.CARTESIAN_EFFORT, wrench))
         if Mode.JOINT_EFFORT not in self._modes or not self._has_kinematics:
@@ -213,7 +217,7 @@ class OrderMaker:
         return CommandRefused(
             command.name,
             Reason.UNSUPPORTED,
-            f"{names} at the same time, on hardware that takes {', '.join(sorted(self._modes))}",
+            f"{names}, on hardware that takes {', '.join(sorted(self._modes))}",
             where=self._where,
             remedy="Position and velocity can be mixed where joints take positions; efforts stand alone.",
         )

@@ -11,6 +11,7 @@ from crtk_drivers.commands import Command
 from crtk_drivers.device import Device, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.feedback import Feedback, Point
+from crtk_drivers.limits import SetpointLimiter
 from crtk_drivers.reach import Reach
 from crtk_drivers.resolved_rate import ResolvedRate
 from crtk_drivers.samples import JointState, Pose, Vector, vector
@@ -22,7 +23,7 @@ _LATE = 2.0
 """Cycles that a stream goes on at most in one of them, after a late one."""
 
 _TOLERANCE = 0.01
-"""By how much a joint may exceed its velocity limit between two poses: rounding."""
+"""By how much a joint may exceed its velocity limit between two poses: rounding, and clocks that differ."""
 
 
 class PoseOutput:
@@ -158,23 +159,46 @@ class WrenchOutput:
 class Pursuit:
     """A tool that goes to a pose as directly as the limits of its joints allow.
 
-    The joint position that reaches the pose is sent as soon as the joints may be that fast. Until then, and
-    near a singularity where they may never be, the tool approaches through the damped Jacobian, its joint
-    velocities scaled as a whole (see `crtk_drivers.resolved_rate`).
+    The joint position that reaches the pose is sent as soon as the joints may be that fast. Until then the
+    tool approaches through the Jacobian, its joint velocities scaled as a whole. Near a singularity, where
+    a short way of the tool is a long one of the joints, it is damped (see `crtk_drivers.resolved_rate`), and
+    no joint is faster than its limit in any one cycle.
 
     Args:
         device: whose limits and rate it keeps.
+        limiter: that the joints pass.
     """
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: Device, limiter: SetpointLimiter) -> None:
         capabilities = device.capabilities
         self._device = device
         self._cycle = 1.0 / capabilities.rate
         self._rates = ResolvedRate(capabilities.limits, capabilities.cartesian_limits, self._cycle)
+        self._limiter = limiter
+        self._fastest = vector([limit.velocity for limit in capabilities.limits])
 
-    def point(self, joints: Vector, goal: Pose) -> Point:
-        """Return the next step (n,) from a joint position towards a pose of the tool in the base frame."""
+    def point(
+        self, joints: Vector, goal: Pose, there: Vector, now: float, may_jump: bool = False
+    ) -> Point:
+        """Return the next step from a joint position towards a pose of the tool.
+
+        Args:
+            joints: (n,) where it is.
+            goal: of the tool, in the base frame.
+            there: (n,) the joint position that reaches it.
+            now: monotonic seconds.
+            may_jump: where there is no singularity, go further than in one cycle, as a stream of joint
+                positions may.
+        """
+        needs = float((np.abs(there - joints) / self._fastest).max())
+        credit = self._limiter.credit(now)
+        at_once = Point(Setpoint(Mode.JOINT_POSITION, there))
+        if needs <= min(credit, self._cycle * (1.0 + _TOLERANCE)):
+            return at_once
         device = self._device
         pose, jacobian = device.forward_kinematics(joints), device.jacobian(joints)
         rate = self._rates.follow_pose(joints, pose, jacobian, goal, self._cycle)
-        return Point(Setpoint(Mode.JOINT_POSITION, vector(joints + rate.velocity * self._cycle)))
+        if may_jump and needs <= credit and not rate.is_damped:
+            return at_once
+        step = rate.velocity * min(self._cycle, credit)
+        return Point(Setpoint(Mode.JOINT_POSITION, vector(joints + step)))

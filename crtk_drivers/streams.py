@@ -268,7 +268,7 @@ class PursuitStream(Stream):
         self._feedback = feedback
         self._reach = reach
         self._limiter = limiter
-        self._pursuit = Pursuit(device)
+        self._pursuit = Pursuit(device, limiter)
         self._silence = Deadman(timeout)
         self._silence.feed(now)
         self._goal: Pose | None = None
@@ -296,9 +296,7 @@ class PursuitStream(Stream):
         before = self._feedback.reference_joints()
         if not self._silence.armed:
             return Point(Setpoint(Mode.JOINT_POSITION, before))
-        if self._limiter.can_step(self._joints, before, now):
-            return Point(Setpoint(Mode.JOINT_POSITION, self._joints))
-        return self._pursuit.point(before, self._goal)
+        return self._pursuit.point(before, self._goal, self._joints, now, may_jump=True)
 
     @property
     def is_over(self) -> bool:
