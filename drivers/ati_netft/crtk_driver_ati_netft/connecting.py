@@ -59,7 +59,7 @@ def connect(
     info = identify(config, web, deadline)
     profile = PROFILES.get(config.profile) or detect(info.product)
     if config.http and profile.has_web and info.tags:
-        info = settings.apply(web, info, profile, _wanted(config), deadline)
+        info = settings.apply(web, info, profile, wanted_settings(config), deadline)
         if config.scale is not None:
             info = replace(info, scale=config.scale.scale)
     return Connection(info, profile, _open(config, profile, info, source, deadline, tell))
@@ -110,7 +110,8 @@ def _ask_over_tcp(config: NetFtConfig, refusal: ConnectionFailed, deadline: floa
     return SensorInfo(scale, problems=(refusal.message,))
 
 
-def _wanted(config: NetFtConfig) -> SensorSettings:
+def wanted_settings(config: NetFtConfig) -> SensorSettings:
+    """Return the settings of the sensor that a configuration asks for."""
     sensor = config.sensor
     transform = sensor.tool_transform
     return SensorSettings(

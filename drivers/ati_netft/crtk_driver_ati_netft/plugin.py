@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.util import find_spec
 from typing import Any
 
 from crtk_driver_ati_netft.config import NetFtConfig
-from crtk_drivers.device import Device
-from crtk_drivers.errors import ConfigError, MissingExtra
+from crtk_driver_ati_netft.device import NetFtDevice
+from crtk_driver_ati_netft.tools import TOOLS
+from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.sims import RunningSim
-
-
-def _create(config: NetFtConfig) -> Device:
-    if find_spec("defusedxml") is None:
-        raise MissingExtra("defusedxml", "ati-netft")
-    from crtk_driver_ati_netft.device import NetFtDevice
-
-    return NetFtDevice(config)
 
 
 def _require_host(config: NetFtConfig) -> None:
@@ -43,10 +35,11 @@ PLUGIN = DevicePlugin(
     name="ati-netft",
     summary="ATI NetFT force/torque sensors: Net Box, Ethernet Axia, SCHUNK FTN, OnRobot HEX",
     config=NetFtConfig,
-    create=_create,
+    create=NetFtDevice,
     sim="netft",
     extra="ati-netft",
     check_real=_require_host,
     sim_config=_at_sim,
     sim_options=_sim_options,
+    tools=TOOLS,
 )

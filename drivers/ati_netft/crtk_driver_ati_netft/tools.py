@@ -1,0 +1,334 @@
+"""Commands for people: what a sensor is, its settings, and the calibration of the tool that hangs on it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import yaml
+from pydantic import Field
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from crtk_driver_ati_netft import connecting, settings
+from crtk_driver_ati_netft.averaging import Average
+from crtk_driver_ati_netft.calibration import SensorInfo
+from crtk_driver_ati_netft.compensation import ToolFit, fit_tool
+from crtk_driver_ati_netft.config import NetFtConfig, SensorConfig
+from crtk_driver_ati_netft.device import NetFtDevice
+from crtk_driver_ati_netft.profiles import PROFILES, Profile, detect
+from crtk_driver_ati_netft.residual_plot import residual_plot
+from crtk_driver_ati_netft.web import WebPages
+from crtk_drivers.config import Settings
+from crtk_drivers.errors import ConfigError, DeviceFault
+from crtk_drivers.geometry import matrix_from_quaternion
+from crtk_drivers.plugins import Tool
+from crtk_drivers.samples import Array, vector
+
+AXES: Final = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+
+UPWARDS: Final = {
+    "+z": np.eye(3),
+    "-z": np.diag((1.0, -1.0, -1.0)),
+    "+x": np.array(((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))),
+    "-x": np.array(((0.0, 1.0, 0.0), (0.0, 0.0, -1.0), (-1.0, 0.0, 0.0))),
+    "+y": np.array(((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))),
+    "-y": np.array(((0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0))),
+}
+"""Rotations of the sensor in a world whose z axis points up, with this axis of the sensor upwards."""
+
+_OUT = Console(highlight=False)
+
+
+class InfoOptions(Settings):
+    """Options of `info`."""
+
+    seconds: float = Field(
+        default=0.5,
+        ge=0.0,
+        le=60.0,
+        description="Time to measure, in s. 0 leaves the stream to the client that has it.",
+    )
+
+
+def info(config: NetFtConfig, options: InfoOptions) -> int:
+    """Print what the sensor is, its calibration, its rates, its status, and its load."""
+    web = WebPages(config.host, config.http_port, config.http_timeout)
+    if options.seconds == 0.0:
+        found = connecting.identify(config, web, time.monotonic() + config.open_timeout)
+        profile = PROFILES.get(config.profile) or detect(found.product)
+        _OUT.print(_identity(found, profile))
+        return 0
+    with _opened(config) as device:
+        average = _measure(device, options.seconds, lambda share: None)
+        if device.info is not None:
+            _OUT.print(_identity(device.info, device.profile))
+        _OUT.print(_load(average, device))
+        for note in device.notes:
+            _OUT.print(f"{note.severity.name.lower()}: {note.key}: {note.text}", markup=False)
+    return 0
+
+
+class ConfigureOptions(SensorConfig):
+    """Options of `configure`: what is given is written."""
+
+    remove_bias: bool = Field(default=False, description="Remove the sensor's own bias as well.")
+
+
+def configure(config: NetFtConfig, options: ConfigureOptions) -> int:
+    """Write settings to the sensor, read them back, and print what it has."""
+    web = WebPages(config.host, config.http_port, config.http_timeout)
+    found = web.read()
+    profile = PROFILES.get(config.profile) or detect(found.product)
+    wanted = config.model_copy(update={"sensor": options})
+    found = settings.apply(web, found, profile, connecting.wanted_settings(wanted))
+    if options.remove_bias:
+        found = settings.remove_bias(web)
+    _OUT.print(_identity(found, profile))
+    return 0
+
+
+class CalibrateOptions(Settings):
+    """Options of `calibrate`."""
+
+    seconds: float = Field(
+        default=1.0, gt=0.0, le=60.0, description="Time to measure in each pose, in s."
+    )
+    poses: str | None = Field(
+        default=None,
+        description="File with an orientation of the sensor on each line: a quaternion x y z w in a "
+        "frame whose z axis points up. Otherwise each axis of the sensor is turned upwards once.",
+    )
+    ask: bool = Field(
+        default=True, description="Wait for Enter before each pose; if not, begin at once."
+    )
+    plot: str | None = Field(
+        default=None, description="File for a picture of the residuals, as SVG."
+    )
+    output: str | None = Field(
+        default=None, description="File for the result, as YAML to be put into a configuration."
+    )
+
+
+def calibrate(config: NetFtConfig, options: CalibrateOptions) -> int:
+    """Measure in several poses, find tool and bias, and print what is left over."""
+    poses = _poses_of(options.poses) if options.poses else UPWARDS
+    averages: list[Average] = []
+    with _opened(config) as device:
+        for number, name in enumerate(poses, start=1):
+            what = name if options.poses else f"the sensor's {name} axis upwards"
+            heading = f"pose {number} of {len(poses)}: {what}"
+            if options.ask:
+                _OUT.input(f"{heading}. Hold it still and press Enter ")
+            with Progress(console=_OUT) as progress:
+                task = progress.add_task(heading, total=1.0)
+                averages.append(
+                    _measure(
+                        device,
+                        options.seconds,
+                        lambda share, task=task, progress=progress: progress.update(  # type: ignore[misc]
+                            task, completed=share
+                        ),
+                    )
+                )
+    loads = np.array([average.mean for average in averages])
+    try:
+        fit = fit_tool(loads, np.array(list(poses.values())), vector(config.gravity))
+    except ValueError as error:
+        raise ConfigError(
+            f"no tool can be found: {error}",
+            where=f"ati-netft {config.host}",
+            remedy="Was the sensor turned as asked, and was nothing touching the tool?",
+        ) from error
+    _OUT.print(_residuals(fit, list(poses)))
+    _OUT.print(_result(fit))
+    _write(options.output, yaml.safe_dump(_as_configuration(fit), sort_keys=False))
+    _write(options.plot, residual_plot(fit, f"Residuals of {len(poses)} poses, {_summary(fit)}"))
+    return 0
+
+
+TOOLS: Final = (
+    Tool(
+        "info", "tell what a sensor is, its calibration, rates, status and load", info, InfoOptions
+    ),
+    Tool(
+        "configure",
+        "write settings to the sensor and read them back",
+        configure,
+        ConfigureOptions,
+    ),
+    Tool(
+        "calibrate",
+        "find mass and centre of the tool, and the bias, from several poses",
+        calibrate,
+        CalibrateOptions,
+    ),
+)
+
+
+@contextmanager
+def _opened(config: NetFtConfig) -> Iterator[NetFtDevice]:
+    device = NetFtDevice(config)
+    try:
+        device.open(time.monotonic() + config.open_timeout)
+        yield device
+    finally:
+        device.close()
+
+
+def _measure(device: NetFtDevice, seconds: float, tell: Callable[[float], None]) -> Average:
+    averaging = device.begin_average(seconds)
+    begin = time.monotonic()
+    while not averaging.done:
+        device.read(time.monotonic() + 0.1)
+        elapsed = time.monotonic() - begin
+        tell(min(1.0, elapsed / seconds))
+        if averaging.spoilt or elapsed > seconds + device.config.sample_timeout:
+            raise DeviceFault(
+                averaging.spoilt or "the measurements ended",
+                where=f"ati-netft {device.address}",
+                remedy="Unload the sensor, or remove the cause, and try again.",
+            )
+    tell(1.0)
+    return averaging.result()
+
+
+def _identity(found: SensorInfo, profile: Profile) -> Table:
+    rows = {
+        "product": found.product,
+        "family": f"{profile.name} ({profile.summary})",
+        "serial number": found.serial,
+        "firmware": found.firmware,
+        "configuration": f"{_or(found.active_configuration)} {found.configuration}",
+        "calibration": found.calibration_serial,
+        "counts per force, torque": f"{found.scale.counts_per_force:g}, "
+        f"{found.scale.counts_per_torque:g} (unit {found.scale.force:g} N, {found.scale.torque:g} N·m)",
+        "rated load": ", ".join(f"{value:g}" for value in found.rated.tolist()),
+        "internal rate": f"{_or(found.internal_rate)} Hz",
+        "records per second": _or(found.rdt_rate),
+        "RDT": {True: "enabled", False: "disabled", None: ""}[found.rdt_enabled],
+        "filter": _filter_text(found.filter_code, profile),
+        "bias of the gages": ", ".join(map(str, found.bias)),
+        "tool transform": ", ".join(f"{value:g}" for value in found.transform.tolist()),
+        "status": "" if found.status is None else _status_text(found.status, profile),
+        "problems": "; ".join(found.problems),
+    }
+    return _table((name, text) for name, text in rows.items() if text.strip())
+
+
+def _filter_text(code: int | None, profile: Profile) -> str:
+    if code is None:
+        return ""
+    cutoff = profile.filters.get(code)
+    return f"code {code}" + (f" ({cutoff:g} Hz)" if cutoff else " (off)" if cutoff == 0.0 else "")
+
+
+def _status_text(status: int, profile: Profile) -> str:
+    return f"0x{status:08x} {', '.join(profile.status.texts(status)) or 'good'}"
+
+
+def _or(value: int | None) -> str:
+    return "" if value is None else str(value)
+
+
+def _load(average: Average, device: NetFtDevice) -> Table:
+    counters = device.counters
+    rows = [
+        (f"load {axis}", f"{mean:.5g} ± {deviation:.2g} {'N' if axis[0] == 'F' else 'N·m'}")
+        for axis, mean, deviation in zip(
+            AXES, average.mean.tolist(), average.deviation.tolist(), strict=True
+        )
+    ]
+    rows.append(("measured", f"{average.count} in {counters['record_rate']:.6g} records/s"))
+    rows += [
+        (name.replace("_", " "), f"{counters[name]:.7g}")
+        for name in ("lost", "duplicates", "late", "malformed", "tick_rate", "arrival_jitter_p99")
+        if name in counters
+    ]
+    return _table(iter(rows))
+
+
+def _residuals(fit: ToolFit, names: list[str]) -> Table:
+    table = Table("pose", *AXES, title="Left over, in N and N·m", box=None)
+    for name, row in zip(names, fit.residuals.tolist(), strict=True):
+        table.add_row(name, *(f"{value:+.4f}" for value in row))
+    return table
+
+
+def _result(fit: ToolFit) -> Table:
+    center = ", ".join(f"{value * 1e3:.2f}" for value in fit.tool.center.tolist())
+    errors = ", ".join(f"{value * 1e3:.2f}" for value in fit.center_error.tolist())
+    return _table(
+        iter(
+            [
+                ("mass", f"{fit.tool.mass:.4f} ± {fit.mass_error:.4f} kg"),
+                ("centre of mass", f"{center} ± {errors} mm"),
+                ("bias", ", ".join(f"{value:.4f}" for value in fit.bias.tolist())),
+                ("residual", f"{fit.force_residual:.4f} N, {fit.torque_residual:.5f} N·m"),
+            ]
+        )
+    )
+
+
+def _summary(fit: ToolFit) -> str:
+    return f"{fit.tool.mass:.4f} kg, {fit.force_residual:.3g} N, {fit.torque_residual:.3g} N·m"
+
+
+def _as_configuration(fit: ToolFit) -> dict[str, object]:
+    return {
+        "tool": {
+            "mass": round(fit.tool.mass, 6),
+            "center_of_mass": [round(value, 6) for value in fit.tool.center.tolist()],
+        },
+        "bias": [round(value, 6) for value in fit.bias.tolist()],
+    }
+
+
+def _poses_of(path: str) -> dict[str, Array]:
+    """Return the rotations of a file of quaternions, by their text.
+
+    Raises:
+        ConfigError: the file cannot be read, or a line is no quaternion.
+    """
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot be read: {error}", where=path) from error
+    poses: dict[str, Array] = {}
+    for number, line in enumerate(lines, start=1):
+        text = line.partition("#")[0].replace(",", " ").strip()
+        if not text:
+            continue
+        try:
+            quaternion = vector([float(part) for part in text.split()])
+            length = float(np.linalg.norm(quaternion))
+            if quaternion.size != 4 or not abs(length - 1.0) < 1e-3:
+                raise ValueError(f"{quaternion.size} numbers of length {length:.4g}")
+        except ValueError as error:
+            raise ConfigError(
+                f"{text[:60]!r} is no unit quaternion x y z w: {error}", where=f"{path}:{number}"
+            ) from error
+        poses[f"{len(poses) + 1}: {text}"] = matrix_from_quaternion(vector(quaternion / length))
+    return poses
+
+
+def _write(path: str | None, text: str) -> None:
+    if path is None:
+        return
+    try:
+        Path(path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error}", where=path) from error
+    _OUT.print(f"written: {path}", markup=False)
+
+
+def _table(rows: Iterator[tuple[str, str]]) -> Table:
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for name, text in rows:
+        table.add_row(name, text)
+    return table
