@@ -353,6 +353,7 @@ class Engine:
             self._alarm = ""
         try:
             self._requests.step(now)
+            self._motion.apply_settings()
             self._advance(now)
         except DeviceFault as fault:
             self._leave(OperatingState.FAULT, str(fault))

@@ -2,18 +2,19 @@
 
 At any time one of five things is going on: nothing (the position is held), a servo stream, a stream
 that goes on between its commands, a move, or free drive. An order ends what was going on before it begins
-its own. A stream that takes over from a motion of the hardware's own waits until that has come to its end.
+its own. A stream, or a move along a trajectory of ours, that takes over from a motion of the hardware's own
+waits until that has come to its end.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
-from dataclasses import replace
 
 from crtk_drivers.arbiter import Arbiter, Order, combined
 from crtk_drivers.board import StatusBoard
 from crtk_drivers.commands import Kind, Level, Space, find
-from crtk_drivers.device import Device, Mode, Setpoint, Steps
+from crtk_drivers.device import Device, Goal, Mode, Setpoint, Steps
 from crtk_drivers.errors import CommandRefused, MotionAborted, Reason
 from crtk_drivers.executions import LineMove, MoveExecution, NativeMove, ProfileMove
 from crtk_drivers.feedback import Feedback, Point
@@ -89,14 +90,26 @@ class MotionExecutor:
         self._last_setpoint: Setpoint | None = None
         self._waiting: Order | None = None
         self._waits_since = 0.0
-        self._gravity: bool | None = None
-        self._servo_stamp_ns = 0
+        self._gravity: deque[bool] = deque(maxlen=1)
+        self._stamp_ns = 0
         self._takes_poses = Mode.CARTESIAN_POSITION in self._capabilities.modes
         self._pursues = not self._takes_poses and self._capabilities.cartesian_limits is not None
 
     def use_gravity_compensation(self, on: bool) -> None:
-        """Switch it in the next cycle in which the device is ENABLED. From any thread."""
-        self._gravity = on
+        """Switch it in the next cycle, in any state. From any thread."""
+        self._gravity.append(on)
+
+    def apply_settings(self) -> None:
+        """Hand over to the device what was set since the last cycle.
+
+        Raises:
+            DeviceError: writing failed.
+        """
+        try:
+            if self._gravity:
+                self._device.use_gravity_compensation(self._gravity.popleft())
+        except CommandRefused as refusal:
+            self._board.refused(refusal)
 
     def step(self, now: float) -> str:
         """Do this cycle's part.
@@ -109,9 +122,6 @@ class MotionExecutor:
         """
         order = self._arbiter.take()
         try:
-            if self._gravity is not None:
-                on, self._gravity = self._gravity, None
-                self._device.use_gravity_compensation(on)
             if self._waiting is not None:
                 order = self._waited(order, now)
                 if order is None:
@@ -151,9 +161,16 @@ class MotionExecutor:
                 move.finish(Outcome.ABORTED, reason)
 
     def _execute(self, order: Order, now: float) -> None:
+        if self._must_rest(order):
+            self._end_for(order, now)
+        else:
+            self._begin(order, now)
+
+    def _begin(self, order: Order, now: float) -> None:
         if order.is_stream:
-            (self._end_for if self._must_rest(order) else self._stream_on)(order, now)
+            self._stream_on(order, now)
             return
+        self._stamp_ns = order.stamp_ns
         self._forget_stream()
         self._starting = order.move
         self._supersede(order.name)
@@ -170,14 +187,26 @@ class MotionExecutor:
             self._freeing = self._device.free()
 
     def _stream_on(self, order: Order, now: float) -> None:
-        goes_on = order.level is Level.INTERPOLATE or order.target is not None
-        if goes_on or (order.displacement is not None and self._pursues):
-            self._follow(order, now)
-        else:
-            self._servo(order, now)
+        (self._follow if self._goes_on_between(order) else self._servo)(order, now)
+
+    def _goes_on_between(self, order: Order) -> bool:
+        """Whether the stream of `order` goes on between its commands."""
+        if order.level is Level.INTERPOLATE or order.target is not None:
+            return True
+        return order.displacement is not None and self._pursues
+
+    def _is_native(self, goal: Goal) -> bool:
+        """Whether the hardware plans the way to a goal."""
+        name = "move_jp" if goal.pose is None else "move_cp"
+        return name in self._capabilities.native_moves
 
     def _must_rest(self, order: Order) -> bool:
-        """Whether the hardware has to come to rest before it can follow the stream of `order`."""
+        """Whether the hardware has to come to rest before it can follow the setpoints of `order`."""
+        makes_setpoints = order.is_stream or (
+            order.goal is not None and not self._is_native(order.goal)
+        )
+        if not makes_setpoints:
+            return False
         if isinstance(self._move, NativeMove) or self._freeing is not None:
             return True
         last = self._last_setpoint
@@ -187,9 +216,11 @@ class MotionExecutor:
         )
 
     def _mode_of(self, order: Order) -> Mode:
-        """Return the mode of what the stream of `order` will send."""
+        """Return the mode of what the stream or trajectory of `order` will send."""
         if order.setpoint is not None:
             return order.setpoint.mode
+        if order.goal is not None and order.goal.pose is None:
+            return Mode.JOINT_POSITION
         command, modes = find(order.name), self._capabilities.modes
         kind = command.kind if command.kind in STREAM_MODES else Kind.POSITION
         in_joints, in_space = STREAM_MODES[kind]
@@ -200,28 +231,32 @@ class MotionExecutor:
 
     def _end_for(self, order: Order, now: float) -> None:
         """Bring the hardware to rest; `order` begins from there."""
-        if order.setpoint is not None and order.target is None:
+        if order.is_stream and not self._goes_on_between(order):
             try:
-                before = self._feedback.before(order.setpoint.mode)
-                self._limiter.judge(order.name, order.setpoint, before)
+                target = self._target(order)
+                self._limiter.judge(order.name, target, self._feedback.before(target.mode))
             except CommandRefused as refusal:
                 self._refuse(refusal, order)  # and what was going on goes on
                 return
         is_free = self._freeing is not None
+        self._starting = order.move
         self._supersede(order.name)
         if not is_free:
             self._device.stop()
         self._forget_stream()
         self._feedback.hold()
         if self._device.takes_setpoints:
-            self._stream_on(order, now)
+            self._begin(order, now)
         else:
             self._waiting, self._waits_since = order, now
 
     def _waited(self, newer: Order | None, now: float) -> Order | None:
-        """Return the order that may begin now: one that is no stream, or the stream that waited."""
+        """Return the order that may begin now: one that need not wait, or the one that waited."""
         waiting, self._waiting = self._waiting, None
         if newer is not None:
+            self._end_starting(Outcome.PREEMPTED, f"by {newer.name}")
+            if newer.move is None:
+                self._not_busy()
             if not newer.is_stream:
                 return newer
             waiting = combined(waiting, newer)
@@ -239,7 +274,15 @@ class MotionExecutor:
             remedy="Send hold, and look at the hardware.",
         )
         self._refuse(refusal, waiting)
+        self._end_starting(Outcome.ABORTED, str(refusal))
+        self._not_busy()
         return None
+
+    def _end_starting(self, outcome: Outcome, reason: str) -> None:
+        """End a move that has not begun."""
+        starting, self._starting = self._starting, None
+        if starting is not None:
+            starting.finish(outcome, reason)
 
     def _servo(self, order: Order, now: float) -> None:
         try:
@@ -280,9 +323,8 @@ class MotionExecutor:
             self._stream.disarm()
             self._following = stream
             self._health.stream = order.name
-        if order.level is Level.SERVO:
-            self._servo_stamp_ns = order.stamp_ns
-        else:
+        self._stamp_ns = order.stamp_ns
+        if order.level is Level.INTERPOLATE:
             self._latch_goals(stream.goals, order.stamp_ns)
         self._go_on(stream, now)
 
@@ -318,15 +360,14 @@ class MotionExecutor:
     def _go_on(self, stream: Stream, now: float) -> str:
         point = stream.step(now)
         is_servo = find(stream.name).level is Level.SERVO
-        self._send_point(stream.name, point, now, self._servo_stamp_ns if is_servo else 0)
+        self._send_point(stream.name, point, now, self._stamp_ns if is_servo else 0)
         return self._end_stream() if stream.is_over else ""
 
     def _start_move(self, order: Order, now: float) -> None:
         goal, move = order.goal, order.move
         assert goal is not None
         assert move is not None
-        native = "move_jp" if goal.pose is None else "move_cp"
-        if native in self._capabilities.native_moves:
+        if self._is_native(goal):
             self._feedback.follow_device()
             self._move = NativeMove(move, self._device, goal)
             return
@@ -356,7 +397,7 @@ class MotionExecutor:
 
     def _send_point(self, name: str, point: Point, now: float, stamp_ns: int = 0) -> None:
         setpoint = self._limit(name, point.setpoint, now)
-        self._send(replace(point, setpoint=setpoint), now, stamp_ns)
+        self._send(point.limited_to(setpoint), now, stamp_ns)
 
     def _limit(self, name: str, setpoint: Setpoint, now: float) -> Setpoint:
         before = self._feedback.before(setpoint.mode)
@@ -408,6 +449,7 @@ class MotionExecutor:
         freeing, self._freeing = self._freeing, None
         close(freeing, self._where)
         if isinstance(error, CommandRefused):
+            error.stamp_ns = self._stamp_ns
             self._board.refused(error)
         else:
             self._board.warned(f"{starting.name if starting else name}: {error}")

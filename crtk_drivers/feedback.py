@@ -93,6 +93,19 @@ class Point:
     twist: Vector = field(default_factory=empty)
     wrench: Vector = field(default_factory=empty)
 
+    def limited_to(self, setpoint: Setpoint) -> Point:
+        """Return it with the setpoint that the limits left: positions clamped, efforts scaled as a whole."""
+        wanted = self.setpoint.values
+        if setpoint.values is wanted or np.array_equal(setpoint.values, wanted):
+            return self
+        joints, wrench = self.joints, self.wrench
+        if setpoint.mode is Mode.JOINT_POSITION and joints is not None:
+            joints = replace(joints, position=setpoint.values)
+        if setpoint.mode is Mode.JOINT_EFFORT and wrench.size:
+            share = np.linalg.norm(setpoint.values) / np.linalg.norm(wanted)
+            wrench = vector(wrench * share)
+        return replace(self, setpoint=setpoint, joints=joints, wrench=wrench)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Active:

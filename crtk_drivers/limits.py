@@ -236,12 +236,12 @@ class SetpointLimiter:
         if self._cartesian is None:
             return values, ""
         limit = self._cartesian
-        return _norms_into(values, limit.linear_velocity, limit.angular_velocity), ""
+        return norms_into(values, limit.linear_velocity, limit.angular_velocity), ""
 
     def _wrench(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
         if self._cartesian is None:
             return values, ""
-        return _norms_into(values, self._cartesian.force, self._cartesian.torque), ""
+        return norms_into(values, self._cartesian.force, self._cartesian.torque), ""
 
 
 def _scaled_into(values: Vector, limits: Vector) -> Vector:
@@ -252,7 +252,7 @@ def _scaled_into(values: Vector, limits: Vector) -> Vector:
     return allowed / largest if largest > 1.0 else allowed
 
 
-def _norms_into(values: Vector, first: float, second: float) -> Vector:
+def norms_into(values: Vector, first: float, second: float) -> Vector:
     """Scale six values so that neither half has a norm above its limit."""
     ratio = max(math.hypot(*values[:3]) / first, math.hypot(*values[3:]) / second)
     return values / ratio if ratio > 1.0 else values

@@ -86,6 +86,9 @@ class OrderMaker:
         self._modes = self._capabilities.modes
         self._takes_poses = Mode.CARTESIAN_POSITION in self._modes
         self._moves_poses = "move_cp" in self._capabilities.native_moves
+        self._moves_joints = (
+            Mode.JOINT_POSITION in self._modes or "move_jp" in self._capabilities.native_moves
+        )
         self._has_kinematics = self._capabilities.has_kinematics
         self._reach = reach
         self._check = check
@@ -268,7 +271,8 @@ class OrderMaker:
         if not self._has_kinematics:
             return self._order_to(command, Goal(pose=value, ratios=self.ratios), EMPTY, value)
         joints = self._reach.joints(command, value)
-        if self._move_cp == JOINTS or (limits is None and not self._moves_poses):
+        in_joints = self._moves_joints and self._move_cp == JOINTS
+        if in_joints or (limits is None and not self._moves_poses):
             goal = Goal(joints=joints, ratios=self.ratios)
             return self._order_to(command, goal, joints, value)
         if limits is not None:

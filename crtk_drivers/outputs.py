@@ -11,7 +11,7 @@ from crtk_drivers.commands import Command
 from crtk_drivers.device import Device, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.feedback import Feedback, Point
-from crtk_drivers.limits import SetpointLimiter
+from crtk_drivers.limits import SetpointLimiter, norms_into
 from crtk_drivers.reach import Reach
 from crtk_drivers.resolved_rate import ResolvedRate
 from crtk_drivers.samples import JointState, Pose, Vector, vector
@@ -134,6 +134,8 @@ class TwistOutput:
 class WrenchOutput:
     """Wrenches: as they are if the hardware takes them, else as joint efforts, by the Jacobian's transpose.
 
+    Both within the limits of the tool's force and torque.
+
     Args:
         device: whose modes it keeps.
         feedback: where it is.
@@ -143,11 +145,15 @@ class WrenchOutput:
         self._device = device
         self._feedback = feedback
         self._takes_wrenches = Mode.CARTESIAN_EFFORT in device.capabilities.modes
+        limits = device.capabilities.cartesian_limits
+        assert limits is not None
+        self._limits = limits.force, limits.torque
 
     def point(self, wrench: Vector) -> Point:
         """Return what to send for a wrench (6,), base axes, that the tool is to exert in this cycle."""
         if self._takes_wrenches:
             return Point(Setpoint(Mode.CARTESIAN_EFFORT, wrench))
+        wrench = norms_into(wrench, *self._limits)
         jacobian = self._device.jacobian(self._feedback.measured_joints())
         effort = vector(jacobian.T @ wrench)
         return Point(Setpoint(Mode.JOINT_EFFORT, effort), wrench=wrench)
