@@ -45,6 +45,10 @@ classdef utils < handle
             request = struct('do', 'device', 'ral', ral.number, ...
                 'namespace', self.ros_namespace, 'timeout', ral.connect_timeout);
             if nargin == 4
+                if ~isprop(operating_state_instance, 'crtk_device')
+                    error('crtk:Input', ['%s: the object whose operating state tells when moves ' ...
+                        'end has none. Call its add_operating_state first.'], self.ros_namespace);
+                end
                 request.parent = operating_state_instance.crtk_device;
             end
             self.device = crtk.internal.call(request);

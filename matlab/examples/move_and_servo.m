@@ -43,10 +43,7 @@ function move_and_servo(ros_namespace, duration)
     pose(3, 4) = pose(3, 4) + 0.05;
     r.move_cp(pose).wait();
     measured = r.measured_cp();
-    printf_mm('the tool is away from its goal by', norm(measured(1:3, 4) - pose(1:3, 4)));
+    distance = norm(measured(1:3, 4) - pose(1:3, 4));
+    fprintf('the tool is %.1f mm away from its goal\n', 1000.0 * distance);
     r.move_jp(start).wait();
-end
-
-function printf_mm(text, distance)
-    fprintf('%s %.1f mm\n', text, 1000.0 * distance);
 end

@@ -14,7 +14,7 @@ function octave_commands()
     zero = zeros(4, 1);
 
     % moves, with a handle
-    goal = [0.1; 0.2; 0.3; 0.4];
+    goal = [0.8; 0.2; 0.3; 0.4];
     handle = r.move_jp(goal');
     check(isa(handle, 'crtk.wait_move_handle'), 'a move returns a %s', class(handle));
     check(handle.wait(true), 'the move did not begin');

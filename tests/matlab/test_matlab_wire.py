@@ -112,6 +112,11 @@ def test_arguments_of_every_kind_of_command() -> None:
     assert value_of("trajectory_j/set_ratio", [0.5]) == Number(0.5)
     assert value_of("use_gravity_compensation", [1]) == Flag(True)
     assert arguments_of(COMMANDS["hold"], [], "/r") == ()
+    reached, near = arguments_of(COMMANDS["inverse_kinematics"], [task, np.arange(2.0)], "/r")
+    assert isinstance(reached, Pose)
+    assert isinstance(near, np.ndarray)
+    assert near.tolist() == [0.0, 1.0]
+    assert value_of("forward_kinematics", [1, 2]).tolist() == [1.0, 2.0]
 
 
 @pytest.mark.parametrize(
@@ -133,6 +138,9 @@ def test_arguments_of_every_kind_of_command() -> None:
         ("trajectory_j/set_ratio", [[0.5, 0.5]], "2 numbers"),
         ("use_gravity_compensation", [[2]], "true or false"),
         ("hold", [[1]], "Pass nothing"),
+        ("forward_kinematics", [IDENTITY], "one number for each joint"),
+        ("inverse_kinematics", [np.eye(3)], "a 4x4 pose"),
+        ("inverse_kinematics", [], "0 arguments"),
     ],
 )
 def test_what_a_command_does_not_take_is_refused(

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from crtk_drivers.client.matlab.wire import Encoded, arguments_of, decoded, encoded, parts_of, pose
+from crtk_drivers.client.matlab.wire import Encoded, arguments_of, decoded, encoded, parts_of
 from crtk_drivers.client.moves import RemoteMove
 from crtk_drivers.client.remote import CONNECT_TIMEOUT, SERVICE_TIMEOUT, RemoteDevice, connect
 from crtk_drivers.client.space import PARTS
-from crtk_drivers.commands import COMMANDS, Command, Direction, Payload, find
+from crtk_drivers.commands import COMMANDS, Command, Direction, find
 from crtk_drivers.errors import CommandRefused, ConfigError, CrtkError, DataTimeout
 from crtk_drivers.ros import environment
 from crtk_drivers.state import Status
@@ -273,14 +273,13 @@ class Session:
         """Return the answer of a kinematics service.
 
         Raises:
+            CommandRefused: it takes other arguments.
             KinematicsError: there is none.
         """
-        first, *others = (decoded(argument) for argument in arguments)
-        query = _method(self._device(device), name)
-        if _row(name).payload is Payload.INVERSE_KINEMATICS:
-            answer = query(pose(first), *others, timeout=SERVICE_TIMEOUT)
-        else:
-            answer = query(first, *others, timeout=SERVICE_TIMEOUT)
+        owner = self._device(device)
+        arrays = [decoded(argument) for argument in arguments]
+        given = arguments_of(_row(name), arrays, owner.namespace)
+        answer = _method(owner, name)(*given, timeout=SERVICE_TIMEOUT)
         return [encoded(part) for part in parts_of(answer)]
 
     # ----------------------------------------------------------------------------------------- moves

@@ -29,7 +29,9 @@ from crtk_drivers.samples import (
     Pose,
     Twist,
     Value,
+    Vector,
     Wrench,
+    vector,
 )
 
 Encoded = Mapping[str, Any]
@@ -81,8 +83,14 @@ def parts_of(value: Any) -> list[Array]:
 
 
 _COUNTS: Mapping[Payload, tuple[int, int]] = MappingProxyType(
-    {Payload.EMPTY: (0, 0), Payload.JOINT_SERVO: (2, 4), Payload.CARTESIAN_SERVO: (5, 5)}
+    {
+        Payload.EMPTY: (0, 0),
+        Payload.JOINT_SERVO: (2, 4),
+        Payload.CARTESIAN_SERVO: (5, 5),
+        Payload.INVERSE_KINEMATICS: (1, 2),
+    }
 )
+"""How many arguments a method takes in MATLAB, if not one."""
 _EXPECTED: Mapping[Payload, str] = MappingProxyType(
     {
         Payload.JOINT_STATE: "one number for each joint",
@@ -94,12 +102,16 @@ _EXPECTED: Mapping[Payload, str] = MappingProxyType(
         Payload.NUMBER: "a number",
         Payload.FLAG: "true or false",
         Payload.EMPTY: "nothing",
+        Payload.FORWARD_KINEMATICS: "one number for each joint",
+        Payload.INVERSE_KINEMATICS: "a 4x4 pose, and joint positions near which to look",
     }
 )
 
 
-def arguments_of(command: Command, arrays: Sequence[Array], where: str) -> tuple[Value, ...]:
-    """Return what the method of a command takes, from what was passed to it in MATLAB.
+def arguments_of(
+    command: Command, arrays: Sequence[Array], where: str
+) -> tuple[Value | Vector, ...]:
+    """Return what the method of a CRTK name takes, from what was passed to it in MATLAB.
 
     A joint position may be followed by the velocity that belongs to it.
 
@@ -112,6 +124,10 @@ def arguments_of(command: Command, arrays: Sequence[Array], where: str) -> tuple
     try:
         if not least <= len(arrays) <= most:
             raise ValueError(f"{len(arrays)} arguments")
+        if command.payload is Payload.INVERSE_KINEMATICS:
+            return (pose(arrays[0]), *map(vector, arrays[1:]))
+        if command.payload is Payload.FORWARD_KINEMATICS:
+            return (vector(arrays[0]),)
         return (_value(command, arrays, where),) if arrays else ()
     except (TypeError, ValueError) as error:
         detail = error.detail if isinstance(error, CommandRefused) else str(error)
