@@ -15,12 +15,12 @@ from types import MappingProxyType
 from crtk_drivers.commands import COMMANDS, Command, Direction, Kind, Level, Space, find, is_name
 from crtk_drivers.device import Capabilities, Mode
 
-KINEMATICS = "kinematics"
+KINEMATICS = "kinematics (the key kinematics of the configuration)"
 TOOL_LIMITS = "limits of the tool"
 FORCE_LIMITS = "limits of the tool's force and torque"
 FREE = "free drive"
 GRAVITY = "gravity compensation"
-BASE = "a base with a pose of its own"
+BASE = "a base with a pose of its own (the key base of the configuration)"
 NATIVE = "its own "
 ANY_MODE = "any mode"
 
@@ -162,7 +162,7 @@ def offered(capabilities: Capabilities) -> Mapping[str, Command]:
         if any(needs <= features for needs in alternatives):
             names[name] = None
     if KINEMATICS in features or "measured_cp" in names:
-        for name in tuple(names):
+        for name in [name for name in names if "/" not in name]:
             for frame in _in_frames(find(name)):
                 if frame != "local" or BASE in features:
                     names[f"{frame}/{name}"] = None

@@ -9,6 +9,7 @@ one `ConfigError`, with file, line, key, what was expected, and what was probabl
 from __future__ import annotations
 
 import difflib
+import math
 import types
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass
@@ -38,6 +39,8 @@ from pydantic_core import ErrorDetails
 
 from crtk_drivers.config_file import Key, Values, dotted, parse_value, read_file
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.geometry import QUATERNION_TOLERANCE, quaternion_from_rpy
+from crtk_drivers.samples import Pose, vector
 
 Seconds = Annotated[float, Field(gt=0.0, le=300.0)]
 """A duration in s, above zero and at most five minutes."""
@@ -93,6 +96,105 @@ class LimitsConfig(Settings):
     )
 
 
+class PoseConfig(Settings):
+    """A pose: where something is in the frame that the key speaks of."""
+
+    position: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="x, y, z in m."
+    )
+    orientation: tuple[float, float, float, float] | None = Field(
+        default=None, description="Quaternion x, y, z, w. Give this or rpy."
+    )
+    rpy: tuple[float, float, float] | None = Field(
+        default=None, description="Roll, pitch, yaw in rad, about fixed x, then y, then z."
+    )
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> Self:
+        if self.orientation is not None and self.rpy is not None:
+            raise ValueError("give orientation or rpy, not both")
+        if self.orientation is not None:
+            norm = math.hypot(*self.orientation)
+            if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+                raise ValueError(f"orientation must have a norm of 1, not {norm:g}")
+        return self
+
+    @property
+    def pose(self) -> Pose:
+        """The same as a value."""
+        if self.orientation is not None:
+            turned = vector(self.orientation)
+            orientation = vector(turned / math.hypot(*self.orientation))
+        else:
+            orientation = quaternion_from_rpy(*(self.rpy or (0.0, 0.0, 0.0)))
+        return Pose(vector(self.position), orientation)
+
+
+class BaseConfig(PoseConfig):
+    """Where the device stands: the pose of its own base in another frame."""
+
+    frame_id: str = Field(
+        default="world", min_length=1, max_length=100, description="Name of that frame."
+    )
+
+
+class ToolLimitsConfig(Settings):
+    """How fast and hard the tool may be."""
+
+    linear_velocity: float = Field(default=0.5, gt=0.0, description="m/s.")
+    angular_velocity: float = Field(default=1.5, gt=0.0, description="rad/s.")
+    linear_acceleration: float = Field(default=2.0, gt=0.0, description="m/s².")
+    angular_acceleration: float = Field(default=6.0, gt=0.0, description="rad/s².")
+    force: float = Field(
+        default=0.0, ge=0.0, description="N; 0: no forces. Counts where joints take efforts."
+    )
+    torque: float = Field(default=0.0, ge=0.0, description="N·m; 0: no torques.")
+
+
+class DhRowConfig(Settings):
+    """One row of a Denavit-Hartenberg table."""
+
+    a: float = Field(default=0.0, description="Length of the link, in m.")
+    alpha: float = Field(default=0.0, description="Twist of the link, in rad.")
+    d: float = Field(default=0.0, description="Offset along the joint's axis, in m.")
+    theta: float = Field(default=0.0, description="Angle about the joint's axis at zero, in rad.")
+    kind: Literal["revolute", "prismatic"] = Field(default="revolute", description="Of the joint.")
+
+
+class KinematicsConfig(Settings):
+    """Kinematics for a device that has none of its own: a URDF, or a Denavit-Hartenberg table."""
+
+    urdf: str | None = Field(
+        default=None, description="Path of a URDF file (xacro expanded). Give this or dh."
+    )
+    base_link: str = Field(default="base_link", description="Link of the URDF that is the base.")
+    tip_link: str = Field(default="tool0", description="Link of the URDF that carries the tool.")
+    joints: tuple[str, ...] = Field(
+        default=(),
+        description="Names of the joints in the URDF, in the order of the device, where it calls "
+        "them otherwise.",
+    )
+    dh: tuple[DhRowConfig, ...] = Field(
+        default=(), description="One row for each joint, in the order of the device."
+    )
+    dh_convention: Literal["standard", "modified"] = Field(
+        default="standard", description="Of the table."
+    )
+    tool: PoseConfig | None = Field(
+        default=None, description="Tool point in the tip link; the tip itself if null."
+    )
+    position_only: bool = Field(
+        default=False, description="Reach positions with any orientation: for arms of few axes."
+    )
+    limits: ToolLimitsConfig = Field(default=ToolLimitsConfig(), description="Of the tool.")
+
+    @model_validator(mode="after")
+    def _one_model(self) -> Self:
+        if (self.urdf is None) is not bool(self.dh):
+            raise ValueError("give urdf or dh")
+        return self
+
+
 class DeviceConfig(Settings):
     """The keys that every device has; a driver adds its own in a subclass."""
 
@@ -138,6 +240,13 @@ class DeviceConfig(Settings):
         "once to where inverse kinematics has the goal.",
     )
     limits: LimitsConfig = Field(default=LimitsConfig(), description="How commands are limited.")
+    base: BaseConfig | None = Field(
+        default=None,
+        description="Where the device's own base is in another frame, in which poses are then given.",
+    )
+    kinematics: KinematicsConfig | None = Field(
+        default=None, description="Kinematics for a device that has none of its own."
+    )
 
 
 class NodeConfig(Settings):

@@ -24,6 +24,15 @@ def quaternion_from_rotvec(rotvec: Vector) -> Vector:
     return vector((x * scale, y * scale, z * scale, math.cos(angle / 2.0)))
 
 
+def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Vector:
+    """Return the unit quaternion (4,) of turns in rad about fixed x, then y, then z."""
+    about_x, about_y, about_z = (
+        quaternion_from_rotvec(vector(angle * np.eye(3)[axis]))
+        for axis, angle in enumerate((roll, pitch, yaw))
+    )
+    return quaternion_product(about_z, quaternion_product(about_y, about_x))
+
+
 def rotvec_from_quaternion(quaternion: Vector) -> Vector:
     """Return the rotation vector (3,) in rad, of at most pi, of a unit quaternion (4,)."""
     x, y, z, w = quaternion.tolist()

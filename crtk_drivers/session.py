@@ -6,14 +6,17 @@ Both fronts, plain Python and ROS, stand on a session.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import TracebackType
 from typing import Any, Self
 
 from crtk_drivers import plugins
 from crtk_drivers.config import DeviceConfig, from_values
+from crtk_drivers.device import Device
 from crtk_drivers.engine import Engine, EngineOptions
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.limits import LimitPolicy
+from crtk_drivers.placed import PlacedDevice
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.runtime import Runtime
 from crtk_drivers.sims import RunningSim, start
@@ -29,7 +32,7 @@ class Session:
         self.config = config
         self.sim = sim
         self.engine = Engine(
-            plugin.create(config), config.name or plugin.name, engine_options(config)
+            make_device(plugin, config), config.name or plugin.name, engine_options(config)
         )
         self._runtime = Runtime([(self.engine, config.open_timeout)])
 
@@ -56,6 +59,22 @@ class Session:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def make_device(plugin: DevicePlugin, config: DeviceConfig) -> Device:
+    """Return the device of a configuration, with the kinematics and the place that it names.
+
+    Raises:
+        ConfigError, MissingExtra: it cannot be made.
+    """
+    device = plugin.create(config)
+    if config.kinematics is not None:
+        from crtk_drivers.modelled import ModelledDevice  # pinocchio is not needed otherwise
+
+        device = ModelledDevice(device, config.kinematics)
+    if config.base is not None:
+        device = PlacedDevice(device, replace(config.base.pose, frame_id=config.base.frame_id))
+    return device
 
 
 def engine_options(config: DeviceConfig) -> EngineOptions:

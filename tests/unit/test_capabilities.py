@@ -115,7 +115,7 @@ def test_what_is_missing_is_said_in_words() -> None:
     assert "Cartesian position, or joint position and kinematics" in missing_for(
         "servo_cp", encoder
     )
-    assert "a base with a pose of its own and" in missing_for("local/servo_cp", encoder)
+    assert "a base with a pose of its own (the key base" in missing_for("local/servo_cp", encoder)
     assert missing_for("measured_cf", encoder) == "Its samples hold no such value."
     assert missing_for("dance", encoder) == "There is no such CRTK command."
 
