@@ -200,6 +200,12 @@ def test_hostile_pages_are_refused(hostile: bytes) -> None:
         read_sensor(hostile, "here")
 
 
+@pytest.mark.parametrize("hostile", [BOMB, OUTSIDE])
+def test_entities_are_not_even_read(hostile: bytes) -> None:
+    with pytest.raises(ProtocolError, match="DTDForbidden"):
+        read_sensor(hostile, "here")
+
+
 @given(st.binary(max_size=300))
 def test_any_bytes_are_a_page_or_an_error_of_ours(data: bytes) -> None:
     with pytest.raises(ProtocolError):

@@ -80,6 +80,17 @@ def test_records_of_one_datagram_arrive_together_and_were_measured_one_after_the
     assert (arrivals - true)[settled].mean() > 2e-3
 
 
+def test_stamps_do_not_go_back_when_the_line_is_found() -> None:
+    fit = ClockFit()
+    true = 1000.0 + np.arange(4000) / 7000.0
+    arrivals = true + 10e-6
+    stalled = (true > 1000.0 + BLOCK - 0.03) & (true < 1000.0 + BLOCK)
+    arrivals[stalled] = 1000.0 + BLOCK + 10e-6
+    stamps = stamps_of(fit, np.arange(4000), arrivals)
+    assert fit.locked
+    assert (np.diff(stamps) >= 0.0).all()
+
+
 def test_gaps_and_outages_do_not_move_the_line() -> None:
     fit = ClockFit()
     ticks, true, arrivals = arrivals_of(8.0, 7000.0)

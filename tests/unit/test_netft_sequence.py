@@ -155,6 +155,7 @@ def test_a_series_that_was_not_asked_for_is_another_clients(feeder) -> None:
         (1000, 100, 3.0),
         (3 * 10**9, 100, 3.0),
         (1000, 0, 0.05),
+        (300, 0, 0.05),
         (WRAP - 500, 200, 8.0),
         (10_000, 400_000, 3.0),
     ],
@@ -201,6 +202,17 @@ def test_a_frozen_transducer_is_a_fault_and_no_loss(feeder) -> None:
     feeder.feed(series(20, rdt=61 + FROZEN_AFTER, ft=1200, when=10.2))
     assert not feeder.tracker.frozen
     assert feeder.events == [Event.BEGUN, Event.FROZEN, Event.THAWED]
+
+
+def test_a_measurement_that_is_repeated_for_a_moment_is_no_fault(feeder) -> None:
+    rdt, ft = 1, 1000
+    for _ in range(3):
+        feeder.feed([(rdt + i, ft, 10.0 + rdt / RATE) for i in range(FROZEN_AFTER - 10)])
+        rdt, ft = rdt + FROZEN_AFTER - 10, ft + 1
+        feeder.feed(series(20, rdt=rdt, ft=ft, when=10.0 + rdt / RATE))
+        rdt, ft = rdt + 20, ft + 20
+    assert not feeder.tracker.frozen
+    assert feeder.events == [Event.BEGUN]
 
 
 def test_events_say_from_which_record_on(feeder) -> None:

@@ -152,6 +152,12 @@ def test_what_is_no_page_is_refused(answer, message) -> None:
     assert message in caught.value.message
 
 
+def test_an_answer_to_settings_has_an_end_as_well() -> None:
+    endless = sends(OK + b"\r\n", *[b" " * 65536] * 100)
+    with server(endless) as (web, _), pytest.raises(ProtocolError, match="longer than"):
+        web.write("setting.cgi", {"setuserfilter": 0})
+
+
 def test_no_server_is_no_connection() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
