@@ -207,10 +207,10 @@ def test_a_frozen_transducer_is_a_fault_and_no_loss(feeder) -> None:
 def test_a_measurement_that_is_repeated_for_a_moment_is_no_fault(feeder) -> None:
     rdt, ft = 1, 1000
     for _ in range(3):
+        feeder.feed(series(20, rdt=rdt, ft=ft, when=10.0 + rdt / RATE))
+        rdt, ft = rdt + 20, ft + 19
         feeder.feed([(rdt + i, ft, 10.0 + rdt / RATE) for i in range(FROZEN_AFTER - 10)])
         rdt, ft = rdt + FROZEN_AFTER - 10, ft + 1
-        feeder.feed(series(20, rdt=rdt, ft=ft, when=10.0 + rdt / RATE))
-        rdt, ft = rdt + 20, ft + 20
     assert not feeder.tracker.frozen
     assert feeder.events == [Event.BEGUN]
 
