@@ -71,6 +71,9 @@ _STREAMING = 2.0
 _TOLERANCE = 1.05
 """By how much a stream may exceed a velocity limit, for its clock is not ours."""
 
+_SLOWEST = 0.1
+"""Seconds between two positions, at most, that are of one motion."""
+
 _SHORT = 1e-6
 """Seconds over which a derivative is taken of the Jacobian."""
 
@@ -181,12 +184,15 @@ class Feedback:
             twist = values
         if mode is Mode.CARTESIAN_EFFORT:
             wrench = values
-        before, interval = self._active, now - self._active.sent
+        before, sent, interval = self._active, now, now - self._active.sent
         drift = EMPTY
-        if before.mode is mode and interval > 0.0 and not (joints.velocity.size or twist.size):
-            drift = _drift(mode, before, joints.position, pose, interval)
+        if before.mode is mode and not (joints.velocity.size or twist.size):
+            if _is_repeated(before, joints.position, pose):  # between two commands
+                drift, sent, interval = before.drift, before.sent, before.interval
+            elif 0.0 < interval <= _SLOWEST:
+                drift = _drift(mode, before, joints.position, pose, interval)
         self._active = _Active(
-            mode, joints, pose, point.acceleration, twist, wrench, drift, stamp_ns, now, interval
+            mode, joints, pose, point.acceleration, twist, wrench, drift, stamp_ns, sent, interval
         )
 
     def stream_ended(self) -> None:
@@ -460,6 +466,10 @@ class Feedback:
         if not isinstance(value, JointState) or not self._capabilities.has_kinematics:
             return None
         return Matrix(self._device.jacobian(value.position))
+
+
+def _is_repeated(before: _Active, position: Vector, pose: Vector) -> bool:
+    return np.array_equal(position, before.joints.position) and np.array_equal(pose, before.pose)
 
 
 def _drift(mode: Mode, before: _Active, position: Vector, pose: Vector, interval: float) -> Vector:

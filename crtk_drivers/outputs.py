@@ -165,10 +165,10 @@ class WrenchOutput:
 class Pursuit:
     """A tool that goes to a pose as directly as the limits of its joints allow.
 
-    The joint position that reaches the pose is sent as soon as the joints may be that fast. Until then the
-    tool approaches through the Jacobian, its joint velocities scaled as a whole. Near a singularity, where
-    a short way of the tool is a long one of the joints, it is damped (see `crtk_drivers.resolved_rate`), and
-    no joint is faster than its limit in any one cycle.
+    The joint position that reaches the pose is sent at once if the joints may be that fast. Otherwise, and
+    near a singularity, where a short way of the tool is a long one of the joints, the tool approaches
+    through the damped Jacobian, the joint velocities scaled as a whole (see `crtk_drivers.resolved_rate`).
+    From then on no joint is faster than its limit in any one cycle, until the pose is reached.
 
     Args:
         device: whose limits and rate it keeps.
@@ -181,6 +181,7 @@ class Pursuit:
         self._cycle = 1.0 / capabilities.rate
         self._rates = ResolvedRate(capabilities.limits, capabilities.cartesian_limits, self._cycle)
         self._limiter = limiter
+        self._approaches = False
         self._fastest = vector([limit.velocity for limit in capabilities.limits])
 
     def point(
@@ -193,18 +194,20 @@ class Pursuit:
             goal: of the tool, in the base frame.
             there: (n,) the joint position that reaches it.
             now: monotonic seconds.
-            may_jump: where there is no singularity, go further than in one cycle, as a stream of joint
-                positions may.
+            may_jump: whether it may be further away than a cycle takes it, as in a stream of joint positions.
         """
         needs = float((np.abs(there - joints) / self._fastest).max())
         credit = self._limiter.credit(now)
         at_once = Point(Setpoint(Mode.JOINT_POSITION, there))
         if needs <= min(credit, self._cycle * (1.0 + _TOLERANCE)):
+            self._approaches = False
             return at_once
         device = self._device
         pose, jacobian = device.forward_kinematics(joints), device.jacobian(joints)
         rate = self._rates.follow_pose(joints, pose, jacobian, goal, self._cycle)
-        if may_jump and needs <= credit and not rate.is_damped:
+        may_jump = may_jump and not self._approaches and not rate.is_damped
+        if may_jump and needs <= credit:
             return at_once
+        self._approaches = True
         step = rate.velocity * min(self._cycle, credit)
         return Point(Setpoint(Mode.JOINT_POSITION, vector(joints + step)))
