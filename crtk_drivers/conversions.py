@@ -14,7 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crtk_drivers.geometry import matrix_from_quaternion, quaternion_from_matrix
+from crtk_drivers.geometry import (
+    QUATERNION_TOLERANCE,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+)
 from crtk_drivers.samples import Array, Pose, vector
 
 
@@ -37,6 +41,10 @@ def as_pose(value: Any, frame_id: str = "") -> Pose:
     if numbers.shape == (4, 4):
         if not np.allclose(numbers[3], (0.0, 0.0, 0.0, 1.0)):
             raise ValueError("the last row of a homogeneous matrix is 0 0 0 1")
+        rotation = numbers[:3, :3]
+        is_rotation = np.allclose(rotation @ rotation.T, np.eye(3), atol=QUATERNION_TOLERANCE)
+        if not (is_rotation and np.linalg.det(rotation) > 0.0):
+            raise ValueError("its upper left 3 x 3 is no rotation")
         return Pose(vector(numbers[:3, 3]), quaternion_from_matrix(numbers[:3, :3]), frame_id)
     raise ValueError(f"an array of shape {numbers.shape} is no pose")
 

@@ -17,7 +17,7 @@ import crtk_drivers
 from crtk_drivers import client
 
 RATE = 100.0
-SECONDS = 8.0
+SECONDS = 6.0
 SCALE = 0.5  # of the leader's motion
 REFLECTED = 0.5  # of the follower's force
 TABLE = -0.02  # m below where the tool begins

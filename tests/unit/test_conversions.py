@@ -80,3 +80,17 @@ def test_a_frame_with_p_and_m_is_a_pose() -> None:
 def test_what_is_no_pose(value: Any) -> None:
     with pytest.raises((TypeError, ValueError)):
         conversions.as_pose(value)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "text"),
+    [
+        (np.zeros((4, 4)), "last row"),
+        (np.diag((0.0, 0.0, 0.0, 1.0)), "no rotation"),
+        (np.diag((2.0, 1.0, 1.0, 1.0)), "no rotation"),
+        (np.diag((-1.0, 1.0, 1.0, 1.0)), "no rotation"),
+    ],
+)
+def test_a_matrix_that_is_no_pose_is_refused(matrix: np.ndarray, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        as_pose(matrix)
