@@ -15,17 +15,21 @@ class Story:
         self.now = 100.0
         self.ours = False
         self.there = True
+        self.held_up = False
+        self.new_series = False
         self.asked: list[float] = []
         self.taken = 0
 
     def run(self, seconds: float) -> None:
         end = self.now + seconds
         while self.now < end - 1e-9:
-            if self.ours and self.there:
-                self.taken += self.watch.heard(self.now)
+            if self.ours and self.there and not self.held_up:
+                self.taken += self.watch.heard(self.now, self.new_series)
+                self.new_series = False
             if self.watch.due(self.now):
                 self.asked.append(round(self.now - 100.0, 6))
-                self.ours = self.there
+                self.new_series = self.there and not self.held_up
+                self.ours = self.ours if self.held_up else self.there
             self.now += STEP
 
 
@@ -71,6 +75,16 @@ def test_a_stream_that_is_back_at_the_first_request_was_taken(story) -> None:
     story.run(1.0)
     assert story.asked == pytest.approx([0.0, 1.0 + PATIENCE], abs=2 * STEP)
     assert story.taken == story.watch.takeovers == 1
+
+
+def test_a_stream_that_was_held_up_was_not_taken(story) -> None:
+    story.run(1.0)
+    story.held_up = True
+    story.run(PATIENCE + 2 * STEP)
+    assert len(story.asked) == 2
+    story.held_up = False
+    story.run(1.0)
+    assert story.taken == 0
 
 
 def test_a_quarrel_is_not_fought_out(story) -> None:

@@ -254,6 +254,17 @@ def test_a_stream_that_was_taken_is_taken_back_and_told(stream, peer) -> None:
     assert stream.counters["lost"] == 0
 
 
+def test_a_stream_that_was_held_up_was_not_taken(stream, peer) -> None:
+    def start(_: int) -> None:
+        peer.stream(5, rdt=2, ft=1001)  # on its way before the request came
+        peer.stream(5, ft=1010)
+
+    peer.on_start = start
+    events = [event for batch in collect(stream, 10) for event, _ in batch.events]
+    assert events == [Event.BEGUN]
+    assert stream.counters["takeovers"] == 0
+
+
 def test_a_series_that_was_not_asked_for_is_told(stream, peer) -> None:
     peer.stream(10, rdt=2, ft=1001)
     peer.stream(5, rdt=1, ft=1011)

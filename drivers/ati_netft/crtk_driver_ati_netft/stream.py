@@ -346,7 +346,8 @@ class RdtStream:
         if not len(numbers):
             return None
         # Not when the last record arrived: it may have waited for us.
-        if self._watch.heard(self._clock()):
+        new_series = (Event.BEGUN, 0) in accepted.events[:1]
+        if self._watch.heard(self._clock(), new_series):
             self.takeovers += 1
             accepted = accepted._replace(events=((Event.TAKEN_OVER, 0), *accepted.events))
         if any(event is Event.RESTARTED for event, _ in accepted.events):

@@ -65,13 +65,19 @@ class StreamWatch:
         self._pause = min(2.0 * self._pause, LONGEST_PAUSE)
         return True
 
-    def heard(self, now: float) -> bool:
-        """Records were there at `now`; return whether they had probably been taken from us."""
+    def heard(self, now: float, new_series: bool) -> bool:
+        """Records were there at `now`; return whether they had probably been taken from us.
+
+        Args:
+            now: monotonic seconds.
+            new_series: the first of them begins the series that was asked for. If it goes on with the one
+                before, that was held up on its way, and nobody took it.
+        """
         self._heard = now
         if self._begun:
             return False
         prompt = self.requests == 1 and now - self._asked <= self._patience
-        taken = prompt and not self._ended_by_us
+        taken = new_series and prompt and not self._ended_by_us
         if taken:
             self.takeovers += 1
             again = now - self._taken < FEUD + self._grudge
