@@ -93,4 +93,4 @@ def test_what_is_no_pose(value: Any) -> None:
 )
 def test_a_matrix_that_is_no_pose_is_refused(matrix: np.ndarray, text: str) -> None:
     with pytest.raises(ValueError, match=text):
-        as_pose(matrix)
+        conversions.as_pose(matrix)
