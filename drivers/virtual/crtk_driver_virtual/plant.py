@@ -1,0 +1,301 @@
+"""The arm that moves: joints with motors, servos, friction and stops, and what the tool runs into.
+
+Pure: no clock and no thread. `Plant.advance` takes elapsed time in fixed substeps. All is in SI units and
+in the axes of the arm's base, linear before angular.
+
+Servos follow position and velocity with inverse dynamics and saturate at the effort limits; efforts act on
+the rigid-body model, integrated semi-implicitly (velocity first). Friction, walls and stops are implicit: no
+stiffness and no damping makes them unstable.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+
+from crtk_driver_virtual.dynamics import ArmDynamics
+from crtk_driver_virtual.models import Arm
+from crtk_driver_virtual.servo import JointServo
+from crtk_drivers.samples import Array, Pose, Vector, empty
+
+SUBSTEP: Final = 1e-3
+"""Seconds of one substep."""
+LONGEST_RAMP: Final = 0.05
+"""Seconds between two position setpoints up to which they are one stream, joined by straight lines."""
+OVERSPEED: Final = 2.0
+"""Times a joint's velocity limit beyond which its drive lets it go no faster, whatever the effort."""
+
+
+class Drive(StrEnum):
+    """What the motors do."""
+
+    HOLD = "hold"
+    POSITION = "position"
+    VELOCITY = "velocity"
+    EFFORT = "effort"
+    WRENCH = "wrench"
+    FREE = "free"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Command:
+    """What the motors are to do from now on; a new one is a new object.
+
+    `values` are joint positions, velocities or efforts (n,), or the wrench (6,) that the tool exerts.
+    """
+
+    drive: Drive
+    values: Vector = field(default_factory=empty)
+
+
+_SERVOED: Final = (Drive.HOLD, Drive.POSITION, Drive.VELOCITY)
+
+HOLD: Final = Command(Drive.HOLD)
+FREE: Final = Command(Drive.FREE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wall:
+    """A plane through `point` (3,) m with the unit `normal` (3,) out of it; N/m and N·s/m."""
+
+    point: Vector
+    normal: Vector
+    stiffness: float
+    damping: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Contact:
+    """Something that pushes in one direction only.
+
+    `row` (n,) turns joint velocities into the velocity away from it; `gap` is how far away it is.
+    """
+
+    row: Vector
+    gap: float
+    stiffness: float = math.inf
+    damping: float = 0.0
+
+    def push(self, velocity: float, mobility: float) -> float:
+        """Return the force of a substep, such that it is that of the spring and damper at its end.
+
+        Args:
+            velocity: away from it, as it would be at the end without this force.
+            mobility: acceleration away from it per force.
+        """
+        reached = self.gap + SUBSTEP * velocity
+        if reached >= 0.0:
+            return 0.0
+        if math.isinf(self.stiffness):
+            return -reached / (SUBSTEP * SUBSTEP * mobility)
+        free = self.stiffness * reached + self.damping * velocity
+        per_speed = SUBSTEP * self.stiffness + self.damping
+        return max(0.0, -free / (1.0 + SUBSTEP * per_speed * mobility))
+
+
+class Plant:
+    """One arm with its motors. `command`, `braked`, `hand` may be set from any thread.
+
+    Args:
+        arm: the model.
+        gravity: acceleration of free fall (3,), in m/s².
+        tool: of the tool point in the tip of the chain.
+        walls: what the tool point cannot pass.
+        cycle: seconds between two setpoints of a stream, at least.
+        bandwidth: of the position servos, in Hz.
+
+    Attributes:
+        command: what the motors do when the brakes are released.
+        braked: the joints stand, and the motors are off.
+        gravity_compensation: motors carry the arm's weight beside commanded efforts.
+        hand: a wrench (6,) that somebody exerts on the tool.
+        position, velocity: (n,) in rad, rad/s (m, m/s).
+        effort: (n,) of the motors, in N·m (N).
+        wrench: (6,) that the hand and the walls exert on the tool.
+        jacobian: (6, n) at the tool point.
+        time: of the plant, in s.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        gravity: Sequence[float] = (0.0, 0.0, -9.81),
+        tool: Pose | None = None,
+        walls: Sequence[Wall] = (),
+        cycle: float = 2e-3,
+        bandwidth: float = 20.0,
+    ) -> None:
+        self.command = HOLD
+        self.braked = True
+        self.gravity_compensation = True
+        self.hand = np.zeros(6)
+        self.position = np.array(arm.start)
+        self.velocity = np.zeros(arm.start.size)
+        self.effort = np.zeros(arm.start.size)
+        self.wrench = np.zeros(6)
+        self.time = 0.0
+        # Friction of the velocity at the end of a substep is that of its beginning plus this inertia.
+        extra_inertia = arm.rotor_inertia + SUBSTEP * arm.damping
+        self.dynamics = ArmDynamics(arm, gravity, extra_inertia, tool)
+        self._damping = arm.damping
+        self._lower, self._upper, fastest, self._strongest = (
+            np.array([getattr(limit, name) for limit in arm.limits])
+            for name in ("lower", "upper", "velocity", "effort")
+        )
+        self._overspeed = OVERSPEED * fastest
+        self._servos = [JointServo(limit, bandwidth, SUBSTEP) for limit in arm.limits]
+        self._walls = tuple(walls)
+        self._cycle = cycle
+        self._left_over = 0.0
+        self._following: Command | None = None
+        self._set_at = 0.0
+        self._point, self.jacobian = self.dynamics.tool(self.position)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether it was told to hold and has slowed down."""
+        if self.braked:
+            return True
+        return self._following is HOLD and all(servo.is_at_rest for servo in self._servos)
+
+    def advance(self, elapsed: float) -> None:
+        """Go on by `elapsed` seconds; what is less than a substep counts the next time."""
+        self._left_over += elapsed
+        while self._left_over >= SUBSTEP:
+            self._left_over -= SUBSTEP
+            self.step()
+
+    def step(self) -> None:
+        """Go on by one substep."""
+        self.time += SUBSTEP
+        if self.braked:
+            self._stand()
+            return
+        command = self.command
+        if command is not self._following:
+            self._begin(command)
+        q, v = self.position, self.velocity
+        effort = self._motor_effort(command, q, v)
+        self.effort = effort = np.minimum(np.maximum(effort, -self._strongest), self._strongest)
+        load = effort - self._damping * v + self.jacobian.T @ self.hand
+        moved = v + SUBSTEP * self.dynamics.acceleration(q, v, load)
+        moved, pushes = self._after_contacts(q, moved)
+        self.velocity = np.minimum(np.maximum(moved, -self._overspeed), self._overspeed)
+        self.position = np.minimum(
+            np.maximum(q + SUBSTEP * self.velocity, self._lower), self._upper
+        )
+        self._sense(pushes)
+
+    def _stand(self) -> None:
+        self._following = None
+        self.velocity = np.zeros_like(self.velocity)
+        self.effort = np.zeros_like(self.effort)
+        pushes = np.zeros(3)
+        for wall, contact in self._touched():
+            pushes += contact.push(0.0, 0.0) * wall.normal
+        self._sense(pushes)
+
+    def _sense(self, pushes: Vector) -> None:
+        self._point, self.jacobian = self.dynamics.tool(self.position)
+        self.wrench = self.hand.copy()
+        self.wrench[:3] += pushes
+
+    # ---------------------------------------------------------------------------------------- motors
+
+    def _begin(self, command: Command) -> None:
+        """Take a new command. The servos go on from what they follow, or from where the joints are."""
+        before = None if self._following is None else self._following.drive
+        joints = zip(self._servos, self.position.tolist(), self.velocity.tolist(), strict=True)
+        if before not in _SERVOED:
+            for servo, q, v in joints:
+                servo.start(q, v)
+        elif before is Drive.POSITION and command.drive is not Drive.POSITION:
+            for servo, q, v in joints:
+                servo.leave_ramp(q, v)
+        if command.drive is Drive.POSITION:
+            since = self.time - self._set_at if before is Drive.POSITION else 0.0
+            self._ramp_to(command.values.tolist(), since)
+        self._following = command
+
+    def _ramp_to(self, goals: Sequence[float], since: float) -> None:
+        targets = list(zip(self._servos, goals, strict=True))
+        duration = min(max(since, self._cycle), LONGEST_RAMP)
+        duration = max(duration, *(servo.time_to(goal) for servo, goal in targets))
+        for servo, goal in targets:
+            servo.ramp_to(goal, duration)
+        self._set_at = self.time
+
+    def _motor_effort(self, command: Command, q: Vector, v: Vector) -> Vector:
+        drive = command.drive
+        if drive in _SERVOED:
+            acceleration = self._servo_acceleration(command, q.tolist(), v.tolist())
+            return self.dynamics.effort(q, v, acceleration) + self._damping * v
+        weight = self.dynamics.weight(q)
+        if drive is Drive.FREE:
+            return weight
+        is_wrench = drive is Drive.WRENCH
+        effort = self.jacobian.T @ command.values if is_wrench else command.values
+        return effort + weight if self.gravity_compensation else effort
+
+    def _servo_acceleration(
+        self, command: Command, q: Sequence[float], v: Sequence[float]
+    ) -> Vector:
+        if command.drive is Drive.POSITION:
+            found = [s.follow_ramp(q[i], v[i]) for i, s in enumerate(self._servos)]
+        else:
+            is_velocity = command.drive is Drive.VELOCITY
+            goal = command.values.tolist() if is_velocity else [0.0] * len(q)
+            found = [s.follow_velocity(goal[i], q[i], v[i]) for i, s in enumerate(self._servos)]
+        return np.array(found)
+
+    # -------------------------------------------------------------------------------------- contacts
+
+    def _after_contacts(self, q: Vector, v: Vector) -> tuple[Vector, Vector]:
+        """Return joint velocities and the force on the tool (3,) after stops and walls pushed back.
+
+        Args:
+            q: positions at the beginning of the substep.
+            v: velocities at its end, without them.
+        """
+        force = np.zeros(3)
+        walls = tuple(self._touched(v)) if self._walls else ()
+        ahead = q + SUBSTEP * v
+        beyond = (ahead < self._lower) | (ahead > self._upper)
+        if not walls and not beyond.any():
+            return v, force
+        mobility = self.dynamics.mobility(q)
+        for wall, contact in walls:
+            push, v = _pushed(contact, v, mobility)
+            force += push * wall.normal
+        for stop in self._stops(q, np.flatnonzero(beyond).tolist()):
+            _, v = _pushed(stop, v, mobility)
+        return v, force
+
+    def _touched(self, v: Vector | None = None) -> Iterator[tuple[Wall, _Contact]]:
+        """Yield the walls that the tool point is in, or will be with joint velocities `v`."""
+        for wall in self._walls:
+            row = wall.normal @ self.jacobian[:3]
+            gap = float(wall.normal @ (self._point - wall.point))
+            if gap + (0.0 if v is None else SUBSTEP * float(row @ v)) < 0.0:
+                yield wall, _Contact(row, gap, wall.stiffness, wall.damping)
+
+    def _stops(self, q: Vector, joints: Sequence[int]) -> Iterator[_Contact]:
+        for joint in joints:
+            row = np.zeros(q.size)
+            is_lower = 2.0 * q[joint] < self._lower[joint] + self._upper[joint]
+            row[joint] = 1.0 if is_lower else -1.0
+            gap = q[joint] - self._lower[joint] if is_lower else self._upper[joint] - q[joint]
+            yield _Contact(row, float(gap))
+
+
+def _pushed(contact: _Contact, v: Vector, mobility: Array) -> tuple[float, Vector]:
+    """Return the force of a contact and the joint velocities with it."""
+    eased = mobility @ contact.row
+    push = contact.push(float(contact.row @ v), float(contact.row @ eased))
+    return push, v + SUBSTEP * push * eased

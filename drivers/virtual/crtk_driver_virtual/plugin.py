@@ -1,0 +1,25 @@
+"""The entry point of the driver."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+from crtk_driver_virtual.config import VirtualConfig
+from crtk_driver_virtual.device import VirtualDevice
+from crtk_drivers.errors import MissingExtra
+from crtk_drivers.plugins import DevicePlugin
+
+
+def _create(config: VirtualConfig) -> VirtualDevice:
+    if find_spec("pinocchio") is None:
+        raise MissingExtra("pinocchio", "kinematics")
+    return VirtualDevice(config)
+
+
+PLUGIN = DevicePlugin(
+    name="virtual",
+    summary="an arm with dynamics in this process, without hardware: every CRTK command, walls to touch",
+    config=VirtualConfig,
+    create=_create,
+    extra="kinematics",
+)
