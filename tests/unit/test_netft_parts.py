@@ -101,7 +101,7 @@ def test_an_average_takes_what_was_measured_in_its_time() -> None:
     result = averaging.result()
     assert result.count == 3
     assert result.mean == pytest.approx([2.0] * 6)
-    assert result.uncertainty == pytest.approx([np.sqrt(2.0 / 3.0) / np.sqrt(3.0)] * 6)
+    assert result.deviation == pytest.approx([np.sqrt(2.0 / 3.0)] * 6)
 
 
 # ------------------------------------------------------------------------------------------- monitored

@@ -467,6 +467,7 @@ def test_a_calibration_finds_tool_and_bias(rig) -> None:
     assert rig.note("calibration") == (Severity.INFO, "6 poses taken")
     text = rig.front.calibration_finish()
     assert "mass 0.8000 kg" in text
+    assert rig.device.tool_fit.residuals.shape == (6, 6)
     assert rig.device.pipeline.tool.center == pytest.approx(center, abs=1e-5)
     assert rig.device.bias == pytest.approx(bias, abs=1e-5)
     rig.until_load([0] * 6, 1e-5)
@@ -521,6 +522,7 @@ def test_every_measurement_reaches_programs_in_the_same_process(rig, peer) -> No
         assert (np.diff(some["ticks"]) == 7).all()
         assert (np.diff(some["stamp"]) > 0).all()
     assert reader.missed == 0
+    assert len(rig.device.newest(100)) == 100
     assert abs(heard["stamp"][-1] - time.time_ns()) < LONG * 1e9
 
 

@@ -17,11 +17,6 @@ class Average:
     mean: Vector
     deviation: Vector
 
-    @property
-    def uncertainty(self) -> Vector:
-        """Standard error of the mean (6,)."""
-        return vector(self.deviation / np.sqrt(self.count))
-
 
 class Averaging:
     """Collects measurements.

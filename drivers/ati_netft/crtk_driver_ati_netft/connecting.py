@@ -174,6 +174,7 @@ def _open_udp(
             receive_buffer=config.receive_buffer,
         )
     stream.factors = info.scale.factors
+    stream.tracker.rate = float(info.internal_rate or profile.rate)
     tell(stream)
     stream.open(deadline)
     by_rdt = {profile.filter_by_rdt: config.sensor.filter_code}

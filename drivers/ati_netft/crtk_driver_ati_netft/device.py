@@ -17,9 +17,9 @@ from typing import Any
 
 from crtk_driver_ati_netft import connecting
 from crtk_driver_ati_netft.averaging import Averaging
-from crtk_driver_ati_netft.blocks import BlockReader
+from crtk_driver_ati_netft.blocks import Block, BlockReader
 from crtk_driver_ati_netft.calibration import SensorInfo
-from crtk_driver_ati_netft.compensation import Tool, transfer
+from crtk_driver_ati_netft.compensation import Tool, ToolFit, transfer
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.monitor import LoadMonitor
 from crtk_driver_ati_netft.pipeline import Listener, Pipeline, Published
@@ -116,6 +116,10 @@ class NetFtDevice(Device):
         It ends when the device is closed, and begins again after it, so that a lost link is a pause.
         """
         return self.pipeline.reader()
+
+    def newest(self, count: int) -> Block:
+        """Return the newest measurements, at most `count` and at most those of the last seconds."""
+        return self.pipeline.ring.newest(count)
 
     def add_listener(self, listener: Listener) -> None:
         """Call `listener` with every block, in the I/O thread: it must return at once."""
@@ -310,6 +314,11 @@ class NetFtDevice(Device):
     def bias(self) -> Vector:
         """The software bias (6,), in the sensor's frame, N and N·m."""
         return self.pipeline.compensation.bias
+
+    @property
+    def tool_fit(self) -> ToolFit | None:
+        """The result of the last calibration, with its residuals; None if there was none."""
+        return self._services.fit
 
     @property
     def sensor_bias(self) -> SensorBias:

@@ -1,13 +1,12 @@
 """RDT, the protocol of the stream: requests to the sensor and its records. Bytes in, values out, no I/O.
 
-Requests are 8 bytes (14 with an address of the stream), records 36 bytes, everything big-endian. A datagram
+Requests are 8 bytes, records 36 bytes, everything big-endian. A datagram
 holds one record or, in buffered mode, several. (ATI 9620-05-NET FT and 9610-05-Ethernet Axia, chapters on
 the UDP interface.)
 """
 
 from __future__ import annotations
 
-import socket
 import struct
 from typing import Any, Final, NamedTuple
 
@@ -18,8 +17,6 @@ PORT: Final = 49152
 HEADER: Final = 0x1234
 MOST_RECORDS: Final = 40
 """Records that a sensor puts into one datagram at most."""
-EXTENDED: Final = 0x8000
-"""Added to a command that is followed by the address for the records."""
 
 RECORD: Final = np.dtype(
     [
@@ -39,35 +36,20 @@ Records = NDArray[np.void]
 _REQUEST = struct.Struct(">HHI")
 
 
-def encode_request(command: int, count: int = 0, redirect: tuple[str, int] | None = None) -> bytes:
+def encode_request(command: int, count: int = 0) -> bytes:
     """Return a request.
 
     Args:
         command: see `crtk_driver_ati_netft.profiles`.
         count: of records to send, 0 for no end; some commands take a value here.
-        redirect: IPv4 address (a multicast group as well) and port that the records are sent to, instead
-            of those that the request came from. Net Box only.
 
     Raises:
-        ValueError: a number that does not fit, or no IPv4 address.
+        ValueError: a number that does not fit.
     """
     try:
-        if redirect is None:
-            return _REQUEST.pack(HEADER, command, count)
-        host, port = redirect
-        request = _REQUEST.pack(HEADER, command | EXTENDED, count)
-        return request + socket.inet_aton(host) + struct.pack(">H", port)
-    except (struct.error, OSError) as error:
-        raise ValueError(
-            f"not a request: command {command}, count {count}, to {redirect}"
-        ) from error
-
-
-def decode(datagram: bytes | bytearray | memoryview) -> Records | None:
-    """Return the records of one datagram, without a copy; None if it holds no whole number of them."""
-    if not datagram or len(datagram) % RECORD_SIZE:
-        return None
-    return np.frombuffer(datagram, RECORD)
+        return _REQUEST.pack(HEADER, command, count)
+    except struct.error as error:
+        raise ValueError(f"not a request: command {command}, count {count}") from error
 
 
 def native(records: Records) -> NDArray[np.int32]:

@@ -93,7 +93,7 @@ class SequenceTracker:
         self.frozen = False
         self.step = 0
         """Measurements from one record to the next."""
-        self._rate = rate
+        self.rate = rate
         self._expecting = False
         self._any = False
         self._rdt = 0
@@ -128,7 +128,7 @@ class SequenceTracker:
     ) -> Accepted | None:
         """Follow a batch that goes on at the same step; None if it does not."""
         step, count = self.step, rdt.size
-        if not step or self._same or count > _MOST or count * step > self._rate:
+        if not step or self._same or count > _MOST or count * step > self.rate:
             return None
         one_by_one = _COUNT[:count]
         rdts = one_by_one + np.uint32(self._rdt)
@@ -167,7 +167,7 @@ class SequenceTracker:
             return True, self._follow(rdt, ft, when, ahead, passed)
         back = behind < _HALF
         fresh = self._expecting and back and (rdt == 1 < behind or rdt <= LATEST < behind)
-        recent = when - self._when < TOO_LATE and passed >= -TOO_LATE * self._rate
+        recent = when - self._when < TOO_LATE and passed >= -TOO_LATE * self.rate
         from_before = recent and (passed < 0 or (passed == 0 and behind <= LATEST))
         if from_before and not fresh:
             self._drop(rdt)
@@ -208,8 +208,8 @@ class SequenceTracker:
 
     def _new_series(self, rdt: int, ft: int, when: float, passed: int) -> list[Event]:
         waited = when - self._when
-        off = abs((ft - self._ft - round(self._rate * waited) + _HALF) % _WRAP - _HALF)
-        restarted = passed < 0 or off > self._rate * SLACK * (1.0 + waited)
+        off = abs((ft - self._ft - round(self.rate * waited) + _HALF) % _WRAP - _HALF)
+        restarted = passed < 0 or off > self.rate * SLACK * (1.0 + waited)
         self._rdt, self._ft, self._when, self._same = rdt, ft, when, 0
         self._ticks = ft if restarted else self._ticks + passed
         was_frozen, self.frozen = self.frozen, False
@@ -232,7 +232,7 @@ class SequenceTracker:
 
     def _most(self, waited: float) -> float:
         """Return how many measurements may have been made in so many seconds."""
-        return self._rate * (1.0 + (1.0 + SLACK) * max(0.0, waited))
+        return self.rate * (1.0 + (1.0 + SLACK) * max(0.0, waited))
 
 
 def _signed(difference: int) -> int:

@@ -251,11 +251,6 @@ class SensorServices:
         yield from ()
         return "no poses"
 
-    @property
-    def poses(self) -> tuple[tuple[Vector, Array], ...]:
-        """Mean load (6,) and rotation (3, 3) of each pose so far."""
-        return tuple((average.mean, rotation) for average, rotation in self._poses)
-
     # --------------------------------------------------------------------------------------- inside
 
     def _average(self, seconds: float) -> Generator[None, None, Average]:

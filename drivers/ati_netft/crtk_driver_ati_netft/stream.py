@@ -135,7 +135,7 @@ class RdtStream:
         """Records per second as far as it is known, in Hz; 0 before two have arrived."""
         if not self.tracker.step:
             return 0.0
-        return (self.clock_fit.tick_rate or self.profile.rate) / self.tracker.step
+        return (self.clock_fit.tick_rate or self.tracker.rate) / self.tracker.step
 
     @property
     def counters(self) -> Mapping[str, float]:
@@ -146,7 +146,9 @@ class RdtStream:
             "takeovers": float(self.tracker.counters.takeovers + self.takeovers),
             "malformed": float(self.malformed),
             "receive_buffer": float(self.receive_buffer),
+            "kernel_stamps": float(self._receiver is not None and self._receiver.kernel_stamps),
             "tick_rate": self.clock_fit.tick_rate,
+            "clock_resets": float(self.clock_fit.resets),
             "arrival_jitter_p50": p50,
             "arrival_jitter_p99": p99,
             "arrival_jitter_max": most,

@@ -23,12 +23,11 @@ from crtk_drivers.samples import Vector, vector
 PORT: Final = 49151
 HEADER: Final = 0x1234
 
-_READ_FT, _READ_CALIBRATION, _WRITE_TRANSFORM = 0, 1, 2
+_READ_FT, _READ_CALIBRATION = 0, 1
 _BIAS, _CLEAR_LATCH = 1, 2
 
 _READING = struct.Struct(">HH6h")
 _CALIBRATION = struct.Struct(">HBBII6H")
-_WRITTEN = struct.Struct(">HBB")
 _REMEDY = "Is this the TCP port (49151) of a NetFT sensor?"
 
 
@@ -62,19 +61,6 @@ def encode_read_calibration() -> bytes:
     return struct.pack(">B19x", _READ_CALIBRATION)
 
 
-def encode_transform(distance_code: int, angle_code: int, values: Vector) -> bytes:
-    """Return the request that sets the tool transform: values (6,) in the units of the codes.
-
-    Raises:
-        ValueError: a value that does not fit.
-    """
-    hundredths = [round(value * 100.0) for value in values.tolist()]
-    try:
-        return struct.pack(">BBB6h5x", _WRITE_TRANSFORM, distance_code, angle_code, *hundredths)
-    except struct.error as error:
-        raise ValueError(f"a transform that does not fit: {values}") from error
-
-
 def decode_reading(reply: bytes) -> Reading:
     """Return the reading of a reply.
 
@@ -97,18 +83,6 @@ def decode_calibration(reply: bytes) -> TcpScale:
     if force is None or torque is None:
         raise ValueError(f"unknown units: codes {force_code} and {torque_code}")
     return TcpScale(Scale(per_force, per_torque, force, torque), tuple(steps))
-
-
-def decode_written(reply: bytes, command: int) -> bool:
-    """Return whether the sensor accepted what was written.
-
-    Raises:
-        ValueError: the reply is to something else.
-    """
-    answered, result = _unpack(_WRITTEN, reply)
-    if answered != command:
-        raise ValueError(f"an answer to command {answered}, not {command}")
-    return result == 0
 
 
 def _unpack(form: struct.Struct, reply: bytes) -> tuple[int, ...]:

@@ -25,7 +25,7 @@ from crtk_driver_ati_netft.profiles import PROFILES, Profile, detect
 from crtk_driver_ati_netft.residual_plot import residual_plot
 from crtk_driver_ati_netft.web import WebPages
 from crtk_drivers.config import Settings
-from crtk_drivers.errors import ConfigError, DeviceFault
+from crtk_drivers.errors import ConfigError, DeviceError, DeviceFault
 from crtk_drivers.geometry import matrix_from_quaternion
 from crtk_drivers.plugins import Tool
 from crtk_drivers.samples import Array, vector
@@ -62,12 +62,12 @@ def info(config: NetFtConfig, options: InfoOptions) -> int:
     if options.seconds == 0.0:
         found = connecting.identify(config, web, time.monotonic() + config.open_timeout)
         profile = PROFILES.get(config.profile) or detect(found.product)
-        _OUT.print(_identity(found, profile))
+        _OUT.print(_identity(found, profile, web))
         return 0
     with _opened(config) as device:
         average = _measure(device, options.seconds, lambda share: None)
         if device.info is not None:
-            _OUT.print(_identity(device.info, device.profile))
+            _OUT.print(_identity(device.info, device.profile, web))
         _OUT.print(_load(average, device))
         for note in device.notes:
             _OUT.print(f"{note.severity.name.lower()}: {note.key}: {note.text}", markup=False)
@@ -89,7 +89,7 @@ def configure(config: NetFtConfig, options: ConfigureOptions) -> int:
     found = settings.apply(web, found, profile, connecting.wanted_settings(wanted))
     if options.remove_bias:
         found = settings.remove_bias(web)
-    _OUT.print(_identity(found, profile))
+    _OUT.print(_identity(found, profile, web))
     return 0
 
 
@@ -198,14 +198,14 @@ def _measure(device: NetFtDevice, seconds: float, tell: Callable[[float], None])
     return averaging.result()
 
 
-def _identity(found: SensorInfo, profile: Profile) -> Table:
+def _identity(found: SensorInfo, profile: Profile, web: WebPages) -> Table:
     rows = {
         "product": found.product,
         "family": f"{profile.name} ({profile.summary})",
         "serial number": found.serial,
         "firmware": found.firmware,
         "configuration": f"{_or(found.active_configuration)} {found.configuration}",
-        "calibration": found.calibration_serial,
+        "calibration": _calibration_text(found, web),
         "counts per force, torque": f"{found.scale.counts_per_force:g}, "
         f"{found.scale.counts_per_torque:g} (unit {found.scale.force:g} N, {found.scale.torque:g} N·m)",
         "rated load": ", ".join(f"{value:g}" for value in found.rated.tolist()),
@@ -219,6 +219,17 @@ def _identity(found: SensorInfo, profile: Profile) -> Table:
         "problems": "; ".join(found.problems),
     }
     return _table((name, text) for name, text in rows.items() if text.strip())
+
+
+def _calibration_text(found: SensorInfo, web: WebPages) -> str:
+    index = found.tags.get("cfgcalsel", "")
+    if not index.isdecimal():
+        return found.calibration_serial
+    try:
+        page = web.calibration(int(index))
+    except DeviceError as error:
+        return f"{found.calibration_serial} ({error.message})"
+    return f"{page.serial or found.calibration_serial} {page.part} {page.family} {page.date}"
 
 
 def _filter_text(code: int | None, profile: Profile) -> str:
