@@ -229,6 +229,29 @@ def test_rubbish_without_end_ends_the_connection(stream, peer, monkeypatch) -> N
             stream.receive(time.monotonic() + 0.01)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_any_datagrams_are_survived(stream, peer, seed) -> None:
+    random = np.random.default_rng(seed)
+    begin, near = time.monotonic(), 1
+    for _ in range(60):
+        for _ in range(int(random.integers(1, 20))):
+            near += int(random.integers(0, 3))
+            numbers = random.integers(0, 2**32, 9, dtype=np.uint32)
+            if random.random() < 0.9:
+                numbers[:2] = near, near * 7
+            data = numbers.astype(">u4").tobytes() * int(random.integers(1, 4))
+            if random.random() < 0.2:
+                data = data[: int(random.integers(0, len(data)))]
+            peer.send(data)
+        while (batch := stream.receive(time.monotonic() + 0.002)) is not None:
+            assert len(batch.values) == len(batch.times) == len(batch.ticks) == len(batch)
+            assert (batch.times <= time.monotonic()).all()
+            assert (batch.times > begin - LONG).all()
+    counters = stream.counters
+    assert counters["received"] > 0
+    assert all(np.isfinite(list(counters.values())))
+
+
 def test_loss_repetition_and_reordering_are_counted(stream, peer) -> None:
     peer.send(*(record(n, 999 + n) for n in (2, 3, 3, 6, 5, 7, 10)))
     batches = collect(stream, 5)
