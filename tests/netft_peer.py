@@ -77,7 +77,8 @@ class Peer:
         self.client = None
 
     def _feed(self) -> None:
-        if self.client is None or not self.rate:
+        client = self.client
+        if client is None or not self.rate:
             return
         due = int((time.monotonic() - self._begun) * self.rate)
         step = round(self.tick_rate / self.rate)
@@ -86,7 +87,8 @@ class Peer:
             if not self.frozen:
                 before = int((self._begun - self._booted) * self.tick_rate)
                 self._ticks = before + self._sent * step
-            self.send(record(self._sent, self._ticks, self.status, self.counts))
+            data = record(self._sent, self._ticks, self.status, self.counts)
+            self.socket.sendto(data, client)
 
     def _run(self) -> None:
         while not self._ended.is_set():

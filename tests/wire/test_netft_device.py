@@ -17,12 +17,13 @@ from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_driver_ati_netft.services import SensorBias
 from crtk_drivers.config import from_values, load
 from crtk_drivers.device import Severity
+from crtk_drivers.engine import Observer
 from crtk_drivers.errors import CommandRefused, TransitionFailed
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.geometry import matrix_from_quaternion, quaternion_from_rotvec
 from crtk_drivers.samples import Wrench, vector
 from crtk_drivers.session import Session
-from crtk_drivers.state import OperatingState
+from crtk_drivers.state import OperatingState, Status
 
 LONG = 20.0
 SCALE = {"counts_per_force": 1e6, "counts_per_torque": 1e6}
@@ -34,6 +35,16 @@ def eventually(test: Callable[[], object], what: str) -> Any:
         assert time.monotonic() < deadline, f"never: {what}"
         time.sleep(0.002)
     return found
+
+
+class Log(Observer):
+    """Every status that the driver announced."""
+
+    def __init__(self) -> None:
+        self.statuses: list[Status] = []
+
+    def status_changed(self, status, stamp) -> None:
+        self.statuses.append(status)
 
 
 class Rig:
@@ -53,6 +64,8 @@ class Rig:
         self.peer = peer
         self.session = Session(PLUGIN, load(NetFtConfig, from_values(values)))
         self.front: Any = LocalDevice(self.session)
+        self.log = Log()
+        self.session.engine.add_observer(self.log)
         device = self.session.engine.device
         assert isinstance(device, NetFtDevice)
         self.device = device
@@ -71,6 +84,14 @@ class Rig:
             return status.state is state and detail in status.detail
 
         eventually(reached, f"{state} ({detail}), not {self.session.engine.status}")
+
+    def was(self, state: OperatingState, detail: str = "") -> None:
+        """Wait until a state has been announced, for however short a time."""
+
+        def announced() -> bool:
+            return any(s.state is state and detail in s.detail for s in list(self.log.statuses))
+
+        eventually(announced, f"{state} ({detail})")
 
     def load(self) -> np.ndarray:
         return np.asarray(self.front.measured_cf(age=0.05, wait=LONG).vector)
@@ -243,7 +264,7 @@ def test_a_frozen_transducer_is_a_fault(rig, peer) -> None:
 def test_a_sensor_that_is_silent_is_a_fault_and_comes_back(rig, peer) -> None:
     rig.front.enable()
     peer.rate = 0.0
-    rig.state(OperatingState.FAULT, "s old")
+    rig.was(OperatingState.FAULT, "s old")
     peer.rate = 1000.0
     rig.state(OperatingState.DISABLED)
     rig.connected()
@@ -257,7 +278,7 @@ def test_a_sensor_that_was_restarted_is_read_anew_and_its_bias_unknown(rig, peer
     eventually(lambda: rig.front.health().device["received"] > 300, "runs")
     rig.front.enable()
     peer.reboot()
-    rig.state(OperatingState.FAULT)
+    rig.was(OperatingState.FAULT, "restarted")
     rig.state(OperatingState.DISABLED)
     rig.connected()
     assert rig.device.sensor_bias is SensorBias.UNKNOWN
