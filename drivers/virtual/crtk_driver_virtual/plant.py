@@ -27,6 +27,8 @@ SUBSTEP: Final = 1e-3
 """Seconds of one substep."""
 LONGEST_RAMP: Final = 0.05
 """Seconds between two position setpoints up to which they are one stream, joined by straight lines."""
+SWEEPS: Final = 10
+"""How often contacts that act at the same time are brought to agree."""
 OVERSPEED: Final = 2.0
 """Times a joint's velocity limit beyond which its drive lets it go no faster, whatever the effort."""
 
@@ -81,21 +83,22 @@ class _Contact:
     stiffness: float = math.inf
     damping: float = 0.0
 
-    def push(self, velocity: float, mobility: float) -> float:
+    def push(self, push: float, velocity: float, mobility: float) -> float:
         """Return the force of a substep, such that it is that of the spring and damper at its end.
 
         Args:
-            velocity: away from it, as it would be at the end without this force.
+            push: the force that is counted so far.
+            velocity: away from it, as it is at the end with that force.
             mobility: acceleration away from it per force.
         """
         reached = self.gap + SUBSTEP * velocity
-        if reached >= 0.0:
-            return 0.0
         if math.isinf(self.stiffness):
-            return -reached / (SUBSTEP * SUBSTEP * mobility)
-        free = self.stiffness * reached + self.damping * velocity
-        per_speed = SUBSTEP * self.stiffness + self.damping
-        return max(0.0, -free / (1.0 + SUBSTEP * per_speed * mobility))
+            change = -reached / (SUBSTEP * SUBSTEP * mobility)
+        else:
+            wanted = -self.stiffness * reached - self.damping * velocity
+            per_speed = SUBSTEP * self.stiffness + self.damping
+            change = (wanted - push) / (1.0 + SUBSTEP * per_speed * mobility)
+        return max(0.0, push + change)
 
 
 class Plant:
@@ -198,7 +201,7 @@ class Plant:
         self.effort = np.zeros_like(self.effort)
         pushes = np.zeros(3)
         for wall, contact in self._touched():
-            pushes += contact.push(0.0, 0.0) * wall.normal
+            pushes += contact.push(0.0, 0.0, 0.0) * wall.normal
         self._sense(pushes)
 
     def _sense(self, pushes: Vector) -> None:
@@ -269,12 +272,11 @@ class Plant:
         beyond = (ahead < self._lower) | (ahead > self._upper)
         if not walls and not beyond.any():
             return v, force
-        mobility = self.dynamics.mobility(q)
-        for wall, contact in walls:
-            push, v = _pushed(contact, v, mobility)
+        contacts = [contact for _, contact in walls]
+        contacts.extend(self._stops(q, np.flatnonzero(beyond).tolist()))
+        v, pushes = _pushed(contacts, v, self.dynamics.mobility(q))
+        for (wall, _), push in zip(walls, pushes, strict=False):
             force += push * wall.normal
-        for stop in self._stops(q, np.flatnonzero(beyond).tolist()):
-            _, v = _pushed(stop, v, mobility)
         return v, force
 
     def _touched(self, v: Vector | None = None) -> Iterator[tuple[Wall, _Contact]]:
@@ -294,8 +296,16 @@ class Plant:
             yield _Contact(row, float(gap))
 
 
-def _pushed(contact: _Contact, v: Vector, mobility: Array) -> tuple[float, Vector]:
-    """Return the force of a contact and the joint velocities with it."""
-    eased = mobility @ contact.row
-    push = contact.push(float(contact.row @ v), float(contact.row @ eased))
-    return push, v + SUBSTEP * push * eased
+def _pushed(
+    contacts: Sequence[_Contact], v: Vector, mobility: Array
+) -> tuple[Vector, Sequence[float]]:
+    """Return the joint velocities with the forces of all contacts, and these (projected Gauss-Seidel)."""
+    eased = [mobility @ contact.row for contact in contacts]
+    pushes = [0.0] * len(contacts)
+    for _ in range(SWEEPS if len(contacts) > 1 else 1):
+        for i, contact in enumerate(contacts):
+            per_force = float(contact.row @ eased[i])
+            push = contact.push(pushes[i], float(contact.row @ v), per_force)
+            v = v + SUBSTEP * (push - pushes[i]) * eased[i]
+            pushes[i] = push
+    return v, pushes
