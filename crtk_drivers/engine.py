@@ -445,7 +445,7 @@ class Engine:
         if not command.is_motion:
             return Order(command.name)
         checked = self._check.check(command, value, stamp_ns, time.time_ns())
-        return replace(self._orders.make(command, checked), stamp_ns=stamp_ns)
+        return replace(self._orders.make(command, checked, self._clock()), stamp_ns=stamp_ns)
 
     def _set(self, command: Command, value: Value) -> None:
         """Carry out a setting. It moves nothing and is possible in any state."""

@@ -327,6 +327,14 @@ class Feedback:
             acceleration if acceleration.size else at_rest,
         )
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether a trajectory of ours begins with the motion that is going on; else it begins at rest."""
+        mode = self._active.mode
+        if mode is None:
+            return False
+        return mode.kind is Kind.POSITION or not self._capabilities.stops_between_modes
+
     def _drifts(self, now: float) -> bool:
         """Whether the positions of a stream, which come without a velocity, are moving on.
 

@@ -98,8 +98,8 @@ class OrderMaker:
         self._move_cp = move_cp
         self.ratios: Ratios = FULL
 
-    def make(self, command: Command, value: Value) -> Order:
-        """Return the order of a motion command whose value passed its check.
+    def make(self, command: Command, value: Value, now: float) -> Order:
+        """Return the order of a motion command whose value passed its check, at monotonic seconds.
 
         Raises:
             CommandRefused: too far from the present setpoint, or out of reach.
@@ -109,7 +109,7 @@ class OrderMaker:
         elif isinstance(value, CartesianServo):
             value = replace(value, task=self._in_base(command, value.task))
         if command.level is Level.MOVE:
-            return self._move(command, value)
+            return self._move(command, value, now)
         if command.level is Level.INTERPOLATE:
             return self._interpolate(command, value)
         return self._servo(command, value)
@@ -252,9 +252,9 @@ class OrderMaker:
 
     # ----------------------------------------------------------------------------------------- move
 
-    def _move(self, command: Command, value: Value) -> Order:
+    def _move(self, command: Command, value: Value, now: float) -> Order:
         if isinstance(value, Pose):
-            return self._move_pose(command, value)
+            return self._move_pose(command, value, now)
         assert isinstance(value, JointState)
         target = value.position
         if command.is_relative:
@@ -262,7 +262,7 @@ class OrderMaker:
             self._check.check_target(command, target)
         return self._order_to(command, Goal(joints=target, ratios=self.ratios), target)
 
-    def _move_pose(self, command: Command, value: Pose) -> Order:
+    def _move_pose(self, command: Command, value: Pose, now: float) -> Order:
         if command.is_relative:
             value = self._reach.moved(command, value, native=self._moves_poses)
         limits = self._capabilities.cartesian_limits
@@ -276,7 +276,8 @@ class OrderMaker:
             goal = Goal(joints=joints, ratios=self.ratios)
             return self._order_to(command, goal, joints, value)
         if limits is not None:
-            joints = self._reach.line(command, value, limits, self.ratios)
+            begins = None if self._moves_poses else now
+            joints = self._reach.line(command, value, limits, self.ratios, begins)
         return self._order_to(command, Goal(pose=value, ratios=self.ratios), joints, value)
 
     def _order_to(

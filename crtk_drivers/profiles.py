@@ -276,7 +276,7 @@ def check_line(
         line: to be checked at `LINE_SAMPLES` points or more.
         inverse_kinematics: the joint position nearest to the one given, for a pose.
         start: (n,) where the joints are.
-        limits: one a joint; range and velocity are checked.
+        limits: one a joint; range and velocity are checked, the latter also as it grows between two points.
 
     Raises:
         KinematicsError: it leaves the reach or the range of a joint, or makes a joint too fast, as near a
@@ -289,6 +289,7 @@ def check_line(
     upper = vector([limit.upper for limit in limits])
     velocity = vector([limit.velocity for limit in limits])
     joints = vector(start)
+    step: Vector | None = None
     interval = line.duration / count
     for index in range(1, count + 1):
         time = index * interval
@@ -307,13 +308,18 @@ def check_line(
                 f"[{lower[joint]:.4f}, {upper[joint]:.4f}]",
                 "Choose another line, or move_jp.",
             )
-        excess = np.abs(following - joints) / velocity
+        before, step = step, following - joints
+        # The mean on the way here, and what that grows to at this point.
+        fastest = np.abs(step)
+        if before is not None:
+            fastest = np.maximum(fastest, np.abs(step + (step - before) / 2.0))
+        excess = fastest / velocity
         joint = int(np.argmax(excess))
         if excess[joint] > interval * (1.0 + 1e-6):
             raise _broken(
                 line,
                 time,
-                f"joint {joint} would need {abs(following[joint] - joints[joint]) / interval:.3f}, "
+                f"joint {joint} would need {fastest[joint] / interval:.3f}, "
                 f"more than its {velocity[joint]:.3f} per second",
                 "Lower the velocity ratio, stay away from singularities, or use move_jp.",
             )

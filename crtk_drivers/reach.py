@@ -7,7 +7,7 @@ import numpy as np
 from crtk_drivers.checks import CommandCheck
 from crtk_drivers.commands import Command
 from crtk_drivers.device import CartesianLimits, Device, Mode, Ratios, Setpoint
-from crtk_drivers.errors import CommandRefused, KinematicsError, Reason
+from crtk_drivers.errors import CommandRefused, CrtkError, KinematicsError, MotionAborted, Reason
 from crtk_drivers.feedback import Feedback
 from crtk_drivers.frames import moved
 from crtk_drivers.profiles import LineProfile, check_line
@@ -80,20 +80,37 @@ class Reach:
         base = self._device.capabilities.base_pose
         return moved(self.pose(command, native), displacement, command.frame, base)
 
-    def line(self, command: Command, pose: Pose, limits: CartesianLimits, ratios: Ratios) -> Vector:
+    def line(
+        self,
+        command: Command,
+        pose: Pose,
+        limits: CartesianLimits,
+        ratios: Ratios,
+        now: float | None = None,
+    ) -> Vector:
         """Return the joint position (n,) at the end of a straight line from the setpoint to a pose.
+
+        Args:
+            command, pose, limits, ratios: what is to be done.
+            now: monotonic seconds; the line goes on from the motion that it replaces. None: from rest.
 
         Raises:
             CommandRefused: the line leaves the reach or the range of the joints, or makes one too fast.
         """
-        start = self.reference(command)
-        line = LineProfile(self._device.forward_kinematics(start), pose, limits, ratios)
+        start, feedback = self.reference(command), self._feedback
+        twist = change = None
+        is_moving = now is not None and feedback.goes_on
+        if now is not None and is_moving:
+            twist, change = feedback.reference_twist(now), feedback.reference_twist_change(now)
+            is_moving = bool(twist.any())
+        begin = self._device.forward_kinematics(start)
         try:
+            line = LineProfile(begin, pose, limits, ratios, twist, change)
             return check_line(
                 line, self._device.inverse_kinematics, start, self._device.capabilities.limits
             )
-        except KinematicsError as error:
-            raise self._unreachable(command, error) from error
+        except (KinematicsError, MotionAborted) as error:
+            raise self._unreachable(command, error, is_moving) from error
 
     def pose(self, command: Command, native: bool = False) -> Pose:
         """Return the pose that is set now; see `moved`."""
@@ -102,13 +119,14 @@ class Reach:
             raise self._not_known(command, "pose", "measured_cp")
         return pose
 
-    def _unreachable(self, command: Command, error: KinematicsError) -> CommandRefused:
+    def _unreachable(
+        self, command: Command, error: CrtkError, is_moving: bool = False
+    ) -> CommandRefused:
+        remedy = error.remedy or "Choose a pose within reach, away from singularities."
+        if is_moving:
+            remedy += " It moves now: from rest there may be a way."
         return CommandRefused(
-            command.name,
-            Reason.UNREACHABLE,
-            error.message,
-            where=self._where,
-            remedy=error.remedy or "Choose a pose within reach, away from singularities.",
+            command.name, Reason.UNREACHABLE, error.message, where=self._where, remedy=remedy
         )
 
     def _not_known(self, command: Command, what: str, name: str) -> CommandRefused:

@@ -8,7 +8,7 @@ import pytest
 from arm_rig import ARM, BENT, LIMIT, PERIOD, STRETCHED, ArmRig, apart, step, twist
 from engine_rig import jp
 
-from crtk_drivers.device import Mode
+from crtk_drivers.device import JointLimits, Mode
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.frames import moved
@@ -66,6 +66,19 @@ def test_cycles_that_come_early_or_late_do_not_matter(period: float) -> None:
         rig.cycle(period=period * PERIOD)
     assert rig.told.refusals == []
     assert "stop" not in rig.device.calls
+    assert apart(rig.device.pose, goal) < CONVERGED
+
+
+def test_an_approach_at_full_speed_bears_cycles_that_come_early() -> None:
+    slow = JointLimits(-6.0, 6.0, velocity=1.0, acceleration=20.0, jerk=400.0, effort=50.0)
+    rig = ArmRig(Mode.JOINT_POSITION, limits=(slow,) * 6).enabled()
+    rig.engine.submit("servo_cp", turned(rig.device.pose, 0, 0, 0.0999))
+    rig.cycle()  # nothing is left of what a stream may be ahead
+    goal = turned(rig.device.pose, 0, 0, 0.1)
+    for _ in range(40):
+        rig.engine.submit("servo_cp", goal)
+        rig.cycle(period=0.9 * PERIOD)
+    assert rig.told.refusals == []
     assert apart(rig.device.pose, goal) < CONVERGED
 
 
