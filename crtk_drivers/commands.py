@@ -213,6 +213,9 @@ def _table() -> dict[str, Command]:
 
 COMMANDS: Mapping[str, Command] = MappingProxyType(_table())
 
+CHILDREN = (*SUB_NAMESPACES, *dict.fromkeys(n.partition("/")[0] for n in COMMANDS if "/" in n))
+"""All sub-namespaces of names, ``trajectory_j`` among them."""
+
 _REDUNDANT = re.compile(r"measured[2-9]_js")
 """Redundant sensors, beside those of measured_js: ``measured2_js``."""
 

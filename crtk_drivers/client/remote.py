@@ -25,14 +25,22 @@ from crtk_drivers.client.goals import goal_test
 from crtk_drivers.client.moves import RemoteMove
 from crtk_drivers.client.space import PARTS, NotOffered, Space
 from crtk_drivers.client.transitions import Transition
-from crtk_drivers.commands import COMMANDS, SUB_NAMESPACES, Command, Direction, Level, Payload
+from crtk_drivers.commands import (
+    CHILDREN,
+    Command,
+    Direction,
+    Level,
+    Payload,
+    find,
+    is_name,
+)
 from crtk_drivers.conversions import as_pose
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, ConnectionLost, DataTimeout
 from crtk_drivers.fronts import DEFAULT_AGE, DEFAULT_WAIT, DeviceFront
 from crtk_drivers.payloads import value_for
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace
-from crtk_drivers.samples import EMPTY, Pose, Value, Vector, vector
+from crtk_drivers.samples import EMPTY, Number, Pose, Value, Vector, vector
 from crtk_drivers.state import Status, parse_command, target_of
 
 if TYPE_CHECKING:
@@ -53,8 +61,9 @@ class RemoteDevice(DeviceFront):
     Thread-safe. Nothing waits for ever: what waits has a timeout, or ends when the device is gone.
     """
 
-    def __init__(self, space: Space) -> None:
+    def __init__(self, space: Space, prefix: str = "") -> None:
         self._space = space
+        self._prefix = prefix
         self._children: dict[str, RemoteDevice] = {}
 
     # ----------------------------------------------------------------------------------- life cycle
@@ -85,15 +94,15 @@ class RemoteDevice(DeviceFront):
         if name.startswith("_"):
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         try:
-            if name in SUB_NAMESPACES:
+            if name in CHILDREN:
                 return self.child(name, timeout=0.0)
-            if name not in COMMANDS and name not in PARTS:
+            if name not in PARTS and not self._is_name(name):
                 raise NotOffered(f"{type(self).__name__} has no attribute {name!r}")
             method = self._make(name)
         except NotOffered as error:
             raise AttributeError(str(error)) from None
         except ConnectionFailed:
-            if name not in SUB_NAMESPACES:
+            if name not in CHILDREN:
                 raise
             raise AttributeError(f"{self.namespace} has nothing in {name}/") from None
         setattr(self, name, method)
@@ -136,7 +145,7 @@ class RemoteDevice(DeviceFront):
         if name not in self._children:
             limit = self._space.timeout if timeout is None else timeout
             space = self._space.child(name, limit)
-            self._children.setdefault(name, RemoteDevice(space))
+            self._children.setdefault(name, RemoteDevice(space, f"{name}/"))
         return self._children[name]
 
     def check_connections(self, timeout: float = 5.0) -> None:
@@ -147,9 +156,16 @@ class RemoteDevice(DeviceFront):
         """
         self._space.wait_connected(self._space.all_endpoints(), timeout)
 
+    def _is_name(self, name: str) -> bool:
+        return is_name(name) or is_name(f"{self._prefix}{name}")
+
+    def _command(self, name: str) -> Command:
+        """Return the row of a name, some of which exist in a sub-namespace only."""
+        return find(name if is_name(name) else f"{self._prefix}{name}")
+
     def _make(self, name: str) -> Callable[..., Any]:
         whole, field = PARTS.get(name, (name, ""))
-        command = COMMANDS[whole]
+        command = self._command(whole)
         if command.direction is Direction.PUBLISHED:
             method = self._getter(whole, field)
         elif command.direction is Direction.SERVICE:
@@ -165,7 +181,7 @@ class RemoteDevice(DeviceFront):
 
     def _getter(self, name: str, field: str) -> Callable[..., Any]:
         inbox: Inbox = self._space.connected(name)
-        is_latched = COMMANDS[name].level in (Level.GOAL, Level.SETTING)
+        is_latched = self._command(name).level in (Level.GOAL, Level.SETTING)
 
         def getter(age: float | None = None, wait: float | None = None, extra: bool = False) -> Any:
             oldest = DEFAULT_AGE if age is None else age
@@ -180,6 +196,8 @@ class RemoteDevice(DeviceFront):
             if found is None:
                 raise self._no_data(name, inbox, oldest)
             value: Any = getattr(found.value, field) if field else found.value
+            if isinstance(value, Number):
+                value = value.value
             return (value, found.wall_ns / 1e9) if extra else value
 
         return getter

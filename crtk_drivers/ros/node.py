@@ -133,6 +133,7 @@ class DriverNode:
         self._status.announce(self._engine.status, Stamp.now())
         logging.getLogger("crtk_drivers").addHandler(self._rosout)
         self._thread.start()
+        self._latched.job.ask()
         self._device_services.start()
 
     def stop(self, timeout: float = PUBLISHER_TIMEOUT) -> bool:

@@ -49,7 +49,7 @@ class Rig:
         engine.state_command("disable")
         until(lambda: engine.status.state == "DISABLED", "the device is disabled")
         told = self.client["operating_state"].messages
-        until(lambda: told[-1].state == "DISABLED", "the client has heard that")
+        until(lambda: bool(told) and told[-1].state == "DISABLED", "the client has heard that")
         self.device.go_to_zero()
 
 

@@ -170,8 +170,10 @@ def test_what_is_missing_is_named(ral: crtk.ral) -> None:
 
     utils = crtk.utils(Holder(), ral)
     utils.add_measured_js()
-    utils.add_servo_cf()
-    with pytest.raises(TimeoutError, match=f"nobody listens to /{NAMESPACE}/servo_cf"):
+    utils.add_use_gravity_compensation()
+    with pytest.raises(
+        TimeoutError, match=f"nobody listens to /{NAMESPACE}/use_gravity_compensation"
+    ):
         ral.check_connections(4.0)
     with pytest.raises(RuntimeWarning, match="measured_js already exists"):
         utils.add_measured_js()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Iterator
@@ -42,8 +43,8 @@ def test_it_offers_what_the_device_offers(far: Far) -> None:
 
 def test_every_name_that_is_offered_can_be_used(far: Far) -> None:
     for name, command in far.engine.commands.items():
-        owner = far.arm.local if name.startswith("local/") else far.arm
-        method = getattr(owner, name.rpartition("/")[2])
+        space, _, last = name.rpartition("/")
+        method = getattr(getattr(far.arm, space) if space else far.arm, last)
         assert callable(method), name
         if name == "operating_state" or name.startswith("goal_"):
             continue
@@ -116,12 +117,14 @@ def test_a_command_that_is_not_offered_is_named(far: Far) -> None:
         with pytest.raises(AttributeError, match=f"/client_device does not offer {name}"):
             getattr(far.arm, name)
         assert not hasattr(far.arm, name)
+    with pytest.raises(AttributeError, match=r"/client_device/body does not offer servo_cp"):
+        far.arm.body.servo_cp  # noqa: B018 - asking is the test
     with pytest.raises(AttributeError, match=r"has no attribute 'nonsense'"):
         far.arm.nonsense  # noqa: B018 - asking is the test
     with pytest.raises(AttributeError, match=r"nothing in gripper"):
         far.arm.gripper  # noqa: B018 - asking is the test
-    with pytest.raises(ConnectionFailed, match=r"does not offer servo_cf"):
-        far.arm.add("measured_js", "servo_cf")
+    with pytest.raises(ConnectionFailed, match=r"does not offer use_gravity_compensation"):
+        far.arm.add("measured_js", "use_gravity_compensation")
 
 
 def test_state_commands(far: Far) -> None:
@@ -276,3 +279,23 @@ def test_many_threads_at_once(far: Far) -> None:
     for thread in threads:
         thread.join(20.0)
     assert not problems
+
+
+def test_settings_are_numbers(far: Far) -> None:
+    far.arm.trajectory_j.set_ratio(0.5)
+    far.arm.trajectory_j.set_ratio_a(0.25)
+    until(lambda: far.arm.trajectory_j.ratio() == 0.25, "the lesser of the two")
+    assert far.arm.trajectory_j.ratio_v() == 0.5
+    with pytest.raises(CommandRefused, match="is no ratio"):
+        far.arm.trajectory_j.set_ratio(2.0)
+    far.arm.trajectory_j.set_ratio(1.0)
+    until(lambda: far.arm.trajectory_j.ratio() == 1.0, "both")
+
+
+def test_commands_in_the_frame_of_the_tool(far: Far) -> None:
+    far.arm.enable()
+    far.arm.move_jp([0.0, 0.0, 0.0, math.pi / 2]).wait(10.0)
+    far.arm.body.move_cr([0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).wait(10.0)
+    goal = [0.0, 0.1, 0.0, math.pi / 2]
+    until(lambda: np.allclose(far.arm.setpoint_jp(age=0), goal, atol=1e-6), "arrived")
+    assert far.arm.body.jacobian(age=0).values.shape == (6, 4)

@@ -42,9 +42,9 @@ def refused(call: Callable[[], Any]) -> Reason:
 def test_the_same_script(open_arm: Callable[[], Any]) -> None:
     with open_arm() as arm:
         # what it offers
-        assert "servo_cf" not in arm.crtk_commands
-        with pytest.raises(AttributeError, match="does not offer servo_cf"):
-            arm.servo_cf([0.0] * 6)
+        assert "use_gravity_compensation" not in arm.crtk_commands
+        with pytest.raises(AttributeError, match="does not offer use_gravity_compensation"):
+            arm.use_gravity_compensation(True)
 
         # before enable
         assert arm.operating_state().state is OperatingState.DISABLED
