@@ -7,16 +7,23 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import Any
 
 import pytest
 
+from crtk_driver_ati_netft.config import NetFtConfig
+from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_driver_ati_netft.profiles import Action
 from crtk_driver_ati_netft.tcp49151 import TcpChannel
 from crtk_driver_ati_netft.tcp_stream import TcpStream
+from crtk_drivers.config import from_values, load
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
+from crtk_drivers.samples import Wrench
 
 SCALE = bytes.fromhex("1234 02 03 000F4240 000F4240 000A 000A 000A 0014 0014 0014")
 READING = bytes.fromhex("1234 8002 0064 FF9C 0001 0032 FFCE 0002")
+
+SCALE_TYPED = {"counts_per_force": 1e6, "counts_per_torque": 1e6}
 
 Answer = Callable[[bytes], list[bytes]]
 
@@ -204,3 +211,62 @@ def test_on_hold_nothing_is_asked_for() -> None:
         finally:
             stream.close()
         assert len(requests) == 3
+
+
+def device_at(tcp_port: int, **values: Any) -> NetFtDevice:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        closed = listener.getsockname()[1]
+    config = {
+        "host": "127.0.0.1",
+        "tcp_port": tcp_port,
+        "rdt_port": closed,
+        "http_port": closed,
+        "rate": 100.0,
+        **values,
+    }
+    return NetFtDevice(load(NetFtConfig, from_values(config)))
+
+
+def test_a_sensor_without_web_page_and_udp_is_measured_over_tcp(caplog) -> None:
+    with sensor() as (port, _):
+        device = device_at(port)
+        device.open(soon(2.0))
+        try:
+            sample = device.read(soon())
+            assert sample is not None
+            wrench = sample.values["raw/measured_cf"]
+            assert isinstance(wrench, Wrench)
+            assert wrench.force == pytest.approx([1e-3, -1e-3, 1e-5])
+            assert sample.stamp.wall_ns > 0
+            assert any(note.key == "web page" for note in device.notes)
+        finally:
+            device.close()
+    assert "read over TCP" in caplog.text
+    assert "measuring over TCP instead" in caplog.text
+
+
+def test_tcp_alone_may_be_asked_for() -> None:
+    with sensor() as (port, _):
+        device = device_at(port, transport="tcp", http=False, scale=SCALE_TYPED, profile="axia")
+        device.open(soon())
+        try:
+            begin = time.monotonic()
+            for _ in range(5):
+                assert device.read(soon()) is not None
+            assert time.monotonic() - begin > 0.03, "not faster than it was asked to"
+        finally:
+            device.close()
+
+
+def test_a_sensor_that_cannot_be_reached_in_any_way_says_what_was_tried() -> None:
+    with sensor(lambda request: [b""]) as (port, _):
+        device = device_at(port)
+        with pytest.raises(ConnectionFailed) as caught:
+            device.open(soon(1.0))
+        assert "netftapi2.xml" in caught.value.message
+        assert "over TCP" in caught.value.message
+        typed = device_at(port, http=False, scale=SCALE_TYPED)
+        with pytest.raises(ConnectionFailed, match=r"RDT port is closed.*over TCP"):
+            typed.open(soon(1.0))
+        device.close()
+        typed.close()
