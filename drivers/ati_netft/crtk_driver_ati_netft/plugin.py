@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_driver_ati_netft.tools import TOOLS
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DevicePlugin
-from crtk_drivers.sims import RunningSim
 
 
 def _require_host(config: NetFtConfig) -> None:
@@ -18,17 +14,8 @@ def _require_host(config: NetFtConfig) -> None:
         raise ConfigError(
             "host: is required for a real sensor",
             where="ati-netft",
-            remedy="Give the sensor's address (--host 192.168.1.1), or use --sim.",
+            remedy="Give the sensor's address: --host 192.168.1.1",
         )
-
-
-def _at_sim(config: NetFtConfig, sim: RunningSim) -> NetFtConfig:
-    ports = {f"{name}_port": sim.ports[name] for name in ("rdt", "tcp", "http")}
-    return config.model_copy(update={"host": sim.host, **ports})
-
-
-def _sim_options(config: NetFtConfig) -> Mapping[str, Any]:
-    return {} if config.profile == "auto" else {"profile": config.profile}
 
 
 PLUGIN = DevicePlugin(
@@ -36,10 +23,7 @@ PLUGIN = DevicePlugin(
     summary="ATI NetFT force/torque sensors: Net Box, Ethernet Axia, SCHUNK FTN, OnRobot HEX",
     config=NetFtConfig,
     create=NetFtDevice,
-    sim="netft",
     extra="ati-netft",
     check_real=_require_host,
-    sim_config=_at_sim,
-    sim_options=_sim_options,
     tools=TOOLS,
 )
