@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 MANIFEST = "crtk_capabilities"
-SETTLE = 0.5
+SETTLE = 1.0
 """Seconds without anything new in a namespace after which it counts as complete."""
 POLL = 0.02
 
@@ -161,7 +161,9 @@ class Catalogue:
             seen = set(self._seen())
             if seen != known:
                 known, settled = seen, now
-            if known and not self._inboxes and now - settled > SETTLE:
+            # Services are found by another way than topics, and may be seen long before these.
+            has_topics = any(find(name).direction is not Direction.SERVICE for name in known)
+            if has_topics and not self._inboxes and now - settled > SETTLE:
                 return
             if now >= deadline:
                 break
