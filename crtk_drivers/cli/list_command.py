@@ -89,13 +89,28 @@ def _status(entry: PluginEntry) -> Text:
 
 
 def short_names(commands: Mapping[str, Command]) -> str:
-    """Return the names in one line: ``measured_js/cp  servo_jp/jr  hold  free  local/measured_cp``."""
-    own = [(name, command.level) for name, command in commands.items() if "/" not in name]
+    """Return the names in one line: ``measured_js/cp  servo_jp/jr  hold  body/: servo_cv/cf``."""
+    own = {name: command for name, command in commands.items() if "/" not in name}
+    parts = _short(own)
+    spaces = dict.fromkeys(name.rpartition("/")[0] for name in commands if "/" in name)
+    for space in spaces:
+        inside = {
+            name.removeprefix(f"{space}/"): command
+            for name, command in commands.items()
+            if name.startswith(f"{space}/")
+        }
+        parts.append(f"{space}/: {' '.join(_short(inside))}")
+    return "  ".join(parts)
+
+
+def _short(commands: Mapping[str, Command]) -> list[str]:
+    """Return names, those of a level joined."""
     parts: list[str] = []
-    for level, rows in groupby(own, key=lambda row: row[1]):
+    for level, rows in groupby(commands.items(), key=lambda row: row[1].level):
         names = [name for name, _ in rows]
-        parts += names if level in (Level.STATE, Level.QUERY) else [_joined(level, names)]
-    return "  ".join([*parts, *(name for name in commands if "/" in name)])
+        plain = level in (Level.STATE, Level.QUERY, Level.SETTING)
+        parts += names if plain else [_joined(level, names)]
+    return parts
 
 
 def _joined(level: Level, names: Iterable[str]) -> str:

@@ -126,8 +126,9 @@ def test_list_of_one_shows_commands_or_the_traceback(capsys: Capture) -> None:
 
 def test_short_names_keep_sub_namespaces_apart() -> None:
     commands = plugins.commands_of("loopback")
-    chosen = {name: commands[name] for name in ("measured_js", "local/measured_cp", "hold")}
-    assert short_names(chosen) == "measured_js  hold  local/measured_cp"
+    names = ("measured_js", "local/measured_cp", "hold", "body/servo_cv", "body/servo_cf")
+    chosen = {name: commands[name] for name in names}
+    assert short_names(chosen) == "measured_js  hold  local/: measured_cp  body/: servo_cv/cf"
 
 
 def test_schema_is_json_when_piped(capsys: Capture) -> None:
