@@ -214,24 +214,27 @@ class Plant:
     def _begin(self, command: Command) -> None:
         """Take a new command. The servos go on from what they follow, or from where the joints are."""
         before = None if self._following is None else self._following.drive
-        joints = zip(self._servos, self.position.tolist(), self.velocity.tolist(), strict=True)
         if before not in _SERVOED:
+            joints = zip(self._servos, self.position.tolist(), self.velocity.tolist(), strict=True)
             for servo, q, v in joints:
                 servo.start(q, v)
-        elif before is Drive.POSITION and command.drive is not Drive.POSITION:
-            for servo, q, v in joints:
-                servo.leave_ramp(q, v)
         if command.drive is Drive.POSITION:
-            since = self.time - self._set_at if before is Drive.POSITION else 0.0
-            self._ramp_to(command.values.tolist(), since)
+            since = self.time - self._set_at if before is Drive.POSITION else math.inf
+            self._go_to(command.values.tolist(), since)
         self._following = command
 
-    def _ramp_to(self, goals: Sequence[float], since: float) -> None:
+    def _go_to(self, goals: Sequence[float], since: float) -> None:
+        """Take a position setpoint, `since` seconds after the last one."""
         targets = list(zip(self._servos, goals, strict=True))
-        duration = min(max(since, self._cycle), LONGEST_RAMP)
-        duration = max(duration, *(servo.time_to(goal) for servo, goal in targets))
-        for servo, goal in targets:
-            servo.ramp_to(goal, duration)
+        duration = max(since, self._cycle)
+        if since <= LONGEST_RAMP and all(
+            servo.can_reach(goal, duration) for servo, goal in targets
+        ):
+            for servo, goal in targets:
+                servo.ramp_to(goal, duration)
+        else:
+            for servo, goal in targets:
+                servo.jump_to(goal)
         self._set_at = self.time
 
     def _motor_effort(self, command: Command, q: Vector, v: Vector) -> Vector:
