@@ -6,6 +6,7 @@ a remedy; it changes nothing. What is really sent is judged once more, see `crtk
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -175,9 +176,8 @@ class CommandCheck:
             )
 
     def _check_finite(self, command: Command, values: Vector, field: str) -> None:
-        finite = np.isfinite(values)
-        if not finite.all():
-            index = int(np.argmin(finite))
+        if not all(map(math.isfinite, values.tolist())):
+            index = int(np.argmin(np.isfinite(values)))
             raise self._refusal(
                 command,
                 Reason.NOT_FINITE,

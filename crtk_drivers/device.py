@@ -475,6 +475,16 @@ class Device(ABC):
         """
         raise KinematicsError("this device has no kinematics")
 
+    def nearby_inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
+        """As `inverse_kinematics`, for the poses of a stream: in a part of a cycle, also if there is none.
+
+        To be overridden where `inverse_kinematics` searches for longer. It need not find another branch.
+
+        Raises:
+            KinematicsError: none near `reference` and within the limits.
+        """
+        return self.inverse_kinematics(pose, reference)
+
     def jacobian(self, joints: Vector) -> Array:
         """Return the geometric Jacobian (6, n) at the tool point, in base axes, linear rows first."""
         raise NotImplementedError

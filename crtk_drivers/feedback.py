@@ -74,6 +74,9 @@ _TOLERANCE = 1.05
 _SLOWEST = 0.1
 """Seconds between two positions, at most, that are of one motion."""
 
+_FURTHEST = 0.02
+"""rad (m) that a joint is expected to go in a cycle at most; what goes further was a step."""
+
 _SHORT = 1e-6
 """Seconds over which a derivative is taken of the Jacobian."""
 
@@ -99,7 +102,7 @@ class Point:
     def limited_to(self, setpoint: Setpoint) -> Point:
         """Return it with the setpoint that the limits left: positions clamped, efforts scaled as a whole."""
         wanted = self.setpoint.values
-        if setpoint.values is wanted or np.array_equal(setpoint.values, wanted):
+        if setpoint.values is wanted or setpoint.values.tolist() == wanted.tolist():
             return self
         joints, wrench = self.joints, self.wrench
         if setpoint.mode is Mode.JOINT_POSITION and joints is not None:
@@ -307,6 +310,19 @@ class Feedback:
         position = self.joint_setpoint().position
         return position if position.size else self._measured().position
 
+    def expected_joints(self, ahead: float) -> Vector:
+        """Return where a stream of joint positions (n,) will be `ahead` seconds after the last, at a guess.
+
+        Inverse kinematics has the least to do from there. It is `reference_joints` if nothing streams.
+        """
+        here, drift = self.reference_joints(), self._active.drift
+        if drift.size != here.size or self._active.mode is not Mode.JOINT_POSITION:
+            return here
+        way = [speed * ahead for speed in drift.tolist()]
+        if max(map(abs, way)) > _FURTHEST:
+            return here
+        return vector([joint + step for joint, step in zip(here.tolist(), way, strict=True)])
+
     def measured_joints(self) -> Vector:
         """Return the joint position (n,) that was measured last."""
         return self._measured().position
@@ -477,7 +493,8 @@ class Feedback:
 
 
 def _is_repeated(before: _Active, position: Vector, pose: Vector) -> bool:
-    return np.array_equal(position, before.joints.position) and np.array_equal(pose, before.pose)
+    known = before.joints.position.tolist(), before.pose.tolist()
+    return (position.tolist(), pose.tolist()) == known
 
 
 def _drift(mode: Mode, before: _Active, position: Vector, pose: Vector, interval: float) -> Vector:

@@ -16,11 +16,9 @@ A `frame` is one of `crtk_drivers.commands.FRAMES`, or empty.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from crtk_drivers.geometry import matrix_from_quaternion, quaternion_product
+from crtk_drivers.geometry import quaternion_product, rotated, unit
 from crtk_drivers.rotation import cross, inverse
 from crtk_drivers.samples import Array, Pose, Vector, vector
 
@@ -73,15 +71,25 @@ def pose_in_base(pose: Pose, frame: str, base: Pose | None = None) -> Pose:
 
 def product(first: Pose, second: Pose) -> Pose:
     """Return `second`, given in the frame that `first` is the pose of, in the frame of `first`."""
-    rotation = matrix_from_quaternion(first.orientation)
-    orientation = _unit(quaternion_product(first.orientation, second.orientation))
-    return Pose(vector(first.position + rotation @ second.position), orientation, first.frame_id)
+    x, y, z = rotated(first.orientation, *second.position.tolist())
+    a, b, c = first.position.tolist()
+    orientation = unit(quaternion_product(first.orientation, second.orientation))
+    return Pose(vector((a + x, b + y, c + z)), orientation, first.frame_id)
+
+
+def relative(first: Pose, second: Pose) -> Pose:
+    """Return `second` as it is seen from `first`, both given in one frame: `product` undone."""
+    back = inverse(first.orientation)
+    (a, b, c), (x, y, z) = first.position.tolist(), second.position.tolist()
+    position = vector(rotated(back, x - a, y - b, z - c))
+    return Pose(position, unit(quaternion_product(back, second.orientation)))
 
 
 def inverse_pose(pose: Pose) -> Pose:
     """Return the pose of the frame that `pose` is given in, as seen from `pose`."""
     orientation = inverse(pose.orientation)
-    return Pose(vector(-(matrix_from_quaternion(orientation) @ pose.position)), orientation)
+    x, y, z = rotated(orientation, *pose.position.tolist())
+    return Pose(vector((-x, -y, -z)), orientation)
 
 
 def moved(pose: Pose, increment: Pose, frame: str = "", base: Pose | None = None) -> Pose:
@@ -95,15 +103,17 @@ def moved(pose: Pose, increment: Pose, frame: str = "", base: Pose | None = None
     if frame == "body":
         step = product(pose, increment)
         return Pose(step.position, step.orientation, pose.frame_id)
-    position, change, step_by = pose.position, increment.orientation, increment.position
+    position, change = pose.position.tolist(), increment.orientation
+    step_by = increment.position.tolist()
     if frame == "spatial":
-        position = matrix_from_quaternion(change) @ position
+        position = rotated(change, *position)
     axes = _axes(frame, pose, base)
     if axes is not None:
-        step_by = matrix_from_quaternion(axes) @ step_by
+        step_by = rotated(axes, *step_by)
         change = quaternion_product(quaternion_product(axes, change), inverse(axes))
-    orientation = _unit(quaternion_product(change, pose.orientation))
-    return Pose(vector(position + step_by), orientation, pose.frame_id)
+    orientation = unit(quaternion_product(change, pose.orientation))
+    stepped = vector([here + way for here, way in zip(position, step_by, strict=True)])
+    return Pose(stepped, orientation, pose.frame_id)
 
 
 def both(first: Pose, second: Pose, frame: str = "") -> Pose:
@@ -112,7 +122,7 @@ def both(first: Pose, second: Pose, frame: str = "") -> Pose:
         return product(first, second)
     if frame == "spatial":
         return product(second, first)
-    orientation = _unit(quaternion_product(second.orientation, first.orientation))
+    orientation = unit(quaternion_product(second.orientation, first.orientation))
     return Pose(vector(first.position + second.position), orientation)
 
 
@@ -126,10 +136,9 @@ def _axes(frame: str, pose: Pose, base: Pose | None) -> Vector | None:
 def _turned(values: Vector, axes: Vector | None, back: bool = False) -> Vector:
     if axes is None:
         return values
-    rotation = matrix_from_quaternion(axes)
-    if back:
-        rotation = rotation.T
-    return vector(np.concatenate((rotation @ values[:3], rotation @ values[3:])))
+    x, y, z, rx, ry, rz = values.tolist()
+    by = inverse(axes) if back else axes
+    return vector((*rotated(by, x, y, z), *rotated(by, rx, ry, rz)))
 
 
 def _shifted(values: Vector, free: int, point: Vector, sign: float) -> Vector:
@@ -141,7 +150,3 @@ def _shifted(values: Vector, free: int, point: Vector, sign: float) -> Vector:
     shifted = values.copy()
     shifted[3 - free : 6 - free] += sign * np.array(carried)
     return vector(shifted)
-
-
-def _unit(quaternion: Vector) -> Vector:
-    return vector(quaternion / math.sqrt(float(quaternion @ quaternion)))

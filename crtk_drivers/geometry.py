@@ -57,6 +57,13 @@ def quaternion_product(left: Vector, right: Vector) -> Vector:
     )
 
 
+def unit(quaternion: Vector) -> Vector:
+    """Return a quaternion (4,) without what rounding has added to its length."""
+    x, y, z, w = quaternion.tolist()
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    return vector((x / norm, y / norm, z / norm, w / norm))
+
+
 def matrix_from_quaternion(quaternion: Vector) -> Array:
     """Return the rotation matrix (3, 3) of a unit quaternion (4,)."""
     x, y, z, w = quaternion.tolist()
@@ -67,6 +74,13 @@ def matrix_from_quaternion(quaternion: Vector) -> Array:
             (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
         )
     )
+
+
+def rotated(quaternion: Vector, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return the vector (x, y, z) turned by a unit quaternion (4,)."""
+    i, j, k, w = quaternion.tolist()
+    a, b, c = 2.0 * (j * z - k * y), 2.0 * (k * x - i * z), 2.0 * (i * y - j * x)
+    return x + w * a + j * c - k * b, y + w * b + k * a - i * c, z + w * c + i * b - j * a
 
 
 def quaternion_from_matrix(rotation: Array) -> Vector:

@@ -46,9 +46,17 @@ from ruckig import ControlInterface, InputParameter, Ruckig, Synchronization, Tr
 
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import CartesianLimits, JointLimits
-from crtk_drivers.geometry import quaternion_from_rotvec, quaternion_product
+from crtk_drivers.geometry import quaternion_from_rotvec, quaternion_product, unit
 from crtk_drivers.rotation import angular_acceleration, angular_velocity, turn
-from crtk_drivers.samples import JointState, Pose, Twist, Vector, Wrench, joint_state, vector
+from crtk_drivers.samples import (
+    JointState,
+    Pose,
+    Twist,
+    Vector,
+    Wrench,
+    joint_state,
+    vector,
+)
 from crtk_drivers.trajectories import solve
 
 FIRST_PERIOD = 0.05
@@ -640,8 +648,8 @@ class PoseInterpolator(Interpolator[tuple[Vector, Vector]]):
     def _read(self, position: Vector, velocity: Vector, acceleration: Vector) -> None:
         self._position = position[:3]
         away = position[3:]
-        turned = quaternion_product(quaternion_from_rotvec(vector(away)), self._centre)
-        self._orientation = vector(turned / math.sqrt(float(turned @ turned)))
+        turned = quaternion_product(quaternion_from_rotvec(away), self._centre)
+        self._orientation = unit(turned)
         self._twist = np.concatenate((velocity[:3], angular_velocity(away, velocity[3:])))
         spin = angular_acceleration(away, velocity[3:], acceleration[3:])
         self._acceleration = np.concatenate((acceleration[:3], spin))

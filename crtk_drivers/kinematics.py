@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from crtk_drivers.chain import Chain, JointKind
 from crtk_drivers.errors import ConfigError, KinematicsError, MissingExtra
 from crtk_drivers.geometry import QUATERNION_TOLERANCE
-from crtk_drivers.samples import Array, Pose, Vector, vector
+from crtk_drivers.samples import Array, Pose, Vector, frozen, vector
 
 __all__ = ["IkFailure", "InverseKinematicsError", "SerialChain"]
 
@@ -157,7 +157,7 @@ class SerialChain:
                 f"restarts {restarts}, time limit {time_limit}",
                 remedy="Restarts are counted from 0, and the time limit is above 0 s.",
             )
-        pin, self._cholesky = _libraries()
+        pin, self._algebra = _libraries()
         self._pin = pin
         self.joints = chain.names
         self.frame_id = frame_id
@@ -172,6 +172,7 @@ class SerialChain:
         turns = np.array([joint.kind is JointKind.REVOLUTE for joint in chain.joints])
         self._turning = np.flatnonzero(turns).tolist()
         self._limits = _Bounds.of(lower, upper)
+        self._ranges = list(zip(lower.tolist(), upper.tolist(), strict=True))
         self._free = _Bounds.of(np.full_like(lower, -np.inf), np.full_like(upper, np.inf))
         self.lower, self.upper = self._to_vector(lower), self._to_vector(upper)
         self._model, self._frame = _build(
@@ -257,7 +258,7 @@ class SerialChain:
     def _to_chain(self, joints: Vector) -> Vector:
         """Return a joint vector in the order of the chain."""
         values = np.asarray(joints, dtype=np.float64)
-        if values.shape != self._order.shape or not np.isfinite(values).all():
+        if values.shape != self._order.shape or not all(map(math.isfinite, values.tolist())):
             raise ValueError(f"{len(self.joints)} finite joint positions are needed, not {values}")
         ordered: Vector = values[self._order]
         return ordered
@@ -296,21 +297,30 @@ class SerialChain:
         if self._position_only or start.size < 6:
             return None
         pin, model, frame, data = self._pin, self._model, self._frame, self._workspace.data
-        joints = start
+        joints, way = start, 0.0
         for _ in range(NEWTON_STEPS):
             error = pin.log6(self._place(data, joints).actInv(target)).vector
             x, y, z, rx, ry, rz = error.tolist()
-            if math.hypot(x, y, z) < CONVERGED and math.hypot(rx, ry, rz) < CONVERGED:
-                return None if self._beyond(joints).any() else self._limits.clip(joints)
-            if math.hypot(x, y, z, rx, ry, rz) > NEAR:
+            position, rotation = math.hypot(x, y, z), math.hypot(rx, ry, rz)
+            if position < CONVERGED and rotation < CONVERGED:
+                return self._limits.clip(joints) if self._is_within(joints) else None
+            if position + rotation > NEAR:
                 return None
             jacobian = pin.computeFrameJacobian(model, data, joints, frame, pin.LOCAL)
-            square = jacobian @ jacobian.T
-            square.ravel()[::7] += LEAST_DAMPING
-            joints = joints + jacobian.T @ self._cholesky(square).solve(error)
-            if max(map(abs, (joints - start).tolist())) > NEAR:
+            step = self._newton_step(jacobian, error)
+            way += math.hypot(*step.tolist())
+            if not way < NEAR:  # at a singularity it may be anything, and no number
                 return None
+            joints = joints + step
         return None
+
+    def _newton_step(self, jacobian: Array, error: Vector) -> Vector:
+        """Return the smallest change of the joints that takes away an error (6,), to the first order."""
+        if jacobian.shape[1] == 6:
+            return frozen(self._algebra.PartialPivLU(jacobian).solve(error))
+        square = jacobian @ jacobian.T
+        square.ravel()[::7] += LEAST_DAMPING
+        return frozen(jacobian.T @ self._algebra.LDLT(square).solve(error))
 
     def _descend(self, data: Any, target: Any, start: Vector, bounds: _Bounds) -> _Descent:
         """Run Levenberg-Marquardt from `start`, within `bounds`."""
@@ -347,7 +357,7 @@ class SerialChain:
                 normal[:, held] = 0.0
                 gradient[held] = 0.0
             normal.ravel()[:: joints.size + 1] += DAMPING * square + LEAST_DAMPING
-            step = self._cholesky(normal).solve(gradient)
+            step = self._algebra.LDLT(normal).solve(gradient)
             largest = max(map(abs, step.tolist()))
             if largest > MAX_STEP:
                 step *= MAX_STEP / largest
@@ -380,7 +390,10 @@ class SerialChain:
         return np.array(turned)
 
     def _is_within(self, joints: Vector) -> bool:
-        return not self._beyond(joints).any()
+        return all(
+            low - EDGE <= joint <= high + EDGE
+            for joint, (low, high) in zip(joints.tolist(), self._ranges, strict=True)
+        )
 
     def _beyond(self, joints: Vector) -> NDArray[np.bool_]:
         """Return which joints are beyond their limits."""
@@ -447,13 +460,13 @@ class SerialChain:
 
 
 def _libraries() -> tuple[Any, Any]:
-    """Return pinocchio, and the Cholesky decomposition of the bindings that it is made with."""
+    """Return pinocchio, and the bindings of Eigen that it is made with, for its decompositions."""
     try:
         import eigenpy
         import pinocchio
     except ModuleNotFoundError:  # a broken installation says itself what it lacks
         raise MissingExtra("pinocchio", "kinematics") from None
-    return pinocchio, eigenpy.LDLT
+    return pinocchio, eigenpy
 
 
 def _build(pin: Any, chain: Chain, base: Any, tool: Any) -> tuple[Any, int]:
@@ -488,16 +501,14 @@ def _placement(pin: Any, what: str, pose: Pose | None) -> Any:
 
 
 def _as_se3(pin: Any, pose: Pose) -> Any:
-    position, orientation = pose.position, pose.orientation
-    if position.shape != (3,) or orientation.shape != (4,):
-        raise ValueError(f"a pose has 3 and 4 numbers, not {position.size} and {orientation.size}")
-    norm = _norm(orientation)
+    position, orientation = pose.position.tolist(), pose.orientation.tolist()
+    if len(position) != 3 or len(orientation) != 4:
+        raise ValueError(f"a pose has 3 and 4 numbers, not {len(position)} and {len(orientation)}")
+    norm = math.hypot(*orientation)
     # written so that not a number is refused
-    if not (np.isfinite(position).all() and abs(norm - 1.0) <= QUATERNION_TOLERANCE):
-        raise ValueError(
-            f"position {position.tolist()} must be finite, quaternion {orientation.tolist()} unit"
-        )
-    return pin.XYZQUATToSE3(np.concatenate((position, orientation / norm)))
+    if not (all(map(math.isfinite, position)) and abs(norm - 1.0) <= QUATERNION_TOLERANCE):
+        raise ValueError(f"position {position} must be finite, quaternion {orientation} unit")
+    return pin.XYZQUATToSE3(np.array((*position, *(number / norm for number in orientation))))
 
 
 def _norm(values: Vector) -> float:

@@ -68,6 +68,8 @@ class SetpointLimiter:
         self._lower = vector([limit.lower for limit in capabilities.limits])
         self._upper = vector([limit.upper for limit in capabilities.limits])
         self._velocity = vector([limit.velocity for limit in capabilities.limits])
+        self._ranges = list(zip(self._lower.tolist(), self._upper.tolist(), strict=True))
+        self._fastest = self._velocity.tolist()
         self._effort = vector([limit.effort for limit in capabilities.limits])
         self._cartesian = capabilities.cartesian_limits
         self._credit = policy.max_step
@@ -97,12 +99,8 @@ class SetpointLimiter:
             CommandRefused: not finite, further than the largest step away, or out of range where
                 the policy is not to clamp.
         """
-        if not np.isfinite(setpoint.values).all():
-            raise self._refusal(
-                name, Reason.NOT_FINITE, "a value to be sent is not finite", "Please report this."
-            )
-        values, warning = self._judges[setpoint.mode](name, setpoint.values, before)
-        return Limited(Setpoint(setpoint.mode, vector(values)), warning)
+        self._check_finite(name, setpoint)
+        return _limited(setpoint, *self._judges[setpoint.mode](name, setpoint.values, before))
 
     def limit(self, name: str, setpoint: Setpoint, before: Vector, now: float) -> Limited:
         """Return the setpoint to send now; see `judge`.
@@ -110,11 +108,15 @@ class SetpointLimiter:
         Raises:
             CommandRefused: as `judge`, or a stream of positions that is faster than the velocity limits.
         """
-        limited = self.judge(name, setpoint, before)
-        if setpoint.mode is Mode.JOINT_POSITION and before.size:
-            left = self.check_speed(name, limited.setpoint.values, before, now)
-            self._credit, self._credited = left, now
-        return limited
+        if setpoint.mode is not Mode.JOINT_POSITION or not before.size:
+            return self.judge(name, setpoint, before)
+        self._check_finite(name, setpoint)
+        values, warning = self.into_range(name, setpoint.values, before)
+        longest, index = self._time_between(values, before)
+        self._check_jump(name, longest, index)
+        self._credit = self._credit_after(name, longest, index, now)
+        self._credited = now
+        return _limited(setpoint, values, warning)
 
     def check_speed(self, name: str, values: Vector, before: Vector, now: float) -> float:
         """Refuse joint positions (n,) that are too far from those before to be sent now.
@@ -125,16 +127,18 @@ class SetpointLimiter:
         Raises:
             CommandRefused: the stream is faster than the velocity limits.
         """
-        times = np.abs(values - before) / self._velocity
-        index, credit = int(np.argmax(times)), self.credit(now)
-        if times[index] > credit + _ROUNDING:
+        return self._credit_after(name, *self._time_between(values, before), now)
+
+    def _credit_after(self, name: str, longest: float, index: int, now: float) -> float:
+        credit = self.credit(now)
+        if longest > credit + _ROUNDING:
             raise self._refusal(
                 name,
                 Reason.STEP_TOO_LARGE,
-                f"{self._joints[index]} would be faster than {self._velocity[index]:.4f}",
+                f"{self._joints[index]} would be faster than {self._fastest[index]:.4f}",
                 "Start from setpoint_js and stream more slowly, or use move_jp.",
             )
-        return max(0.0, credit - float(times[index]))
+        return max(0.0, credit - longest)
 
     def judge_tool(self, name: str, pose: Pose, before: Pose) -> None:
         """Refuse a pose of the tool that is too far from the one before.
@@ -153,22 +157,39 @@ class SetpointLimiter:
     def _refusal(self, name: str, reason: Reason, message: str, remedy: str) -> CommandRefused:
         return CommandRefused(name, reason, message, where=self._where, remedy=remedy)
 
+    def _check_finite(self, name: str, setpoint: Setpoint) -> None:
+        if not all(map(math.isfinite, setpoint.values.tolist())):
+            raise self._refusal(
+                name, Reason.NOT_FINITE, "a value to be sent is not finite", "Please report this."
+            )
+
     def _position(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
         values, warning = self.into_range(name, values, before)
         if before.size:
-            step = np.abs(values - before)
-            largest = self._velocity * self._policy.max_step
-            excess = step > largest
-            if excess.any():
-                index = int(np.argmax(excess))
-                raise self._refusal(
-                    name,
-                    Reason.STEP_TOO_LARGE,
-                    f"{self._joints[index]} would jump by {step[index]:.4f}, "
-                    f"more than {largest[index]:.4f}",
-                    "Start from setpoint_js and send smaller steps, or use move_jp.",
-                )
+            self._check_jump(name, *self._time_between(values, before))
         return values, warning
+
+    def _check_jump(self, name: str, longest: float, index: int) -> None:
+        if longest > self._policy.max_step:
+            speed = self._fastest[index]
+            raise self._refusal(
+                name,
+                Reason.STEP_TOO_LARGE,
+                f"{self._joints[index]} would jump by {longest * speed:.4f}, "
+                f"more than {self._policy.max_step * speed:.4f}",
+                "Start from setpoint_js and send smaller steps, or use move_jp.",
+            )
+
+    def time_between(self, values: Vector, before: Vector) -> float:
+        """Return the seconds from one joint position (n,) to another at full speed."""
+        return self._time_between(values, before)[0]
+
+    def _time_between(self, values: Vector, before: Vector) -> tuple[float, int]:
+        """Return the seconds that the slowest joint takes, and which it is."""
+        ways = zip(values.tolist(), before.tolist(), self._fastest, strict=True)
+        times = [abs(value - old) / fastest for value, old, fastest in ways]
+        longest = max(times)
+        return longest, times.index(longest)
 
     def into_range(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
         """Return joint positions (n,), clamped to their range, and a warning if they were.
@@ -181,6 +202,11 @@ class SetpointLimiter:
         Raises:
             CommandRefused: out of range where the policy is not to clamp.
         """
+        if all(
+            low <= value <= high
+            for value, (low, high) in zip(values.tolist(), self._ranges, strict=True)
+        ):
+            return values, ""
         lower, upper = self._lower, self._upper
         if before.size:
             lower, upper = np.minimum(lower, before), np.maximum(upper, before)
@@ -242,6 +268,12 @@ class SetpointLimiter:
         if self._cartesian is None:
             return values, ""
         return norms_into(values, self._cartesian.force, self._cartesian.torque), ""
+
+
+def _limited(setpoint: Setpoint, values: Vector, warning: str) -> Limited:
+    if values is setpoint.values:
+        return Limited(setpoint, warning)
+    return Limited(Setpoint(setpoint.mode, vector(values)), warning)
 
 
 def _scaled_into(values: Vector, limits: Vector) -> Vector:

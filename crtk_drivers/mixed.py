@@ -7,6 +7,7 @@ and the stream is over.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -15,8 +16,8 @@ from crtk_drivers.arbiter import Order
 from crtk_drivers.commands import find
 from crtk_drivers.device import Device, Mode, Setpoint
 from crtk_drivers.feedback import Feedback, Point
-from crtk_drivers.frames import inverse_pose, product, twist_from_base, twist_in_base
-from crtk_drivers.geometry import quaternion_from_rotvec, quaternion_product
+from crtk_drivers.frames import product, relative, twist_from_base, twist_in_base
+from crtk_drivers.geometry import quaternion_from_rotvec, quaternion_product, unit
 from crtk_drivers.limits import SetpointLimiter
 from crtk_drivers.outputs import Pursuit
 from crtk_drivers.reach import Reach
@@ -27,7 +28,6 @@ from crtk_drivers.samples import (
     JointServo,
     Pose,
     Value,
-    Vector,
     vector,
 )
 from crtk_drivers.streams import Stream
@@ -140,50 +140,54 @@ class MixedAxesStream(Stream):
         self._cycle = 1.0 / device.capabilities.rate
         self._silence = Deadman(timeout)
         self._silence.feed(now)
-        self._task = self._goal = reach.pose(self._command)
-        self._has_goal = False
-        self._twist = twist_from_base(feedback.reference_twist(now), "body", self._task)
-        self._wanted = vector(np.zeros(6))
+        self._task = reach.pose(self._command)
+        self._held: Pose | None = None
+        twist = twist_from_base(feedback.reference_twist(now), "body", self._task)
+        self._twist: list[float] = twist.tolist()
+        self._wanted = [0.0] * 6
         limits = device.capabilities.cartesian_limits
         assert limits is not None
         most = (limits.linear_acceleration,) * 3 + (limits.angular_acceleration,) * 3
-        self._change = np.array(most) * (self._cycle / np.sqrt(3.0))
+        self._change = [limit * self._cycle / math.sqrt(3.0) for limit in most]
 
     def feed(self, order: Order, now: float) -> None:
         """See the base class."""
         value = order.target
         assert isinstance(value, CartesianServo)
-        in_base = twist_in_base(self._twist, "body", self._task)
-        in_task = twist_from_base(in_base, "body", value.task)
-        goes = np.array(value.modes) == AxisMode.POSITION
-        self._twist = vector(np.where(goes, 0.0, in_task))
-        here = self._reach.pose(self._command)
+        if not _is_same(value.task, self._task):
+            in_base = twist_in_base(vector(self._twist), "body", self._task)
+            self._twist = twist_from_base(in_base, "body", value.task).tolist()
+            if self._held is not None:
+                self._held = relative(value.task, product(self._task, self._held))
+            self._task = value.task
+        speeds = zip(self._twist, value.modes, strict=True)
+        self._twist = [0.0 if mode == AxisMode.POSITION else speed for speed, mode in speeds]
         # Near a singularity the tool may be behind, and axes that stay are to come back.
-        held = product(self._task, self._goal) if self._has_goal else here
-        self._task, self._has_goal = value.task, True
-        self._goal = aimed(value, here, held)
-        self._wanted = vector(value.twist.vector)
+        self._held = aimed(value, self._reach.pose(self._command), self._held)
+        self._wanted = value.twist.linear.tolist() + value.twist.angular.tolist()
         self._silence.feed(now)
 
     def step(self, now: float) -> Point:
         """See the base class."""
         if self._silence.expired(now):
             self._silence.disarm()
-            self._wanted = vector(np.zeros(6))
-        change = np.clip(self._wanted - self._twist, -self._change, self._change)
-        self._twist = vector(self._twist + change)
-        self._goal = _moved_on(self._goal, self._twist, self._cycle)
-        pose = product(self._task, self._goal)
+            self._wanted = [0.0] * 6
+        assert self._held is not None
+        ways = zip(self._twist, self._wanted, self._change, strict=True)
+        self._twist = [old + min(max(new - old, -most), most) for old, new, most in ways]
+        self._held = _moved_on(self._held, self._twist, self._cycle)
+        pose = product(self._task, self._held)
         if self._takes_poses:
             return Point(self._reach.setpoint(self._command, pose))
         before = self._feedback.reference_joints()
-        joints = self._reach.joints(self._command, pose, before)
+        near = self._feedback.expected_joints(self._cycle)
+        joints = self._reach.joints(self._command, pose, near)
         return self._pursuit.point(before, pose, joints, now)
 
     @property
     def is_over(self) -> bool:
         """See the base class."""
-        return not self._silence.armed and bool(np.abs(self._twist).max() <= _STILL)
+        return not self._silence.armed and max(map(abs, self._twist)) <= _STILL
 
     @property
     def goals(self) -> Mapping[str, Value]:
@@ -191,26 +195,32 @@ class MixedAxesStream(Stream):
         return {}
 
 
-def aimed(value: CartesianServo, here: Pose, held: Pose) -> Pose:
+def aimed(value: CartesianServo, here: Pose, held: Pose | None = None) -> Pose:
     """Return the pose, in the task frame, that a mixed setpoint begins with.
 
     Args:
         value: whose task frame is in the base frame.
         here: of the tool in the base frame, where axes of velocity begin.
-        held: the same, where axes without a mode stay.
+        held: in the task frame, where axes without a mode stay; None if that is `here`.
     """
-    into = inverse_pose(value.task)
-    poses = {
-        AxisMode.NONE: product(into, held),
-        AxisMode.VELOCITY: product(into, here),
-        AxisMode.POSITION: value.pose,
-    }
-    of_axes = [poses[AxisMode(mode)] for mode in value.modes]
-    position = [pose.position[axis] for axis, pose in enumerate(of_axes[:3])]
-    return Pose(vector(position), of_axes[3].orientation)
+    poses: dict[int, Pose] = {AxisMode.POSITION: value.pose}
+    if held is None or AxisMode.VELOCITY in value.modes:
+        poses[AxisMode.VELOCITY] = relative(value.task, here)
+    poses[AxisMode.NONE] = held or poses[AxisMode.VELOCITY]
+    position = [float(poses[value.modes[axis]].position[axis]) for axis in range(3)]
+    return Pose(vector(position), poses[value.modes[3]].orientation)
 
 
-def _moved_on(pose: Pose, twist: Vector, time: float) -> Pose:
-    """Return a pose after `time` seconds of a twist (6,) in the axes of its frame."""
-    turned = quaternion_product(quaternion_from_rotvec(vector(twist[3:] * time)), pose.orientation)
-    return Pose(vector(pose.position + twist[:3] * time), vector(turned / np.linalg.norm(turned)))
+def _moved_on(pose: Pose, twist: list[float], time: float) -> Pose:
+    """Return a pose after `time` seconds of a twist in the axes of its frame."""
+    x, y, z, *turn = (speed * time for speed in twist)
+    a, b, c = pose.position.tolist()
+    orientation = pose.orientation
+    if any(turn):
+        orientation = unit(quaternion_product(quaternion_from_rotvec(vector(turn)), orientation))
+    return Pose(vector((a + x, b + y, c + z)), orientation)
+
+
+def _is_same(first: Pose, second: Pose) -> bool:
+    known = second.position.tolist(), second.orientation.tolist()
+    return (first.position.tolist(), first.orientation.tolist()) == known

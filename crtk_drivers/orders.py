@@ -190,9 +190,7 @@ class OrderMaker:
         if AxisMode.EFFORT not in used:
             here = self._reach.pose(command)
             if AxisMode.POSITION in used:
-                self._servo_pose(
-                    command, product(value.task, aimed(value, here, here))
-                )  # or refused
+                self._servo_pose(command, product(value.task, aimed(value, here)))  # or refused
             return Order(command.name, target=value)
         if used != {AxisMode.EFFORT}:
             raise self._unsupported(command, used)

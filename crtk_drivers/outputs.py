@@ -5,8 +5,6 @@ Each output belongs to one stream or move, in the I/O thread, and is asked once 
 
 from __future__ import annotations
 
-import numpy as np
-
 from crtk_drivers.commands import Command
 from crtk_drivers.device import Device, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
@@ -14,7 +12,7 @@ from crtk_drivers.feedback import Feedback, Point
 from crtk_drivers.limits import SetpointLimiter, norms_into
 from crtk_drivers.reach import Reach
 from crtk_drivers.resolved_rate import ResolvedRate
-from crtk_drivers.samples import JointState, Pose, Vector, vector
+from crtk_drivers.samples import JointState, Pose, Vector, frozen, vector
 
 _STILL = 1e-6
 """rad/s (m/s) of a joint that stands: what rounding leaves over."""
@@ -48,7 +46,7 @@ class PoseOutput:
         self._cycle = 1.0 / capabilities.rate
         self._joints, self._velocity, _ = feedback.motion(now)
         self._now = now - self._cycle
-        self._fastest = vector([limit.velocity for limit in capabilities.limits])
+        self._fastest = [limit.velocity for limit in capabilities.limits]
 
     def point(self, pose: Pose, twist: Vector, now: float) -> Point:
         """Return what to send for a pose of the tool that moves with a twist (6,), base axes.
@@ -61,27 +59,32 @@ class PoseOutput:
         step = min(max(now - self._now, self._cycle), _LATE * self._cycle)
         self._now = now
         # Where the joints would go on to: inverse kinematics has the least to do from there.
-        expected = vector(self._joints + self._velocity * step)
+        expected = frozen(self._joints + self._velocity * step)
         joints = self._reach.joints(self._command, pose, expected)
-        velocity = (joints - self._joints) / step
-        excess = np.abs(velocity) / self._fastest
-        if excess.max() > 1.0 + _TOLERANCE:
-            names = self._device.capabilities.joints
+        velocity = frozen((joints - self._joints) / step)
+        self._check_speed(velocity)
+        acceleration = frozen((velocity - self._velocity) / step)
+        self._joints, self._velocity = joints, velocity
+        return Point(
+            Setpoint(Mode.JOINT_POSITION, joints),
+            JointState(position=joints, velocity=velocity),
+            acceleration,
+            twist,
+        )
+
+    def _check_speed(self, velocity: Vector) -> None:
+        speeds = zip(velocity.tolist(), self._fastest, strict=True)
+        excess = [abs(speed) / fastest for speed, fastest in speeds]
+        largest = max(excess)
+        if largest > 1.0 + _TOLERANCE:
+            name = self._device.capabilities.joints[excess.index(largest)]
             raise CommandRefused(
                 self._command.name,
                 Reason.STEP_TOO_LARGE,
-                f"{names[int(np.argmax(excess))]} would be too fast on the way",
+                f"{name} would be too fast on the way",
                 where=self._device.address,
                 remedy="Stay away from singularities, or command joints.",
             )
-        acceleration = (velocity - self._velocity) / step
-        self._joints, self._velocity = joints, vector(velocity)
-        return Point(
-            Setpoint(Mode.JOINT_POSITION, joints),
-            JointState(position=joints, velocity=self._velocity),
-            vector(acceleration),
-            twist,
-        )
 
 
 class TwistOutput:
@@ -116,19 +119,19 @@ class TwistOutput:
         before = self._velocity
         velocity = self._rates.follow_twist(joints, jacobian, twist, before).velocity
         self._velocity = velocity
-        acceleration = vector((velocity - before) / self._cycle)
-        done = vector(jacobian @ velocity)  # within the limits, and without what is damped
+        acceleration = frozen((velocity - before) / self._cycle)
+        done = frozen(jacobian @ velocity)  # within the limits, and without what is damped
         if self._takes_velocities:
             setpoint = Setpoint(Mode.JOINT_VELOCITY, velocity)
             return Point(setpoint, None, acceleration, done)
-        position = vector(joints + velocity * self._cycle)
+        position = frozen(joints + velocity * self._cycle)
         state = JointState(position=position, velocity=velocity)
         return Point(Setpoint(Mode.JOINT_POSITION, position), state, acceleration, done)
 
     @property
     def is_at_rest(self) -> bool:
         """Whether the joints, if it moves these, have been told to stand."""
-        return self._takes_twists or bool(np.abs(self._velocity).max() <= _STILL)
+        return self._takes_twists or all(abs(speed) <= _STILL for speed in self._velocity.tolist())
 
 
 class WrenchOutput:
@@ -182,7 +185,6 @@ class Pursuit:
         self._rates = ResolvedRate(capabilities.limits, capabilities.cartesian_limits, self._cycle)
         self._limiter = limiter
         self._approaches = False
-        self._fastest = vector([limit.velocity for limit in capabilities.limits])
 
     def point(
         self, joints: Vector, goal: Pose, there: Vector, now: float, may_jump: bool = False
@@ -196,7 +198,7 @@ class Pursuit:
             now: monotonic seconds.
             may_jump: whether it may be further away than a cycle takes it, as in a stream of joint positions.
         """
-        needs = float((np.abs(there - joints) / self._fastest).max())
+        needs = self._limiter.time_between(joints, there)
         credit = self._limiter.credit(now)
         at_once = Point(Setpoint(Mode.JOINT_POSITION, there))
         if needs <= min(credit, self._cycle * (1.0 + _TOLERANCE)):

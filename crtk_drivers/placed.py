@@ -9,6 +9,7 @@ import numpy as np
 from crtk_drivers.commands import Space
 from crtk_drivers.device import Capabilities, Device, Goal, Mode, Setpoint
 from crtk_drivers.frames import inverse_pose, product, twist_from_base, twist_in_base
+from crtk_drivers.geometry import matrix_from_quaternion
 from crtk_drivers.samples import Array, Pose, Sample, Twist, Value, Vector, Wrench, vector
 from crtk_drivers.wrapped import WrappedDevice
 
@@ -27,6 +28,7 @@ class PlacedDevice(WrappedDevice):
         self._own_frame = own.base_frame
         self._base = base
         self._inverse = inverse_pose(base)
+        self._rotation = matrix_from_quaternion(base.orientation)
         local = [f"local/{name}" for name in own.measured if name.startswith("measured_c")]
         self._capabilities = replace(
             own,
@@ -74,13 +76,14 @@ class PlacedDevice(WrappedDevice):
         """See the base class."""
         return self.inner.inverse_kinematics(self._pose_inwards(pose), reference)
 
+    def nearby_inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
+        """See the base class."""
+        return self.inner.nearby_inverse_kinematics(self._pose_inwards(pose), reference)
+
     def jacobian(self, joints: Vector) -> Array:
         """See the base class."""
         jacobian = self.inner.jacobian(joints)
-        columns = [
-            twist_in_base(vector(column), "local", self._base, self._base) for column in jacobian.T
-        ]
-        return np.stack(columns, axis=1)
+        return np.concatenate((self._rotation @ jacobian[:3], self._rotation @ jacobian[3:]))
 
     def _pose_outwards(self, pose: Pose) -> Pose:
         return product(self._base, pose)

@@ -43,20 +43,28 @@ class Reach:
         return joints
 
     def joints(self, command: Command, pose: Pose, near: Vector | None = None) -> Vector:
-        """Return the joint position (n,) of a pose, nearest to `near` or else to the setpoint.
+        """Return the joint position (n,) of a pose, nearest to the setpoint.
+
+        Args:
+            command: that the pose comes from.
+            pose: in the base frame.
+            near: where to look instead, and nowhere else: for streams.
 
         Raises:
             CommandRefused: there is none.
         """
+        device = self._device
         try:
-            reference = self.reference(command) if near is None else near
-            joints = vector(self._device.inverse_kinematics(pose, reference))
+            if near is None:
+                joints = vector(device.inverse_kinematics(pose, self.reference(command)))
+            else:
+                joints = vector(device.nearby_inverse_kinematics(pose, near))
         except KinematicsError as error:
             raise self._unreachable(command, error) from error
         return self._check.check_target(command, joints)
 
     def setpoint(self, command: Command, pose: Pose) -> Setpoint:
-        """Return the setpoint that brings the tool to a pose.
+        """Return the setpoint of a stream that brings the tool to a pose near by.
 
         Raises:
             CommandRefused: out of reach.
@@ -64,7 +72,7 @@ class Reach:
         if self._takes_poses:
             numbers = np.concatenate((pose.position, pose.orientation))
             return Setpoint(Mode.CARTESIAN_POSITION, vector(numbers))
-        return Setpoint(Mode.JOINT_POSITION, self.joints(command, pose))
+        return Setpoint(Mode.JOINT_POSITION, self.joints(command, pose, self.reference(command)))
 
     def moved(self, command: Command, displacement: Pose, native: bool = False) -> Pose:
         """Return the pose that the setpoint has after an increment.

@@ -62,13 +62,11 @@ class JointRate:
     Attributes:
         velocity: (n,) in rad/s (m/s).
         scale: in [0, 1], by how much limits made it slower.
-        smallest: singular value of the Jacobian.
         is_damped: near a singularity, a part of the twist is given up.
     """
 
     velocity: Vector
     scale: float
-    smallest: float
     is_damped: bool
 
 
@@ -90,7 +88,14 @@ class ResolvedRate:
         damping: Damping = Damping(),
     ) -> None:
         self._bounds = [
-            (limit.lower, limit.upper, limit.velocity, limit.acceleration / 2.0) for limit in limits
+            (
+                limit.lower,
+                limit.upper,
+                limit.velocity,
+                limit.acceleration / 2.0,
+                _braking_way(limit.velocity, limit.acceleration / 2.0, cycle),
+            )
+            for limit in limits
         ]
         self._slews = [
             (-limit.acceleration * cycle, limit.acceleration * cycle) for limit in limits
@@ -115,14 +120,11 @@ class ResolvedRate:
         """
         if jacobian.shape != (6, joints.size) or twist.shape != (6,):
             raise ValueError(f"a Jacobian {jacobian.shape} for {joints.size} joints, {twist.shape}")
-        if not (np.isfinite(twist).all() and np.isfinite(jacobian).all()):
+        if not (math.isfinite(sum(twist.tolist())) and math.isfinite(float(jacobian.sum()))):
             raise ValueError("a twist or Jacobian that is not finite")
-        twist = self._slowed(twist)
-        left, values, right = np.linalg.svd(jacobian, full_matrices=False)
-        wanted = right.T @ (self._damping.gains(values) * (left.T @ twist))
-        smallest = float(values[-1])
+        wanted, is_damped = self._inverse(jacobian, self._slowed(twist))
         velocity, scale = self._limited(joints, wanted, before)
-        return JointRate(vector(velocity), scale, smallest, smallest < self._damping.threshold)
+        return JointRate(velocity, scale, is_damped)
 
     def follow_pose(
         self,
@@ -154,15 +156,31 @@ class ResolvedRate:
             wanted: (n,) velocity.
             before: (n,) velocity in force now.
         """
-        return vector(self._limited(joints, wanted, before)[0])
+        return self._limited(joints, wanted, before)[0]
+
+    def _inverse(self, jacobian: Array, twist: Vector) -> tuple[Vector, bool]:
+        """Return the joint velocity (n,) of a twist without limits, and whether it is damped."""
+        if jacobian.shape[1] == 6:
+            try:
+                inverse = np.linalg.inv(jacobian)
+            except np.linalg.LinAlgError:
+                pass
+            else:
+                # The norm is at least the inverse of the smallest singular value: nothing is damped here.
+                if float(np.vdot(inverse, inverse)) * self._damping.threshold**2 <= 1.0:
+                    return inverse @ twist, False
+        left, values, right = np.linalg.svd(jacobian, full_matrices=False)
+        wanted = right.T @ (self._damping.gains(values) * (left.T @ twist))
+        return wanted, bool(values[-1] < self._damping.threshold)
 
     def _slowed(self, twist: Vector) -> Vector:
         """Scale a twist as a whole into the tool's velocity limits."""
         if self._cartesian is None:
             return twist
+        x, y, z, rx, ry, rz = twist.tolist()
         excess = max(
-            math.hypot(*twist[:3]) / self._cartesian.linear_velocity,
-            math.hypot(*twist[3:]) / self._cartesian.angular_velocity,
+            math.hypot(x, y, z) / self._cartesian.linear_velocity,
+            math.hypot(rx, ry, rz) / self._cartesian.angular_velocity,
         )
         return twist / excess if excess > 1.0 else twist
 
@@ -172,8 +190,13 @@ class ResolvedRate:
         """Return the velocity (n,) within the limits, and by how much all of `wanted` was scaled."""
         targets = wanted.tolist()
         rooms = [
-            (-self._stoppable(here - low, top, brake), self._stoppable(high - here, top, brake))
-            for here, (low, high, top, brake) in zip(joints.tolist(), self._bounds, strict=True)
+            (
+                -top if here - low >= way else -self._stoppable(here - low, brake),
+                top if high - here >= way else self._stoppable(high - here, brake),
+            )
+            for here, (low, high, top, brake, way) in zip(
+                joints.tolist(), self._bounds, strict=True
+            )
         ]
         scale = _fitting(targets, rooms)
         velocity = [value * scale for value in targets]
@@ -189,12 +212,17 @@ class ResolvedRate:
         ]
         return vector(slewed), scale
 
-    def _stoppable(self, room: float, fastest: float, braking: float) -> float:
+    def _stoppable(self, room: float, braking: float) -> float:
         """Return the speed towards a limit `room` away that can still be stopped there."""
         if room <= 0.0:
             return 0.0
         t = self._cycle
-        return min(fastest, braking * (math.sqrt(t * t + 2.0 * room / braking) - t))
+        return braking * (math.sqrt(t * t + 2.0 * room / braking) - t)
+
+
+def _braking_way(speed: float, braking: float, cycle: float) -> float:
+    """Return how far a joint goes that is stopped from `speed` after one more cycle."""
+    return speed * cycle + speed * speed / (2.0 * braking)
 
 
 def _fitting(values: list[float], bounds: Sequence[tuple[float, float]]) -> float:

@@ -46,10 +46,18 @@ def vector(values: ArrayLike) -> Vector:
     return array
 
 
+def frozen(array: Array) -> Vector:
+    """Return an array of one dimension, which nobody else has, made read-only: `vector` without a copy."""
+    array.setflags(write=False)
+    return array
+
+
 def _freeze(value: object, *fields: str) -> None:
     """Replace each of `fields` that is not a read-only vector by a copy that is one."""
     for name in fields:
         array = getattr(value, name)
+        if array is EMPTY:
+            continue
         if (
             type(array) is not np.ndarray
             or array.flags.writeable
@@ -93,9 +101,7 @@ class JointState:
 
     def __post_init__(self) -> None:
         _freeze(self, "position", "velocity", "effort")
-        sizes = {v.size for v in (self.position, self.velocity, self.effort) if v.size}
-        if self.name:
-            sizes.add(len(self.name))
+        sizes = {self.position.size, self.velocity.size, self.effort.size, len(self.name)} - {0}
         if len(sizes) > 1:
             raise ValueError(f"joint state with vectors of different sizes: {sorted(sizes)}")
 

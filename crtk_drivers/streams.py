@@ -217,7 +217,7 @@ class PoseStream(Stream):
         if order.displacement is not None:
             goal = moved(self._interpolator.goal, order.displacement, order.frame, self._base)
             if not self._takes_poses:
-                self._reach.joints(self._command, goal)
+                self._reach.joints(self._command, goal, self._reach.reference(self._command))
         else:
             assert isinstance(order.target, Pose)
             goal = order.target
@@ -265,6 +265,7 @@ class PursuitStream(Stream):
         super().__init__(name)
         self._command = find(name)
         self._base = device.capabilities.base_pose
+        self._cycle = 1.0 / device.capabilities.rate
         self._feedback = feedback
         self._reach = reach
         self._limiter = limiter
@@ -279,7 +280,8 @@ class PursuitStream(Stream):
         if order.displacement is not None:
             here = self._reach.pose(self._command)
             goal = moved(self._goal or here, order.displacement, order.frame, self._base)
-            joints = self._reach.joints(self._command, goal)
+            near = self._feedback.expected_joints(self._cycle)
+            joints = self._reach.joints(self._command, goal, near)
             self._limiter.judge_tool(self.name, goal, here)
         else:
             assert isinstance(order.target, Pose)

@@ -121,5 +121,8 @@ class WrappedDevice(Device):
     def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
         return self.inner.inverse_kinematics(pose, reference)
 
+    def nearby_inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
+        return self.inner.nearby_inverse_kinematics(pose, reference)
+
     def jacobian(self, joints: Vector) -> Array:
         return self.inner.jacobian(joints)

@@ -871,13 +871,13 @@ def test_an_alarm_in_the_midst_of_a_cycle_keeps_the_rest_of_it_from_the_device()
     rig.engine.submit("move_jp", jp(0.5, 0.0))
     rig.cycle(5)
     writes = len(rig.written)
-    judge = rig.engine._motion._limiter.judge
+    limit = rig.engine._motion._limiter.limit
 
-    def alarm_then_judge(*arguments: object) -> object:
+    def alarm_then_limit(*arguments: object) -> object:
         rig.engine.alarm("stuck")
-        return judge(*arguments)  # type: ignore[arg-type]
+        return limit(*arguments)  # type: ignore[arg-type]
 
-    rig.engine._motion._limiter.judge = alarm_then_judge  # type: ignore[assignment,method-assign]
+    rig.engine._motion._limiter.limit = alarm_then_limit  # type: ignore[assignment,method-assign]
     rig.cycle()
     assert len(rig.written) == writes
     assert rig.state is S.FAULT

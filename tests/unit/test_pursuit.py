@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from arm_rig import ARM, BENT, LIMIT, PERIOD, STRETCHED, ArmRig, apart, step, twist
+from arm_rig import ARM, BENT, LIMIT, PERIOD, STRETCHED, ArmRig, apart, cs, step, twist
 from engine_rig import jp
 
 from crtk_drivers.device import JointLimits, Mode
@@ -336,3 +336,26 @@ def test_a_stream_that_stands_has_no_velocity(second: str) -> None:
     rig.engine.submit(second, TAKES_OVER[second](rig))
     rig.cycle()
     assert np.abs(rig.path[-1] - begin).max() < 1e-3 * PERIOD + 1e-5
+
+
+@pytest.mark.parametrize(
+    "name", ["servo_cp", "servo_cr", "body/servo_cr", "servo_cs", "interpolate_cr"]
+)
+def test_no_stream_asks_for_a_search_that_may_take_long(name: str) -> None:
+    rig = arm()
+
+    def search(pose: Pose, reference: Vector) -> Vector:
+        raise AssertionError(f"a search for {pose} from {reference}")
+
+    rig.device.inverse_kinematics = search  # type: ignore[method-assign]
+    nearby = ARM.inverse
+    rig.device.nearby_inverse_kinematics = nearby  # type: ignore[method-assign, assignment]
+    here = rig.device.pose
+    values = {
+        "servo_cp": moved(here, step(0, 0, 0.001, 0, 0, 0)),
+        "servo_cs": cs("PVNNNN", here, twist(0, 0.01, 0, 0, 0, 0)),
+    }
+    for _ in range(5):
+        rig.engine.submit(name, values.get(name, step(0, 0, 0.001, 0, 0, 0)))
+        rig.cycle()
+    assert len(rig.written) == 5

@@ -274,6 +274,10 @@ class VirtualDevice(Device):
         """See the base class."""
         return self._chain.inverse(pose, reference)
 
+    def nearby_inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
+        """See the base class."""
+        return self._chain.inverse(pose, reference, restarts=0)
+
     def jacobian(self, joints: Vector) -> Array:
         """See the base class."""
         return self._chain.jacobian(joints)
