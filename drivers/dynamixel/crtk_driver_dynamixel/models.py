@@ -303,7 +303,7 @@ def model_named(name: str) -> Model:
     meant = difflib.get_close_matches(plain, MODELS, n=3, cutoff=0.6)
     raise ConfigError(
         f"{name!r} is not a model that this driver knows",
-        remedy=f"Did you mean {', '.join(meant)}?"
+        remedy=f"Like it are {', '.join(meant)}."
         if meant
         else "crtk-driver dynamixel scan tells the models on a bus.",
     )

@@ -1,0 +1,278 @@
+"""Calibration: where the middle of each servo really is, kept in a file that belongs to one chain.
+
+The arm is put into a pose whose joint positions are known (half way, or a mark), the counts are read, and
+`calibrate` says by how many counts each servo is off: its `shift`, applied by this driver, or a homing offset
+in the servo's EEPROM, where that takes it. Joints of more than one turn come back from a power-off within
+one turn: `turn_shift` finds the turn they are in.
+
+Homing Offset (20) of the X series, e-manual: present position = position + offset; position mode takes
+-1024 to 1024 counts and ignores others.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+import yaml
+from pydantic import Field
+
+from crtk_driver_dynamixel.models import OperatingMode
+from crtk_driver_dynamixel.units import Servo
+from crtk_drivers.config import Settings, from_file, load
+from crtk_drivers.errors import ConfigError
+
+__all__ = [
+    "Calibration",
+    "ServoCalibration",
+    "calibrate",
+    "load_calibration",
+    "load_positions",
+    "save_calibration",
+    "save_positions",
+    "turn_shift",
+    "unshifted",
+]
+
+Identity = tuple[str, str, int, str]
+"""Joint, bus, id and model of a servo: they have no serial number to tell it by."""
+
+
+class ServoCalibration(Settings):
+    """What was found for one servo."""
+
+    joint: str = Field(max_length=64, description="Joint that it moves.")
+    bus: str = Field(max_length=64, description="Bus that it is on.")
+    id: int = Field(ge=0, le=252, description="Its id.")
+    model: str = Field(max_length=40, description="Its model.")
+    shift: int = Field(
+        default=0,
+        ge=-(2**31),
+        lt=2**31,
+        description="Counts that its middle is off, for the driver.",
+    )
+    homing_offset: int = Field(
+        default=0, ge=-(2**31), lt=2**31, description="Homing Offset in its EEPROM, in counts."
+    )
+
+
+class Calibration(Settings):
+    """The calibration of a chain: the content of its file."""
+
+    version: Literal[1] = Field(default=1, description="Of the format.")
+    servos: tuple[ServoCalibration, ...] = Field(description="One for each servo.")
+
+    def shift(self, bus: str, servo: int) -> int:
+        """Return the shift of a servo, 0 if it has none."""
+        return next((s.shift for s in self.servos if (s.bus, s.id) == (bus, servo)), 0)
+
+    def check(self, servos: Iterable[Identity], where: str = "calibration") -> None:
+        """Make sure that this calibration is of these servos.
+
+        Raises:
+            ConfigError: it is of other ones; says which differ.
+        """
+        own = {(s.bus, s.id): (s.joint, s.model) for s in self.servos}
+        chain = {(bus, number): (joint, model) for joint, bus, number, model in servos}
+        problems = [
+            f"it has no servo {number} on {bus} ({chain[bus, number][0]})"
+            for bus, number in chain.keys() - own.keys()
+        ]
+        problems += [
+            f"servo {number} on {bus} ({own[bus, number][0]}) is not in the chain"
+            for bus, number in own.keys() - chain.keys()
+        ]
+        for key in own.keys() & chain.keys():
+            if own[key] != chain[key]:
+                problems.append(
+                    f"servo {key[1]} on {key[0]} is {' '.join(own[key])} there and "
+                    f"{' '.join(chain[key])} here"
+                )
+        if len(own) != len(self.servos):
+            problems.append("a servo is in it twice")
+        if problems:
+            raise ConfigError(
+                f"the calibration is not of this chain: {'; '.join(sorted(problems))}",
+                where=where,
+                remedy="Calibrate again: crtk-driver dynamixel calibrate.",
+            )
+
+    def check_homing_offsets(
+        self, read: Mapping[tuple[str, int], int], where: str = "calibration"
+    ) -> None:
+        """Make sure that the homing offsets in the servos are those with which it was made.
+
+        Args:
+            read: register Homing Offset by bus and id.
+
+        Raises:
+            ConfigError: they were changed since; says where.
+        """
+        changed = [
+            f"{s.joint} (servo {s.id} on {s.bus}) has {read[s.bus, s.id]} instead of {s.homing_offset}"
+            for s in self.servos
+            if (s.bus, s.id) in read and read[s.bus, s.id] != s.homing_offset
+        ]
+        if changed:
+            raise ConfigError(
+                f"homing offsets were changed since the calibration: {'; '.join(changed)}",
+                where=where,
+                remedy="Another program calibrated the arm, or a servo was replaced: calibrate again.",
+            )
+
+
+def unshifted(servo: Servo, count: int, homing_offset: int) -> int:
+    """Return the count of the encoder itself, from a present position and the homing offset in force."""
+    limit = servo.model.family.homing_limit
+    if servo.mode is OperatingMode.POSITION and limit and abs(homing_offset) > limit:
+        return count
+    return count - homing_offset
+
+
+def calibrate(
+    servos: Sequence[tuple[Identity, Servo]],
+    counts: Sequence[int],
+    homing_offsets: Sequence[int],
+    positions: Sequence[float],
+    *,
+    in_eeprom: bool = False,
+) -> Calibration:
+    """Return the calibration by which the servos are at these positions.
+
+    Args:
+        servos: of the chain, with its signs, offsets and gears.
+        counts: present position of each.
+        homing_offsets: that were in force when these were read.
+        positions: of each servo's joint, in rad.
+        in_eeprom: put it into the homing offset where the servo's mode takes it; otherwise, and where it
+            does not fit, the driver does it alone and the homing offset is 0.
+
+    Raises:
+        ValueError: sequences of different lengths, or a position that is not finite.
+    """
+    found = []
+    for (identity, servo), count, homing, position in zip(
+        servos, counts, homing_offsets, positions, strict=True
+    ):
+        if not math.isfinite(position):
+            raise ValueError(f"{identity[0]} has no position")
+        plain = Servo(servo.model, servo.sign, servo.gear, servo.offset)
+        shift = unshifted(servo, count, homing) - round(plain.count(position))
+        if servo.mode is not OperatingMode.POSITION:
+            shift = _within_a_turn(shift, servo.model.family.counts)
+        fits = in_eeprom and abs(shift) <= servo.model.family.homing_limit
+        joint, bus, number, model = identity
+        found.append(
+            ServoCalibration(
+                joint=joint,
+                bus=bus,
+                id=number,
+                model=model,
+                shift=0 if fits else shift,
+                homing_offset=-shift if fits else 0,
+            )
+        )
+    return Calibration(servos=tuple(found))
+
+
+def _within_a_turn(counts: int, turn: int) -> int:
+    return (counts + turn // 2) % turn - turn // 2
+
+
+def turn_shift(
+    servo: Servo, count: int, lower: float, upper: float, last: float | None = None
+) -> int:
+    """Return the whole turns, in counts, by which a servo that was powered off is elsewhere than it counts.
+
+    Args:
+        servo: in a mode of more than one turn.
+        count: its present position.
+        lower, upper: range of its joint, in rad: it is taken to be within.
+        last: position of the joint before the power went, in rad; it moved less than half a turn of the
+            servo since. None if not known.
+
+    Returns:
+        what to add to the servo's shift.
+
+    Raises:
+        ConfigError: several turns are within the range and `last` is not known, or none is.
+    """
+    turn = servo.model.family.counts
+    period = turn * servo.model.family.position_unit / servo.gear
+    now = servo.position(count)
+    if last is not None:
+        turns = round((last - now) / period)
+        return -servo.sign * turns * turn
+    slack = 1e-9 + servo.model.family.position_unit / servo.gear
+    least = math.ceil((lower - slack - now) / period)
+    most = math.floor((upper + slack - now) / period)
+    if least == most:
+        return -servo.sign * least * turn
+    if least > most:
+        raise ConfigError(
+            f"no turn of the servo at count {count} puts its joint between {lower:.4f} and {upper:.4f} rad",
+            remedy="Move the joint into its range by hand, or calibrate again.",
+        )
+    raise ConfigError(
+        f"the joint may be in any of {most - least + 1} turns, from {now + least * period:.4f} to "
+        f"{now + most * period:.4f} rad",
+        remedy="Name a file with the key turns, or home the joint: its position was lost with the power.",
+    )
+
+
+def save_calibration(path: Path | str, calibration: Calibration) -> None:
+    """Write a calibration; the file is replaced as a whole or not at all.
+
+    Raises:
+        ConfigError: it cannot be written.
+    """
+    head = "# Calibration of a chain of DYNAMIXEL servos. Counts; see docs/dynamixel.md.\n"
+    _write(Path(path), head, calibration.model_dump(mode="json"))
+
+
+def load_calibration(path: Path | str) -> Calibration:
+    """Read what `save_calibration` wrote.
+
+    Raises:
+        ConfigError: missing, or not such a file; with its line.
+    """
+    return load(Calibration, from_file(Path(path)))
+
+
+class _Positions(Settings):
+    positions: dict[str, float] = Field(description="Joint positions in rad, by name.")
+
+
+def save_positions(path: Path | str, positions: Mapping[str, float]) -> None:
+    """Write where joints are, for the next start.
+
+    Raises:
+        ConfigError: it cannot be written.
+    """
+    head = "# Where the joints were when the power may have gone, in rad.\n"
+    _write(Path(path), head, {"positions": dict(positions)})
+
+
+def load_positions(path: Path | str) -> Mapping[str, float]:
+    """Read what `save_positions` wrote; nothing if there is no such file yet.
+
+    Raises:
+        ConfigError: not such a file; with its line.
+    """
+    if not Path(path).exists():
+        return {}
+    return load(_Positions, from_file(Path(path))).positions
+
+
+def _write(path: Path, head: str, values: object) -> None:
+    new = path.with_name(f"{path.name}.new")
+    try:
+        new.write_text(head + yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
+        os.replace(new, path)
+    except OSError as error:
+        raise ConfigError(
+            f"cannot be written: {error.strerror}", where=str(path), remedy="Check path and rights."
+        ) from error

@@ -1,0 +1,283 @@
+"""Which servos move which joint: several servos on one joint, several buses, signs, offsets and gears.
+
+A `Chain` has one place for each joint and, behind them, one for the gripper's servo angle; and one place
+for each servo, joint by joint, the first servo of a joint before its shadows. Arrays are of one kind or the
+other: ``(joints,)`` or ``(servos,)``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crtk_driver_dynamixel.calibration import Calibration
+from crtk_driver_dynamixel.config import (
+    DynamixelConfig,
+    GripperConfig,
+    JointConfig,
+    ServoConfig,
+    ShadowConfig,
+)
+from crtk_driver_dynamixel.models import OperatingMode, model_named
+from crtk_driver_dynamixel.units import Scaling, Servo
+from crtk_drivers.device import JointLimits
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.samples import Vector
+
+__all__ = ["Chain", "ChainServo"]
+
+Follow = Literal["goals", "secondary_id", "cable"]
+_JERK_TIME = 0.1
+"""Without a limit for the jerk, time in s in which a joint may reach its greatest acceleration."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChainServo:
+    """One servo in its chain.
+
+    Attributes:
+        joint: place of its joint.
+        name: of that joint.
+        bus, id: where it is.
+        protocol: that it speaks.
+        units: what its counts mean.
+        follow: how it gets its goals; ``goals``: from the driver.
+        is_first: the first servo of its joint, whose position is that of the joint.
+        reverse: wanted in bit 0 of its Drive Mode.
+        config: keys of its joint.
+    """
+
+    joint: int
+    name: str
+    bus: str
+    id: int
+    protocol: int
+    units: Servo
+    follow: Follow
+    is_first: bool
+    reverse: bool
+    config: ServoConfig
+
+    @property
+    def place(self) -> str:
+        """For messages: ``joint elbow (servo 3 on main)``."""
+        return f"joint {self.name} (servo {self.id} on {self.bus})"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chain:
+    """The servos of a configuration, and how they make up its joints.
+
+    Attributes:
+        joints: names of the arm's joints, without the gripper.
+        limits: of these joints.
+        servos: see the module.
+        scaling: between counts and SI, (servos,).
+        gripper: the configuration of the gripper; its place among the joints is the last one.
+    """
+
+    joints: tuple[str, ...]
+    limits: tuple[JointLimits, ...]
+    servos: tuple[ChainServo, ...]
+    scaling: Scaling
+    gripper: GripperConfig | None
+    _joint_of: NDArray[np.int64]
+    _first: NDArray[np.int64]
+    _count: Vector
+
+    @classmethod
+    def of(cls, config: DynamixelConfig, calibration: Calibration | None = None) -> Chain:
+        """Make the chain of a configuration.
+
+        Args:
+            config: checked by itself already.
+            calibration: found by `calibrate`, or None: every servo is as its offset says.
+
+        Raises:
+            ConfigError: the calibration is of other servos, or a joint's range is beyond what a servo
+                can be sent.
+        """
+        servos = tuple(_servos(config))
+        if calibration is not None:
+            calibration.check([(s.name, s.bus, s.id, s.units.model.name) for s in servos])
+            servos = tuple(
+                replace(s, units=replace(s.units, shift=calibration.shift(s.bus, s.id)))
+                for s in servos
+            )
+        if calibration is not None or not config.calibration:
+            for servo in servos:
+                _check_range(servo)
+        joint_of = np.array([servo.joint for servo in servos], dtype=np.int64)
+        return cls(
+            joints=tuple(config.joints),
+            limits=tuple(map(_limits, config.joints.values())),
+            servos=servos,
+            scaling=Scaling.of([servo.units for servo in servos]),
+            gripper=config.gripper,
+            _joint_of=joint_of,
+            _first=np.flatnonzero([servo.is_first for servo in servos]),
+            _count=np.bincount(joint_of).astype(np.float64),
+        )
+
+    @property
+    def has_efforts(self) -> bool:
+        """Whether every joint of the arm measures and takes efforts."""
+        arm = [servo.units for servo in self.servos if servo.joint < len(self.joints)]
+        return bool(arm) and not any(
+            math.isnan(units.torque_constant) or OperatingMode.CURRENT not in units.model.modes
+            for units in arm
+        )
+
+    def on_bus(self, bus: str) -> tuple[int, ...]:
+        """Return the places of the servos on a bus."""
+        return tuple(i for i, servo in enumerate(self.servos) if servo.bus == bus)
+
+    def of_joint(self, joint: int) -> tuple[int, ...]:
+        """Return the places of a joint's servos, the first one first."""
+        return tuple(np.flatnonzero(self._joint_of == joint).tolist())
+
+    def positions(self, values: Vector, valid: NDArray[np.bool_] | None = None) -> Vector:
+        """Return positions or velocities (joints,) from those of the servos (servos,).
+
+        They are those of a joint's first servo, or of the first one that is `valid`; NaN if none is.
+        """
+        if valid is None or valid.all():
+            return values[self._first]
+        joints = np.full(len(self._first), np.nan)
+        usable = np.flatnonzero(valid)[::-1]
+        joints[self._joint_of[usable]] = values[
+            usable
+        ]  # the first servo of a joint is written last
+        return joints
+
+    def efforts(self, values: Vector, valid: NDArray[np.bool_] | None = None) -> Vector:
+        """Return efforts (joints,): the sum of a joint's servos (servos,); NaN if one is not valid."""
+        known = values if valid is None else np.where(valid, values, np.nan)
+        sums = np.zeros(len(self._first))
+        np.add.at(sums, self._joint_of, known)
+        return sums
+
+    def spread(self, positions: Vector) -> Vector:
+        """Return how far the servos of each joint are apart (joints,), in rad; NaN if one is not known."""
+        least = np.full(len(self._first), np.inf)
+        most = np.full(len(self._first), -np.inf)
+        np.minimum.at(least, self._joint_of, positions)
+        np.maximum.at(most, self._joint_of, positions)
+        apart: Vector = most - least
+        return apart
+
+    def to_servos(self, values: Vector) -> Vector:
+        """Return positions or velocities (servos,) for the joints' (joints,)."""
+        return values[self._joint_of]
+
+    def efforts_to_servos(self, values: Vector) -> Vector:
+        """Return efforts (servos,) for the joints' (joints,): the servos of a joint share its effort."""
+        return (values / self._count)[self._joint_of]
+
+    def with_shifts(self, shifts: Mapping[int, int]) -> Chain:
+        """Return the same with further shifts in counts, by the place of a servo."""
+        servos = tuple(
+            replace(servo, units=replace(servo.units, shift=servo.units.shift + shifts.get(i, 0)))
+            for i, servo in enumerate(self.servos)
+        )
+        return replace(self, servos=servos, scaling=Scaling.of([servo.units for servo in servos]))
+
+
+def _servos(config: DynamixelConfig) -> list[ChainServo]:
+    tables: list[tuple[str, ServoConfig]] = [*config.joints.items()]
+    if config.gripper is not None:
+        tables.append((config.gripper.joint, config.gripper))
+    servos = []
+    for joint, (name, table) in enumerate(tables):
+        first = _first_servo(joint, name, table)
+        servos.append(first)
+        servos += [_shadow(first, table, shadow) for shadow in table.shadows]
+    return servos
+
+
+def _first_servo(joint: int, name: str, table: ServoConfig) -> ChainServo:
+    model = table.servo_model
+    constant = model.torque_constant if table.torque_constant is None else table.torque_constant
+    return ChainServo(
+        joint=joint,
+        name=name,
+        bus=table.bus,
+        id=table.id,
+        protocol=table.protocol or model.family.protocol,
+        units=Servo(
+            model=model,
+            sign=table.sign,
+            gear=table.gear,
+            offset=table.offset,
+            torque_constant=constant,
+            mode=table.operating_mode,
+        ),
+        follow="goals",
+        is_first=True,
+        reverse=table.reverse,
+        config=table,
+    )
+
+
+def _shadow(first: ChainServo, table: ServoConfig, shadow: ShadowConfig) -> ChainServo:
+    model = model_named(shadow.model) if shadow.model else first.units.model
+    constant = model.torque_constant if table.torque_constant is None else table.torque_constant
+    return replace(
+        first,
+        id=shadow.id,
+        units=replace(
+            first.units,
+            model=model,
+            sign=shadow.sign,
+            offset=table.offset if shadow.offset is None else shadow.offset,
+            torque_constant=constant,
+        ),
+        follow=shadow.follow,
+        is_first=False,
+        reverse=shadow.reverse,
+    )
+
+
+def _limits(joint: JointConfig) -> JointLimits:
+    model = joint.servo_model
+    lower, upper = joint.range
+    velocity = model.no_load_speed / joint.gear if joint.velocity is None else joint.velocity
+    effort = model.stall_torque * joint.gear * len(joint.ids)
+    return JointLimits(
+        lower=lower,
+        upper=upper,
+        velocity=velocity,
+        acceleration=joint.acceleration,
+        jerk=joint.acceleration / _JERK_TIME if joint.jerk is None else joint.jerk,
+        effort=effort if joint.effort is None else joint.effort,
+    )
+
+
+def servo_range(config: ServoConfig) -> tuple[float, float]:
+    """Return the range of a joint, or of the servo angle of a gripper, in rad."""
+    if isinstance(config, GripperConfig):
+        finger = config.finger.finger
+        ends = sorted((finger.angle(config.closed), finger.angle(config.open)))
+        return ends[0], ends[1]
+    if isinstance(config, JointConfig):
+        return config.range
+    raise TypeError(f"{type(config).__name__} has no range")
+
+
+def _check_range(servo: ChainServo) -> None:
+    ends = servo_range(servo.config)
+    counts = sorted(servo.units.count(end) for end in ends)
+    least, most = servo.units.goal_range
+    if least - 0.5 <= counts[0] and counts[1] <= most + 0.5:
+        return
+    raise ConfigError(
+        f"the range of {servo.place} from {ends[0]:.4f} to {ends[1]:.4f} rad is counts {counts[0]:.0f} to "
+        f"{counts[1]:.0f}, of which mode {servo.config.mode} takes {least} to {most}",
+        where="gripper" if isinstance(servo.config, GripperConfig) else f"joints.{servo.name}",
+        remedy="Narrow lower and upper, correct offset, calibrate, or set mode to extended_position.",
+    )
