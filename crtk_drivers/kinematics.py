@@ -183,6 +183,7 @@ class SerialChain:
         self._reach = chain.reach + tool_length
         # Distances are weighed by the size of the arm, so that a small arm does not neglect them.
         self._length_weight = 1.0 / ((chain.links_length + tool_length) or 1.0)
+        self._solvable = LEAST_DAMPING * np.eye(6)
         self._workspace = _Workspace(self._model)
 
     def forward(self, joints: Vector) -> Pose:
@@ -318,8 +319,7 @@ class SerialChain:
         """Return the smallest change of the joints that takes away an error (6,), to the first order."""
         if jacobian.shape[1] == 6:
             return frozen(self._algebra.PartialPivLU(jacobian).solve(error))
-        square = jacobian @ jacobian.T
-        square.ravel()[::7] += LEAST_DAMPING
+        square = jacobian @ jacobian.T + self._solvable
         return frozen(jacobian.T @ self._algebra.LDLT(square).solve(error))
 
     def _descend(self, data: Any, target: Any, start: Vector, bounds: _Bounds) -> _Descent:

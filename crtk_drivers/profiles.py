@@ -26,7 +26,7 @@ from crtk_drivers.geometry import (
     quaternion_product,
 )
 from crtk_drivers.interpolation import CARTESIAN_RISE_TIME
-from crtk_drivers.rotation import angular_acceleration, angular_velocity, turn
+from crtk_drivers.rotation import angular_acceleration, angular_velocity, cross, turn
 from crtk_drivers.samples import Pose, Vector, vector
 from crtk_drivers.trajectories import solve
 
@@ -229,10 +229,8 @@ class LineProfile:
         orientation = quaternion_product(
             quaternion_from_rotvec(vector(self._turn * done)), self._first
         )
-        if self._blend is not None:
-            moved, speed, speeding = (
-                np.array(values) for values in self._blend.at_time(min(time, self._blend.duration))
-            )
+        if self._blend is not None and time < self._blend.duration:
+            moved, speed, speeding = (np.array(values) for values in self._blend.at_time(time))
             position = position + moved[:3] - self._blended[:3]
             # On the blend's rotation, which ends as the identity.
             extra = quaternion_product(quaternion_from_rotvec(vector(moved[3:])), self._unblended)
@@ -241,7 +239,7 @@ class LineProfile:
             carried = matrix_from_quaternion(extra)
             spun = carried @ twist[3:]
             twist = np.concatenate((twist[:3] + speed[:3], spun + own))
-            spinning = carried @ acceleration[3:] + np.cross(own, spun)
+            spinning = carried @ acceleration[3:] + cross(own.tolist(), spun.tolist())
             acceleration = np.concatenate(
                 (
                     acceleration[:3] + speeding[:3],
