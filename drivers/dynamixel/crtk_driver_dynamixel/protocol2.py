@@ -1,0 +1,335 @@
+"""DYNAMIXEL protocol 2.0: instruction packets to bytes, bytes to status packets. No I/O, no clock.
+
+A packet is ``FF FF FD 00 | id | length | instruction | parameters | CRC``: two-byte numbers little-endian,
+the length counts instruction to CRC. Inside instruction and parameters each ``FF FF FD`` is followed by one
+more ``FD`` (stuffing), so that a header cannot occur there; length and CRC are those of the stuffed bytes.
+A status has instruction 55, and the error byte before its parameters. The reply to a fast read has no
+stuffing. (E-manual, https://emanual.robotis.com/docs/en/dxl/protocol2/.)
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from enum import IntEnum
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+from crtk_driver_dynamixel import framing
+from crtk_driver_dynamixel.crc import crc16
+from crtk_driver_dynamixel.framing import Status
+
+__all__ = [
+    "BROADCAST",
+    "ERRORS",
+    "Block",
+    "FastReplyParser",
+    "Instruction",
+    "Status",
+    "StatusParser",
+    "action",
+    "backup",
+    "bulk_read",
+    "bulk_write",
+    "clear_multi_turn",
+    "error_text",
+    "factory_reset",
+    "fast_bulk_read",
+    "fast_sync_read",
+    "packet",
+    "ping",
+    "read",
+    "reboot",
+    "reg_write",
+    "restore",
+    "status_size",
+    "sync_read",
+    "sync_write",
+    "write",
+]
+
+HEADER: Final = b"\xff\xff\xfd\x00"
+BROADCAST: Final = 0xFE
+HIGHEST_ID: Final = 252
+MOST_PARAMETERS: Final = 0xFFFF - 3
+STATUS: Final = 0x55
+ALERT: Final = 0x80
+"""Bit of the error byte: Hardware Error Status of this servo is not 0."""
+
+_HEAD: Final = struct.Struct("<4sBH")
+_ITEM: Final = struct.Struct("<BHH")
+_RANGE: Final = struct.Struct("<HH")
+_U16: Final = struct.Struct("<H")
+_FRAME: Final = _HEAD.size + _U16.size
+_SHORTEST: Final = 3
+"""Length field of the shortest packet: an instruction and the CRC."""
+_SEQUENCE: Final = b"\xff\xff\xfd"
+_STUFFED: Final = b"\xff\xff\xfd\xfd"
+
+
+class Instruction(IntEnum):
+    """E-manual, "Instruction"."""
+
+    PING = 0x01
+    READ = 0x02
+    WRITE = 0x03
+    REG_WRITE = 0x04
+    ACTION = 0x05
+    FACTORY_RESET = 0x06
+    REBOOT = 0x08
+    CLEAR = 0x10
+    BACKUP = 0x20
+    SYNC_READ = 0x82
+    SYNC_WRITE = 0x83
+    FAST_SYNC_READ = 0x8A
+    BULK_READ = 0x92
+    BULK_WRITE = 0x93
+    FAST_BULK_READ = 0x9A
+
+
+class Reset(IntEnum):
+    """What a factory reset leaves as it is."""
+
+    NOTHING = 0xFF
+    ID = 0x01
+    ID_AND_BAUD_RATE = 0x02
+
+
+ERRORS: Final[Mapping[int, str]] = MappingProxyType(
+    {
+        1: "result fail: it could not do what the packet asks for",
+        2: "instruction error: it does not know the instruction, or Action came without Reg Write",
+        3: "CRC error: the packet arrived damaged",
+        4: "data range error: the value is outside the range of the register",
+        5: "data length error: fewer bytes than the register has",
+        6: "data limit error: the value is beyond a limit that is set in the control table",
+        7: "access error: the register cannot be written now, or is not there "
+        "(EEPROM is written only while torque is off)",
+    }
+)
+"""Number in the error byte of a status (e-manual, "Error")."""
+
+
+def error_text(number: int) -> str:
+    """Return what an error number says; empty for 0."""
+    return ERRORS.get(number, f"unknown error {number}") if number else ""
+
+
+def packet(id: int, instruction: int, parameters: bytes = b"") -> bytes:
+    """Return the bytes of an instruction packet.
+
+    Raises:
+        ValueError: an id that no servo can have, or more parameters than a packet holds.
+    """
+    if not 0 <= id <= HIGHEST_ID and id != BROADCAST:
+        raise ValueError(f"no DYNAMIXEL id: {id} (0 to {HIGHEST_ID}, or {BROADCAST} for all)")
+    body = (bytes((instruction,)) + parameters).replace(_SEQUENCE, _STUFFED)
+    if len(body) > MOST_PARAMETERS:
+        raise ValueError(f"{len(body)} bytes do not fit into one packet")
+    data = _HEAD.pack(HEADER, id, len(body) + _U16.size) + body
+    return data + _U16.pack(crc16(data))
+
+
+def _target(address: int, data: bytes) -> bytes:
+    return _u16(address) + data
+
+
+def _u16(number: int) -> bytes:
+    if not 0 <= number <= 0xFFFF:
+        raise ValueError(f"not an address or length of a control table: {number}")
+    return _U16.pack(number)
+
+
+def _distinct(ids: Iterable[int]) -> bytes:
+    listed = list(ids)
+    if not listed:
+        raise ValueError("no ids given")
+    for id in listed:
+        if not 0 <= id <= HIGHEST_ID:
+            raise ValueError(f"no id of one DYNAMIXEL: {id} (0 to {HIGHEST_ID})")
+    if len(set(listed)) != len(listed):
+        raise ValueError(f"an id may occur only once: {listed}")
+    return bytes(listed)
+
+
+def ping(id: int) -> bytes:
+    """Ask for model number and firmware version; `BROADCAST` asks all, which reply in order of ids."""
+    return packet(id, Instruction.PING)
+
+
+def read(id: int, address: int, length: int) -> bytes:
+    """Ask for `length` bytes from `address`."""
+    return packet(id, Instruction.READ, _u16(address) + _u16(length))
+
+
+def write(id: int, address: int, data: bytes) -> bytes:
+    """Write; a broadcast is not replied to."""
+    return packet(id, Instruction.WRITE, _target(address, data))
+
+
+def reg_write(id: int, address: int, data: bytes) -> bytes:
+    """Register a write for the next `action`."""
+    return packet(id, Instruction.REG_WRITE, _target(address, data))
+
+
+def action(id: int) -> bytes:
+    """Do what `reg_write` registered."""
+    return packet(id, Instruction.ACTION)
+
+
+def factory_reset(id: int, keep: Reset) -> bytes:
+    """Reset the control table and reboot. A broadcast of `Reset.NOTHING` is refused by newer firmware."""
+    return packet(id, Instruction.FACTORY_RESET, bytes((keep,)))
+
+
+def reboot(id: int) -> bytes:
+    """Restart: torque goes off, the hardware error is cleared, RAM is reset."""
+    return packet(id, Instruction.REBOOT)
+
+
+def clear_multi_turn(id: int) -> bytes:
+    """Forget the turns of the present position; refused while it moves."""
+    return packet(id, Instruction.CLEAR, b"\x01\x44\x58\x4c\x22")
+
+
+def backup(id: int) -> bytes:
+    """Store the control table in the servo's backup area; refused while torque is on."""
+    return packet(id, Instruction.BACKUP, b"\x01CTRL")
+
+
+def restore(id: int) -> bytes:
+    """Load what `backup` has stored, and reboot; refused while torque is on."""
+    return packet(id, Instruction.BACKUP, b"\x02CTRL")
+
+
+def sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
+    """Ask several servos for the same range; each replies with a status of its own, in this order."""
+    return packet(BROADCAST, Instruction.SYNC_READ, _u16(address) + _u16(length) + _distinct(ids))
+
+
+def fast_sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
+    """Ask several servos for the same range; they reply with one status between them."""
+    return packet(
+        BROADCAST, Instruction.FAST_SYNC_READ, _u16(address) + _u16(length) + _distinct(ids)
+    )
+
+
+def sync_write(address: int, length: int, values: Mapping[int, bytes]) -> bytes:
+    """Write the same range of several servos: `values` are `length` bytes by id. There is no reply."""
+    _distinct(values)
+    for id, data in values.items():
+        if len(data) != length:
+            raise ValueError(f"id {id}: {len(data)} bytes given for a range of {length}")
+    listed = b"".join([bytes((id,)) + data for id, data in values.items()])
+    return packet(BROADCAST, Instruction.SYNC_WRITE, _u16(address) + _u16(length) + listed)
+
+
+def _items(items: Sequence[tuple[int, int, int]]) -> bytes:
+    _distinct([id for id, _, _ in items])
+    return b"".join([bytes((id,)) + _u16(address) + _u16(n) for id, address, n in items])
+
+
+def bulk_read(items: Sequence[tuple[int, int, int]]) -> bytes:
+    """Ask for (id, address, length) of several servos, each id once; each replies in this order."""
+    return packet(BROADCAST, Instruction.BULK_READ, _items(items))
+
+
+def fast_bulk_read(items: Sequence[tuple[int, int, int]]) -> bytes:
+    """Ask for (id, address, length) of several servos; they reply with one status between them."""
+    return packet(BROADCAST, Instruction.FAST_BULK_READ, _items(items))
+
+
+def bulk_write(items: Sequence[tuple[int, int, bytes]]) -> bytes:
+    """Write (id, address, data) to several servos, each id once. There is no reply."""
+    _distinct([id for id, _, _ in items])
+    listed = b"".join(
+        [bytes((id,)) + _u16(address) + _u16(len(data)) + data for id, address, data in items]
+    )
+    return packet(BROADCAST, Instruction.BULK_WRITE, listed)
+
+
+def status_size(parameters: int) -> int:
+    """Return the size in bytes of a status with so many parameters, without stuffing."""
+    return _FRAME + 2 + parameters
+
+
+def fast_status_size(lengths: Iterable[int]) -> int:
+    """Return the size in bytes of the reply to a fast read of so many bytes of each servo."""
+    return len(HEADER) + 4 + sum(length + 4 for length in lengths)
+
+
+class StatusParser(framing.StatusParser):
+    """Turns what arrives into status packets; see `framing.StatusParser`."""
+
+    header = HEADER
+    header_skip = len(HEADER)
+
+    def __init__(self, longest: int = 4096) -> None:
+        super().__init__(longest)
+
+    def _size(self, buffer: bytearray) -> int:
+        if len(buffer) < _HEAD.size:
+            return _HEAD.size
+        size = _HEAD.size + (buffer[5] | buffer[6] << 8)
+        return size if _HEAD.size + _SHORTEST <= size <= self.longest else 0
+
+    def _id(self, packet: bytes) -> int:
+        return packet[4]
+
+    def _is_valid(self, packet: bytes) -> bool:
+        if packet[7] == STATUS and len(packet) < status_size(0):
+            return False
+        return crc16(packet[:-2]) == packet[-2] | packet[-1] << 8
+
+    def _status(self, packet: bytes, *, last: bool) -> Status | None:
+        if packet[7] != STATUS:
+            return None
+        id, error, params = packet[4], packet[8], packet[9:-2]
+        if id != BROADCAST:
+            params = params.replace(_STUFFED, _SEQUENCE)
+        return Status(id, error & ~ALERT, error >= ALERT, params)
+
+
+class Block(NamedTuple):
+    """The part of one servo in the reply to a fast read; `data` is None if it is damaged or missing."""
+
+    id: int
+    error: int
+    alert: bool
+    data: bytes | None
+    damaged: bool
+
+
+class FastReplyParser:
+    """Finds and takes apart the one reply to a fast sync or fast bulk read.
+
+    The servos write it between them: ``header FE length 55``, then of each ``error id data CRC``, where
+    each CRC continues the one before it. A block whose CRC continues that of its predecessor correctly is
+    good, whatever is damaged elsewhere.
+
+    Args:
+        blocks: (id, length of data) in the order of the request.
+    """
+
+    def __init__(self, blocks: Sequence[tuple[int, int]]) -> None:
+        self.blocks = tuple(blocks)
+        self.size = fast_status_size(length for _, length in blocks)
+        self.prefix = _HEAD.pack(HEADER, BROADCAST, self.size - _HEAD.size) + bytes((STATUS,))
+
+    def decode(self, reply: bytes) -> list[Block]:
+        """Return the blocks of a reply that starts with `prefix`, and may be cut short or damaged."""
+        found = []
+        start = len(self.prefix)
+        crc, since = 0, 0
+        for id, length in self.blocks:
+            end = start + 2 + length
+            whole = len(reply) >= end + 2
+            given = int.from_bytes(reply[end : end + 2], "little")
+            good = whole and reply[start + 1] == id and crc16(reply[since:end], crc) == given
+            error = reply[start] if good else 0
+            data = reply[start + 2 : end] if good else None
+            found.append(
+                Block(id, error & ~ALERT, error >= ALERT, data, len(reply) > start and not good)
+            )
+            crc, since, start = given, end, end + 2
+        return found
