@@ -1,0 +1,1 @@
+"""A simulated ATI NetFT sensor box."""
