@@ -419,6 +419,14 @@ class Device(ABC):
         """What it takes beyond CRTK, by name; constant."""
         return {}
 
+    @property
+    def children(self) -> Mapping[str, Device]:
+        """Devices with a state of their own behind it, by the name of their sub-namespace; constant.
+
+        A gripper on an arm's bus, for example. They return the same `bus`, and are served after this device.
+        """
+        return {}
+
     def enable(self) -> Steps:
         """Power up and be ready for setpoints; the first one will be the measured position.
 

@@ -107,11 +107,14 @@ class _StatusWatch(Observer):
 
 
 class LocalDevice(DeviceFront):
-    """A device in this process. Made by `connect`; close it, or use it in a ``with`` statement."""
+    """A device in this process. Made by `connect`; close it, or use it in a ``with`` statement.
 
-    def __init__(self, session: Session) -> None:
+    A device behind it is an attribute and closed with it: ``arm.gripper.move_jp(0.02)``.
+    """
+
+    def __init__(self, session: Session, child: str = "") -> None:
         self._session = session
-        self._engine: Engine = session.engine
+        self._engine = session.children[child] if child else session.engine
         self._watch = _StatusWatch(self._engine.status, self._engine.where)
         self._engine.add_observer(self._watch)
         for name, command in self._engine.commands.items():
@@ -120,11 +123,14 @@ class LocalDevice(DeviceFront):
             self._attach(name, partial(self._request, name), service.summary)
         for name, taken in self._engine.inputs.items():
             self._attach(name, partial(self._give, name, taken.payload), taken.summary)
+        if not child:
+            for behind in session.children:
+                setattr(self, behind, LocalDevice(session, behind))
 
     # ----------------------------------------------------------------------------------- life cycle
 
     def close(self) -> None:
-        """Leave the hardware holding and disconnect."""
+        """Leave the hardware holding and disconnect; with all that belongs to it."""
         self._session.close()
 
     def __getattr__(self, name: str) -> Any:
@@ -374,14 +380,15 @@ def connect(
     try:
         session.start()
         deadline = time.monotonic() + timeout
-        while not (session.engine.connected and session.engine.has_sample):
-            if time.monotonic() > deadline:
-                raise ConnectionFailed(
-                    session.engine.status.detail or "no sample arrived",
-                    where=session.engine.where,
-                    remedy=f"It was tried for {timeout:g} s.",
-                )
-            time.sleep(_POLL)
+        for engine in session.engines:
+            while not (engine.connected and engine.has_sample):
+                if time.monotonic() > deadline:
+                    raise ConnectionFailed(
+                        engine.status.detail or "no sample arrived",
+                        where=engine.where,
+                        remedy=f"It was tried for {timeout:g} s.",
+                    )
+                time.sleep(_POLL)
     except BaseException:
         arm.close()
         raise

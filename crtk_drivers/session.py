@@ -23,7 +23,12 @@ from crtk_drivers.sims import RunningSim, start
 
 
 class Session:
-    """Owns simulator, runtime and engine of one device. Nothing runs before `start`."""
+    """Owns simulator, runtime and engines of one device. Nothing runs before `start`.
+
+    Attributes:
+        engine: of the device.
+        children: of the devices behind it, by the name of their sub-namespace.
+    """
 
     def __init__(
         self, plugin: DevicePlugin, config: DeviceConfig, sim: RunningSim | None = None
@@ -31,10 +36,19 @@ class Session:
         self.plugin = plugin
         self.config = config
         self.sim = sim
-        self.engine = Engine(
-            make_device(plugin, config), config.name or plugin.name, engine_options(config)
-        )
-        self._runtime = Runtime([(self.engine, config.open_timeout)])
+        device, name = make_device(plugin, config), config.name or plugin.name
+        options = engine_options(config)
+        self.engine = Engine(device, name, options)
+        self.children = {
+            child: Engine(behind, f"{name}/{child}", options)
+            for child, behind in device.children.items()
+        }
+        self._runtime = Runtime((engine, config.open_timeout) for engine in self.engines)
+
+    @property
+    def engines(self) -> tuple[Engine, ...]:
+        """All of them, that of the device first."""
+        return (self.engine, *self.children.values())
 
     def start(self) -> None:
         """Start the threads; the device is opened by them."""

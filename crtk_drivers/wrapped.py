@@ -67,6 +67,10 @@ class WrappedDevice(Device):
     def inputs(self) -> Mapping[str, Input]:
         return self.inner.inputs
 
+    @property
+    def children(self) -> Mapping[str, Device]:
+        return self.inner.children
+
     def open(self, deadline: float) -> None:
         self.inner.open(deadline)
 

@@ -83,6 +83,7 @@ class DriverNode:
         namespace: of the node, for example ``/ur5``; ``-r __ns:=`` overrides it.
         context: initialised.
         config: initial values of the parameters.
+        tells_log: pass what the process logs on to ``/rosout``.
     """
 
     def __init__(
@@ -91,6 +92,7 @@ class DriverNode:
         namespace: str,
         context: Context,
         config: NodeConfig | None = None,
+        tells_log: bool = True,
     ) -> None:
         self.node = node = UnlockedNode(
             NODE_NAME, namespace=namespace, context=context, enable_rosout=False
@@ -100,7 +102,7 @@ class DriverNode:
         config = config or NodeConfig()
         prefix = declare_frame_prefix(node, config)
         self._frames = frames = Frames(prefix, engine.capabilities.base_frame)
-        self._rosout = RosoutHandler(node, self._thread)
+        self._rosout = RosoutHandler(node, self._thread) if tells_log else logging.NullHandler()
         self._status = StatusTopic(node, self._thread, engine.status)
         self._refusals = RefusalTopic(node, self._thread)
         self._feedback = FeedbackTopics(node, self._thread, engine, frames)

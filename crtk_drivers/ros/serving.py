@@ -9,9 +9,9 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from types import FrameType, TracebackType
+from types import FrameType, MappingProxyType, TracebackType
 from typing import Self
 
 import rclpy
@@ -36,11 +36,12 @@ CLOSE_TIMEOUT = 1.2
 
 
 class Serving:
-    """A node, its ROS context and its executor. A context manager; `spin` in between.
+    """A node for each engine, their ROS context and executor. A context manager; `spin` in between.
 
     Args:
         engine, namespace, config: see `DriverNode`.
         ros_args: what follows on the command line from ``--ros-args`` on, that word included.
+        children: engines of the devices behind it, by the name of their sub-namespace.
 
     Raises:
         ConfigError: the ROS arguments cannot be used.
@@ -52,6 +53,7 @@ class Serving:
         namespace: str,
         ros_args: Sequence[str] = (),
         config: NodeConfig | None = None,
+        children: Mapping[str, Engine] = MappingProxyType({}),
     ) -> None:
         self._context = Context()
         try:
@@ -67,11 +69,33 @@ class Serving:
             ) from error
         try:
             self.driver = DriverNode(engine, namespace, self._context, config)
+            self._drivers = [self.driver, *self._behind(children, config)]
         except BaseException:
             self._context.try_shutdown()
             raise
         self._executor = make_executor(self._context)
-        self._executor.add_node(self.driver.node)
+        for driver in self._drivers:
+            self._executor.add_node(driver.node)
+
+    def _behind(
+        self, children: Mapping[str, Engine], config: NodeConfig | None
+    ) -> Iterator[DriverNode]:
+        parent = self.driver.node.get_namespace().rstrip("/")
+        for name, engine in children.items():
+            namespace = f"{parent}/{name}"
+            driver = DriverNode(engine, namespace, self._context, config, tells_log=False)
+            if driver.node.get_namespace() != namespace:
+                raise ConfigError(
+                    f"the ROS arguments put {name} into {driver.node.get_namespace()}, where "
+                    "another device is",
+                    remedy="Give the namespace with --ns instead of __ns:=.",
+                )
+            yield driver
+
+    def start(self) -> None:
+        """Begin to publish."""
+        for driver in self._drivers:
+            driver.start()
 
     def spin(self, stop: threading.Event, idle: Callable[[], None] | None = None) -> None:
         """Serve callbacks until `stop` is set or the context is shut down.
@@ -90,7 +114,7 @@ class Serving:
                 idle()
 
     def __enter__(self) -> Self:
-        self.driver.start()
+        self.start()
         return self
 
     def __exit__(
@@ -103,10 +127,12 @@ class Serving:
 
     def close(self) -> bool:
         """End everything; return False if a DDS writer still blocks, then nothing more can be done."""
-        if not self.driver.stop():
+        stopped = [driver.stop() for driver in self._drivers]
+        if not all(stopped):
             return False
         self._executor.shutdown(timeout_sec=PUBLISHER_TIMEOUT)
-        self.driver.node.destroy_node()
+        for driver in self._drivers:
+            driver.node.destroy_node()
         self._context.try_shutdown()
         return True
 
@@ -137,11 +163,11 @@ def run(
     stop = threading.Event()
     with _signals(stop):
         try:
-            serving = Serving(session.engine, namespace, ros_args, config)
+            serving = Serving(session.engine, namespace, ros_args, config, session.children)
         except BaseException:
             session.close()
             raise
-        serving.driver.start()
+        serving.start()
         try:
             session.start()
             serving.spin(stop, idle)

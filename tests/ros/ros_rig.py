@@ -64,7 +64,10 @@ def serve(
     """Serve a loopback device from a thread of this process."""
     session = Session(plugin, config)
     stop = threading.Event()
-    with Serving(session.engine, namespace, ros_args, node) as serving, session:
+    with (
+        Serving(session.engine, namespace, ros_args, node, session.children) as serving,
+        session,
+    ):
         thread = threading.Thread(target=serving.spin, args=(stop,), name="test serving")
         thread.start()
         try:

@@ -1,10 +1,11 @@
 """CRC-16 of protocol 2.0: both implementations, against the packets of the manual and the SDK's table."""
 
 import pytest
-from crtk_driver_dynamixel.crc import crc16, table_crc16
 from dynamixel_sdk import Protocol2PacketHandler
 from hypothesis import given
 from hypothesis import strategies as st
+
+from crtk_driver_dynamixel.crc import crc16, table_crc16
 
 PACKETS = [
     "FF FF FD 00 01 03 00 01 19 4E",
