@@ -461,6 +461,10 @@ class DynamixelConfig(DeviceConfig):
                     )
         if not all(self.joints):
             raise ValueError("joints: a joint has no name")
+        if self.gripper is not None and self.gripper.joint in self.joints:
+            raise ValueError(
+                f"joints.{self.gripper.joint}: is also the name of the gripper's joint"
+            )
         return self
 
     def servos(self) -> Iterator[tuple[str, ServoConfig]]:

@@ -59,8 +59,9 @@ def beneath(values: Mapping[str, Any], arm: str) -> dict[str, Any]:
     kinematics = below.get("kinematics")
     if isinstance(kinematics, dict) and isinstance(kinematics.get("urdf"), str):
         below["kinematics"] = {**kinematics, "urdf": str(path.parent / kinematics["urdf"])}
-    if isinstance(below.get("calibration"), str) and below["calibration"]:
-        below["calibration"] = str(path.parent / below["calibration"])
+    for key in ("calibration", "turns"):
+        if isinstance(below.get(key), str) and below[key]:
+            below[key] = str(path.parent / below[key])
     return _merged(below, values)
 
 
