@@ -59,7 +59,7 @@ class Hand(io.StringIO):
 
 
 def test_the_tools_are_commands() -> None:
-    assert [tool.name for tool in PLUGIN.tools] == ["info", "configure", "calibrate"]
+    assert [tool.name for tool in PLUGIN.tools] == ["info", "configure", "calibrate", "record"]
 
 
 def test_info_tells_load_and_rates(config, peer, capsys) -> None:

@@ -58,6 +58,11 @@ class BlockRing:
             self._closed = True
             self._changed.notify_all()
 
+    @property
+    def is_open(self) -> bool:
+        """Whether more is to be waited for."""
+        return not self._closed
+
     def add(self, block: Block) -> None:
         """Add measurements; wakes the readers."""
         size = len(self._ring)

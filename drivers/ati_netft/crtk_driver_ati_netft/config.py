@@ -175,6 +175,11 @@ class NetFtConfig(DeviceConfig):
         le=10.0,
         description="Share of the rated load that is told as overload.",
     )
+    recordings: str = Field(
+        default="",
+        max_length=4096,
+        description="Directory into which the service record_start writes; none if empty.",
+    )
     receive_buffer: int = Field(
         default=RECEIVE_BUFFER,
         ge=65536,

@@ -11,8 +11,10 @@ the device is never busy.
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from crtk_driver_ati_netft import connecting
@@ -24,6 +26,7 @@ from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.monitor import LoadMonitor
 from crtk_driver_ati_netft.pipeline import Listener, Pipeline, Published
 from crtk_driver_ati_netft.profiles import NETBOX, PROFILES, Profile
+from crtk_driver_ati_netft.recording import Recorder, describe
 from crtk_driver_ati_netft.sequence import Event
 from crtk_driver_ati_netft.services import SensorBias, SensorServices
 from crtk_driver_ati_netft.source import Source
@@ -42,7 +45,7 @@ from crtk_drivers.device import (
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import ConnectionLost, DeviceFault
+from crtk_drivers.errors import ConfigError, ConnectionLost, DeviceFault
 from crtk_drivers.geometry import matrix_from_quaternion, quaternion_from_rotvec
 from crtk_drivers.samples import Array, Pose, Sample, Stamp, Vector, Wrench, vector
 from crtk_drivers.state import OperatingState
@@ -54,7 +57,7 @@ class NetFtDevice(Device):
     """One sensor.
 
     Besides CRTK it has the services and inputs of `crtk_driver_ati_netft.services`, and for programs in the
-    same process every measurement: `blocks`, `add_listener`.
+    same process every measurement: `blocks`, `add_listener`, `start_recording`.
     """
 
     def __init__(self, config: NetFtConfig) -> None:
@@ -69,6 +72,8 @@ class NetFtDevice(Device):
         self._just_opened = False
         self._due = 0.0
         self._averaging: Averaging | None = None
+        self._recorder: Recorder | None = None
+        self._recording = threading.Lock()
         self.monitor = LoadMonitor(self.profile, config.alarm)
         self._mounting = _matrix(config.mounting)
         measuring = config.measuring_frame_id or config.frame_id
@@ -129,6 +134,43 @@ class NetFtDevice(Device):
         """Call it no more."""
         self.pipeline.remove_listener(listener)
 
+    @property
+    def recorder(self) -> Recorder | None:
+        """What writes the recording that goes on, or the one that failed last."""
+        return self._recorder
+
+    def start_recording(self, path: str | Path) -> Recorder:
+        """Write every measurement from now on, until `stop_recording`; goes on after a lost connection.
+
+        Args:
+            path: of a file that is not there yet; ``.csv`` for text. See `crtk_driver_ati_netft.recording`.
+
+        Raises:
+            ConfigError: it cannot be written, or a recording goes on.
+        """
+        with self._recording:
+            if self._recorder is not None and not self._recorder.error:
+                raise ConfigError(
+                    f"a recording goes on: {self._recorder.path}",
+                    where=self.address,
+                    remedy="Stop it first.",
+                )
+            header = describe(
+                self._config, self.profile.name, self.info, self.bias, self.pipeline.tool
+            )
+            self._recorder = Recorder(Path(path), self.blocks(), header)
+            if self.pipeline.ring.is_open:
+                self._recorder.start()
+            return self._recorder
+
+    def stop_recording(self) -> Recorder | None:
+        """End the recording; return what wrote it, with its figures, None if there was none."""
+        with self._recording:
+            recorder, self._recorder = self._recorder, None
+            if recorder is not None:
+                recorder.stop()
+            return recorder
+
     # ---------------------------------------------------------------------------------------- the device
 
     @property
@@ -162,7 +204,10 @@ class NetFtDevice(Device):
             self._services.doubt_bias("the connection was lost")
         self._connected_before = self._just_opened = True
         self.pipeline.restart()
-        self.pipeline.ring.open()
+        with self._recording:
+            self.pipeline.ring.open()
+            if self._recorder is not None:
+                self._recorder.start()
         self._due = 0.0
 
     def abort_open(self) -> None:
@@ -179,7 +224,10 @@ class NetFtDevice(Device):
 
     def close(self) -> None:
         """See the base class."""
-        self.pipeline.ring.close()
+        with self._recording:
+            self.pipeline.ring.close()
+            if self._recorder is not None:
+                self._recorder.stop()
         self._services.close()
         if self._source is not None:
             self._source.close()
@@ -258,6 +306,7 @@ class NetFtDevice(Device):
             (Severity.INFO, "notice", ", ".join(monitor.notices)),
             (Severity.WARNING, "orientation", self._orientation_note(now)),
             (Severity.WARNING, "receive_buffer", self._buffer_note()),
+            *self._recording_notes(),
             *self._services.notes(),
         ]
         if self.info is not None:
@@ -274,6 +323,17 @@ class NetFtDevice(Device):
         if self._config.orientation is None and age > self._config.orientation_timeout:
             return f"{age:.1f} s old: the tool's weight may be another"
         return ""
+
+    def _recording_notes(self) -> list[tuple[Severity, str, str]]:
+        recorder = self._recorder
+        if recorder is None:
+            return []
+        if recorder.error:
+            return [(Severity.ERROR, "recording", recorder.error)]
+        text = f"{recorder.written} measurements in {recorder.path}"
+        if recorder.missed:
+            return [(Severity.WARNING, "recording", f"{recorder.missed} missed, {text}")]
+        return [(Severity.INFO, "recording", text)]
 
     def _buffer_note(self) -> str:
         granted = self._source.counters.get("receive_buffer", 0.0) if self._source else 0.0

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
@@ -18,6 +19,7 @@ from crtk_driver_ati_netft import settings
 from crtk_driver_ati_netft.averaging import Average
 from crtk_driver_ati_netft.compensation import NO_LOAD, ToolFit, fit_tool
 from crtk_driver_ati_netft.profiles import Action
+from crtk_driver_ati_netft.recording import default_name
 from crtk_drivers.device import Answer, Service, Severity
 from crtk_drivers.errors import CommandRefused, Reason, TransitionFailed
 from crtk_drivers.samples import Array, Vector, Wrench, vector
@@ -71,6 +73,8 @@ class SensorServices:
                 "find tool and bias from the poses, and take them off", self._finish
             ),
             "calibration_clear": Service("forget the poses", self._clear_poses),
+            "record_start": Service("write every measurement to a new file", self._record),
+            "record_stop": Service("end the recording", self._end_recording),
         }
         self.fit: ToolFit | None = None
         """The result of the last calibration."""
@@ -250,6 +254,41 @@ class SensorServices:
         self._poses.clear()
         yield from ()
         return "no poses"
+
+    # ------------------------------------------------------------------------------------- recording
+
+    def _record(self) -> Answer:
+        device = self._device
+        directory = device.config.recordings
+        if not directory:
+            raise CommandRefused(
+                "record_start",
+                Reason.UNSUPPORTED,
+                "no directory is configured for recordings",
+                where=device.address,
+                remedy="Set `recordings` to one, or use `crtk-driver ati-netft record`.",
+            )
+        path = Path(directory, default_name(device.config))
+        recorder = yield from self._in_background(lambda: device.start_recording(path))
+        return f"recording {recorder.path}"
+
+    def _end_recording(self) -> Answer:
+        recorder = yield from self._in_background(self._device.stop_recording)
+        if recorder is None:
+            raise CommandRefused(
+                "record_stop",
+                Reason.INVALID_TRANSITION,
+                "nothing is recorded",
+                where=self._device.address,
+                remedy="Begin with record_start.",
+            )
+        if recorder.error:
+            raise TransitionFailed(
+                recorder.error,
+                where=self._device.address,
+                remedy=f"The {recorder.written} measurements before it are in the file.",
+            )
+        return f"{recorder.written} measurements in {recorder.path}, {recorder.missed} missed"
 
     # --------------------------------------------------------------------------------------- inside
 

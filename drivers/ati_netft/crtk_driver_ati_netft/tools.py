@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,7 +14,7 @@ import numpy as np
 import yaml
 from pydantic import Field
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from crtk_driver_ati_netft import connecting, settings
@@ -22,10 +24,17 @@ from crtk_driver_ati_netft.compensation import ToolFit, fit_tool
 from crtk_driver_ati_netft.config import NetFtConfig, SensorConfig
 from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_driver_ati_netft.profiles import PROFILES, Profile, detect
+from crtk_driver_ati_netft.recording import Recorder, default_name
 from crtk_driver_ati_netft.residual_plot import residual_plot
 from crtk_driver_ati_netft.web import WebPages
 from crtk_drivers.config import Settings
-from crtk_drivers.errors import ConfigError, DeviceError, DeviceFault
+from crtk_drivers.errors import (
+    ConfigError,
+    ConnectionFailed,
+    ConnectionLost,
+    DeviceError,
+    DeviceFault,
+)
 from crtk_drivers.geometry import matrix_from_quaternion
 from crtk_drivers.plugins import Tool
 from crtk_drivers.samples import Array, vector
@@ -42,7 +51,19 @@ UPWARDS: Final = {
 }
 """Rotations of the sensor in a world whose z axis points up, with this axis of the sensor upwards."""
 
+TOLD: Final = 0.1
+"""Seconds between two steps of a progress."""
+
+_RECORDING: Final = (
+    TextColumn("{task.description}"),
+    BarColumn(),
+    TimeElapsedColumn(),
+    TextColumn("{task.fields[figures]}"),
+)
+
 _OUT = Console(highlight=False)
+
+logger = logging.getLogger(__name__)
 
 
 class InfoOptions(Settings):
@@ -152,6 +173,77 @@ def calibrate(config: NetFtConfig, options: CalibrateOptions) -> int:
     return 0
 
 
+class RecordOptions(Settings):
+    """Options of `record`."""
+
+    out: str = Field(
+        default="",
+        description="File to be made; .csv for text. Without it a name of sensor and time, in the "
+        "directory `recordings`, or here.",
+    )
+    seconds: float | None = Field(
+        default=None, gt=0.0, description="How long, in s; until Ctrl-C if not given."
+    )
+
+
+def record(config: NetFtConfig, options: RecordOptions) -> int:
+    """Write every measurement to a file until the time is over or somebody presses Ctrl-C."""
+    path = Path(options.out or Path(config.recordings, default_name(config)))
+    with _opened(config) as device:
+        recorder = device.start_recording(path)
+        try:
+            with Progress(*_RECORDING, console=_OUT) as progress:
+                task = progress.add_task(path.name, total=options.seconds, figures="")
+                for elapsed in _keep_reading(device, options.seconds):
+                    progress.update(task, completed=elapsed, figures=_figures(device, recorder))
+                    if recorder.error:
+                        break
+        except KeyboardInterrupt:
+            pass
+        device.stop_recording()
+        _OUT.print(f"{path}: {_figures(device, recorder)}", markup=False, soft_wrap=True)
+    return 1 if recorder.error else 0
+
+
+def _keep_reading(device: NetFtDevice, seconds: float | None) -> Iterator[float]:
+    """Read, yielding the time that has passed, for so long; connect again when the link is lost."""
+    begin = told = heard = time.monotonic()
+    end = math.inf if seconds is None else begin + seconds
+    while (now := time.monotonic()) < end:
+        try:
+            if device.read(min(end, now + TOLD)) is not None:
+                heard = time.monotonic()
+            elif time.monotonic() > heard + device.config.sample_timeout:
+                raise ConnectionLost("the measurements ended", where=f"ati-netft {device.address}")
+        except ConnectionLost as error:
+            logger.warning("%s Connecting again.", error)
+            device.close()
+            _open_again(device, end)
+            heard = time.monotonic()
+        if now >= told + TOLD:
+            told = now
+            yield now - begin
+
+
+def _open_again(device: NetFtDevice, end: float) -> None:
+    while (now := time.monotonic()) < end:
+        try:
+            device.open(min(end, now + device.config.open_timeout))
+            return
+        except ConnectionFailed as error:
+            logger.debug("%s", error)
+            time.sleep(TOLD)
+
+
+def _figures(device: NetFtDevice, recorder: Recorder) -> str:
+    rate, lost = device.counters["record_rate"], device.counters.get("lost", 0.0)
+    missed = f", {recorder.missed} missed" if recorder.missed else ""
+    return (
+        f"{recorder.written} measurements ({rate:.5g}/s), {lost:.0f} lost{missed}, "
+        f"{recorder.size / 1e6:.1f} MB"
+    )
+
+
 TOOLS: Final = (
     Tool(
         "info", "tell what a sensor is, its calibration, rates, status and load", info, InfoOptions
@@ -167,6 +259,12 @@ TOOLS: Final = (
         "find mass and centre of the tool, and the bias, from several poses",
         calibrate,
         CalibrateOptions,
+    ),
+    Tool(
+        "record",
+        "write every measurement at the sensor's full rate to a file",
+        record,
+        RecordOptions,
     ),
 )
 
