@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -116,7 +117,10 @@ def test_values_of_one_joint_can_be_set_alone() -> None:
         ),
         ({"model": "xw430-t200", "effort": 1.0}, r"elbow: velocity: give a limit, none is known"),
         ({"shadows": [{"id": 2}]}, r"joints.elbow.shadows\[0\].sign: is required"),
-        ({"shadows": [{"id": 1, "sign": -1}]}, r"joints.elbow: two of its servos have the same id"),
+        (
+            {"shadows": [{"id": 1, "sign": -1}]},
+            r"joints.elbow: shadows: two of its servos have the same id",
+        ),
         (
             {"shadows": [{"id": 2, "sign": -1, "model": "ax-12a"}]},
             r"elbow: shadows: .*different units",
@@ -128,8 +132,6 @@ def test_values_of_one_joint_can_be_set_alone() -> None:
     ],
 )
 def test_mistakes_name_the_joint(values: dict[str, Any], text: str) -> None:
-    import re
-
     message = refusal(joints={"elbow": {**JOINT, **values}})
     assert re.search(text, message), message
     assert message.startswith("chain.yaml: ")
@@ -193,8 +195,8 @@ def test_the_same_id_on_two_buses_is_two_servos() -> None:
             "the rod is longer than the horn",
         ),
         (
-            {"finger": {"kind": "slider_crank", "horn": 0.022, "rod": 0.036}, "open": 0.5},
-            "an opening of 0.5 m cannot be reached",
+            {"finger": {"kind": "slider_crank", "horn": 0.022, "rod": 0.036}, "closed": 0.03},
+            "gripper: an opening of 1 m cannot be reached",
         ),
         ({"finger": {"kind": "linear", "travel": 0.001}}, "set mode to extended_position"),
         ({"closed": float("nan")}, "gripper.closed: must be a finite number"),

@@ -177,6 +177,8 @@ class ServoConfig(Settings):
                 raise ValueError(f"{key}: {model.name} measures no current, only a load")
         if self.protocol is not None and model.family.protocol == 1 and self.protocol == 2:
             raise ValueError(f"protocol: {model.name} speaks protocol 1")
+        if len(set(self.ids)) != len(self.ids):
+            raise ValueError("shadows: two of its servos have the same id")
         for shadow in self.shadows:
             if shadow.model and model_named(shadow.model).family is not model.family:
                 raise ValueError(
@@ -455,7 +457,7 @@ class DynamixelConfig(DeviceConfig):
                 )
             for number in servo.ids:
                 other = taken.setdefault((servo.bus, number), place)
-                if other != place or servo.ids.count(number) > 1:
+                if other != place:
                     raise ValueError(
                         f"{place}: id {number} on bus {servo.bus} is also that of {other}"
                     )

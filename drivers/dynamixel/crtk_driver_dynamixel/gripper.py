@@ -76,7 +76,6 @@ class SliderCrank(Finger):
         if not 0.0 < self.horn < self.rod < math.inf:
             raise ConfigError(
                 f"a horn of {self.horn:g} m with a rod of {self.rod:g} m cannot push a finger",
-                where="gripper.finger",
                 remedy="Measure both between their pins: the rod is longer than the horn.",
             )
 
@@ -102,7 +101,6 @@ class SliderCrank(Finger):
         most = 2.0 * (self.rod + self.horn) - self.gap
         raise ConfigError(
             f"an opening of {opening:g} m cannot be reached",
-            where="gripper.finger",
             remedy=f"With this horn, rod and gap it is from {least:.4g} to {most:.4g} m.",
         )
 
@@ -133,7 +131,6 @@ class Linear(Finger):
         if not (math.isfinite(self.travel) and self.travel):
             raise ConfigError(
                 f"a travel of {self.travel:g} m",
-                where="gripper.finger",
                 remedy="Give the change of the opening for one radian of the servo.",
             )
 
