@@ -158,18 +158,13 @@ class Chain:
     def efforts(self, values: Vector, valid: NDArray[np.bool_] | None = None) -> Vector:
         """Return efforts (joints,): the sum of a joint's servos (servos,); NaN if one is not valid."""
         known = values if valid is None else np.where(valid, values, np.nan)
-        sums = np.zeros(len(self._first))
-        np.add.at(sums, self._joint_of, known)
+        sums: Vector = np.add.reduceat(known, self._first)
         return sums
 
     def spread(self, positions: Vector) -> Vector:
         """Return how far the servos of each joint are apart (joints,), in rad; NaN if one is not known."""
-        least = np.full(len(self._first), np.inf)
-        most = np.full(len(self._first), -np.inf)
-        np.minimum.at(least, self._joint_of, positions)
-        np.maximum.at(most, self._joint_of, positions)
-        apart: Vector = most - least
-        return apart
+        most: Vector = np.maximum.reduceat(positions, self._first)
+        return most - np.minimum.reduceat(positions, self._first)
 
     def to_servos(self, values: Vector) -> Vector:
         """Return positions or velocities (servos,) for the joints' (joints,)."""
