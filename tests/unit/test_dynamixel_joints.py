@@ -110,14 +110,17 @@ def test_spread_tells_servos_that_disagree(arm: Chain) -> None:
 
 def test_limits_from_models_and_keys(arm: Chain) -> None:
     waist, shoulder, wrist = arm.limits
-    assert waist.velocity == pytest.approx(46.0 * math.tau / 60)
+    assert waist.velocity == pytest.approx(0.9 * 46.0 * math.tau / 60)
     assert waist.effort == pytest.approx(4.1)
     assert shoulder.effort == pytest.approx(3 * 10.6)
     assert (shoulder.lower, shoulder.upper) == (-1.0, 1.5)
-    assert wrist.velocity == pytest.approx(77.0 * math.tau / 60 / 2)
+    assert wrist.velocity == pytest.approx(0.9 * 77.0 * math.tau / 60 / 2)
     assert wrist.effort == pytest.approx(6.0)
     assert wrist.upper == pytest.approx(4095 * math.tau / 4096 / 4)
     assert waist.jerk == 100.0
+    assert arm.gripper_limits is not None
+    assert (arm.gripper_limits.lower, arm.gripper_limits.upper) == (0.03, 0.1)
+    assert arm.gripper_limits.acceleration == pytest.approx(1.0)
 
 
 def test_efforts_need_every_joint_to_measure_current() -> None:

@@ -206,7 +206,7 @@ class JointConfig(ServoConfig):
         default=None,
         gt=0.0,
         le=100.0,
-        description="Limit in rad/s; the no-load speed of the model if null.",
+        description="Limit in rad/s; nine tenths of the model's no-load speed if null.",
     )
     acceleration: float = Field(default=10.0, gt=0.0, le=10_000.0, description="Limit in rad/s².")
     jerk: float | None = Field(
@@ -315,7 +315,7 @@ class GripperConfig(ServoConfig):
         default=None,
         gt=0.0,
         le=1e5,
-        description="Limit in m/s²; for a jaw in rad/s². Ten times the velocity in a second if null.",
+        description="Limit in m/s²; for a jaw in rad/s². The velocity in a tenth of a second if null.",
     )
     effort: float = Field(
         default=0.0,

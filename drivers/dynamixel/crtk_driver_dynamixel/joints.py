@@ -32,6 +32,8 @@ from crtk_drivers.samples import Vector
 __all__ = ["Chain", "ChainServo"]
 
 Follow = Literal["goals", "secondary_id", "cable"]
+_SPEED_SHARE = 0.9
+"""Of the no-load speed, where no limit is given: what remains under load, and below the register's limit."""
 _JERK_TIME = 0.1
 """Without a limit for the jerk, time in s in which a joint may reach its greatest acceleration."""
 
@@ -79,6 +81,7 @@ class Chain:
         servos: see the module.
         scaling: between counts and SI, (servos,).
         gripper: the configuration of the gripper; its place among the joints is the last one.
+        gripper_limits: of its opening, in m or rad.
     """
 
     joints: tuple[str, ...]
@@ -86,6 +89,7 @@ class Chain:
     servos: tuple[ChainServo, ...]
     scaling: Scaling
     gripper: GripperConfig | None
+    gripper_limits: JointLimits | None
     _joint_of: NDArray[np.int64]
     _first: NDArray[np.int64]
     _count: Vector
@@ -119,6 +123,7 @@ class Chain:
             servos=servos,
             scaling=Scaling.of([servo.units for servo in servos]),
             gripper=config.gripper,
+            gripper_limits=None if config.gripper is None else _gripper_limits(config.gripper),
             _joint_of=joint_of,
             _first=np.flatnonzero([servo.is_first for servo in servos]),
             _count=np.bincount(joint_of).astype(np.float64),
@@ -173,6 +178,30 @@ class Chain:
     def efforts_to_servos(self, values: Vector) -> Vector:
         """Return efforts (servos,) for the joints' (joints,): the servos of a joint share its effort."""
         return (values / self._count)[self._joint_of]
+
+    def places_of(self, joints: range) -> tuple[int, ...]:
+        """Return the places of the servos of these joints."""
+        return tuple(i for i, servo in enumerate(self.servos) if servo.joint in joints)
+
+    def part(self, joints: range) -> Chain:
+        """Return the chain of these joints alone: the arm, or the gripper."""
+        servos = tuple(
+            replace(self.servos[i], joint=self.servos[i].joint - joints.start)
+            for i in self.places_of(joints)
+        )
+        has_gripper = self.gripper is not None and len(self.joints) in joints
+        joint_of = np.array([servo.joint for servo in servos], dtype=np.int64)
+        return replace(
+            self,
+            joints=self.joints[joints.start : joints.stop],
+            limits=self.limits[joints.start : joints.stop],
+            servos=servos,
+            scaling=Scaling.of([servo.units for servo in servos]),
+            gripper=self.gripper if has_gripper else None,
+            _joint_of=joint_of,
+            _first=np.flatnonzero([servo.is_first for servo in servos]),
+            _count=np.bincount(joint_of).astype(np.float64),
+        )
 
     def with_shifts(self, shifts: Mapping[int, int]) -> Chain:
         """Return the same with further shifts in counts, by the place of a servo."""
@@ -241,15 +270,27 @@ def _shadow(first: ChainServo, table: ServoConfig, shadow: ShadowConfig) -> Chai
 def _limits(joint: JointConfig) -> JointLimits:
     model = joint.servo_model
     lower, upper = joint.range
-    velocity = model.no_load_speed / joint.gear if joint.velocity is None else joint.velocity
+    velocity = _SPEED_SHARE * model.no_load_speed / joint.gear
     effort = model.stall_torque * joint.gear * len(joint.ids)
     return JointLimits(
         lower=lower,
         upper=upper,
-        velocity=velocity,
+        velocity=velocity if joint.velocity is None else joint.velocity,
         acceleration=joint.acceleration,
         jerk=joint.acceleration / _JERK_TIME if joint.jerk is None else joint.jerk,
         effort=effort if joint.effort is None else joint.effort,
+    )
+
+
+def _gripper_limits(gripper: GripperConfig) -> JointLimits:
+    acceleration = gripper.acceleration or gripper.velocity / _JERK_TIME
+    return JointLimits(
+        lower=gripper.closed,
+        upper=gripper.open,
+        velocity=gripper.velocity,
+        acceleration=acceleration,
+        jerk=acceleration / _JERK_TIME,
+        effort=gripper.effort,
     )
 
 

@@ -64,6 +64,7 @@ class Family:
         turns: counts from zero to either end of the range in the modes of several turns; 0: no such mode.
         velocity_unit: rad/s.
         acceleration_unit: rad/s²; NaN if the series has no profiles.
+        highest_profile: greatest count of Profile Velocity and Profile Acceleration.
         full_pwm: count of 100 %; 0 if it takes no PWM.
         homing_limit: largest homing offset that position mode takes, in counts; 0 if there is no such
             register or its limits are not known.
@@ -81,6 +82,7 @@ class Family:
     turns: int
     velocity_unit: float
     acceleration_unit: float
+    highest_profile: int
     full_pwm: int
     homing_limit: int
     fast_read_since: int | None
@@ -99,6 +101,7 @@ def _x(name: str, fast_read_since: int | None) -> Family:
         turns=1_048_575,
         velocity_unit=0.229 * RPM,
         acceleration_unit=214.577 * TURN / 3600.0,
+        highest_profile=32_767,
         full_pwm=885,
         homing_limit=1024,
         fast_read_since=fast_read_since,
@@ -118,6 +121,7 @@ def _p(name: str, counts: int) -> Family:
         turns=2**31 - 1,
         velocity_unit=0.01 * RPM,
         acceleration_unit=TURN / 3600.0,
+        highest_profile=2**31 - 1,
         full_pwm=2009,
         homing_limit=0,
         fast_read_since=12,
@@ -137,6 +141,7 @@ def _joint_and_wheel(name: str, counts: int, unit: float, velocity: float, turns
         turns=turns,
         velocity_unit=velocity * RPM,
         acceleration_unit=math.nan,
+        highest_profile=0,
         full_pwm=0,
         homing_limit=0,
         fast_read_since=None,

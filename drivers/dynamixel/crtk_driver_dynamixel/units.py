@@ -264,7 +264,9 @@ class Scaling:
                 vector([most for _, most in ranges]),
             ),
             velocity=_symmetric(sign * speeds, _FULL_COUNT),
-            acceleration=_positive(_of(families, "acceleration_unit") / gear, 32767.0),
+            acceleration=_positive(
+                _of(families, "acceleration_unit") / gear, _of(families, "highest_profile")
+            ),
             current=_symmetric(sign * unit, currents),
             effort=_symmetric(sign * unit * constant * gear, currents),
             load=_symmetric(sign * load, 1000.0),
@@ -284,8 +286,8 @@ def _symmetric(factor: Vector, most: ArrayLike) -> Scale:
     return Scale(vector(factor), none, none, vector(-limit), vector(limit))
 
 
-def _positive(factor: Vector, most: float) -> Scale:
-    return _symmetric(factor, most).limited(np.zeros_like(factor), np.full_like(factor, most))
+def _positive(factor: Vector, most: Vector) -> Scale:
+    return _symmetric(factor, most).limited(np.zeros_like(factor), most)
 
 
 @dataclass(frozen=True, slots=True)
