@@ -69,6 +69,15 @@ def test_efforts_do_the_work_of_the_torque(finger: Finger, angle: float, torque:
     assert finger.torque(effort, angle) == pytest.approx(torque, abs=1e-12)
 
 
+def test_state_is_all_three() -> None:
+    crank = SliderCrank(0.022, 0.036)
+    opening, velocity, effort = crank.state(0.2, 3.0, 0.5)
+    assert opening == crank.opening(0.2)
+    assert velocity == pytest.approx(3.0 * crank.rate(0.2))
+    assert effort == pytest.approx(crank.effort(0.5, 0.2))
+    assert math.isnan(crank.state(0.2, 3.0, math.nan)[2])
+
+
 def test_a_dead_point_has_no_lever() -> None:
     crank = SliderCrank(1.0, 2.0)
     angle = math.pi / 2

@@ -42,6 +42,11 @@ class Finger(ABC):
     def rate(self, angle: float) -> float:
         """Return d opening / d angle: the opening's velocity for 1 rad/s of the servo."""
 
+    def state(self, angle: float, velocity: float, torque: float) -> tuple[float, float, float]:
+        """Return opening, velocity and effort for those of the servo."""
+        rate = self.rate(angle)
+        return self.opening(angle), rate * velocity, self.effort(torque, angle)
+
     def effort(self, torque: float, angle: float) -> float:
         """Return the effort on the opening (N or N·m) of a torque of the servo; inf where it has no lever."""
         rate = self.rate(angle)

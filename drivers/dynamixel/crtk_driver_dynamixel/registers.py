@@ -1,0 +1,179 @@
+"""What a configuration wants in the registers of each servo, and what it finds in their way.
+
+Nothing is read or written here: a `Setting` is compared with what was read, so that EEPROM is written only
+where it differs. Registers that a model does not have are left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from crtk_driver_dynamixel.calibration import ServoCalibration
+from crtk_driver_dynamixel.config import DynamixelConfig, ServoConfig
+from crtk_driver_dynamixel.control_tables import ControlTable, Item
+from crtk_driver_dynamixel.joints import ChainServo, servo_range
+from crtk_driver_dynamixel.models import OperatingMode
+
+__all__ = ["Setting", "eeprom", "obstacles", "ram", "watchdog_count"]
+
+REVERSE: Final = 0x01
+TIME_BASED: Final = 0x04
+"""Bits of Drive Mode (10): counting the other way, and profiles by time instead of velocity."""
+NO_SECONDARY_ID: Final = 255
+WATCHDOG_STEP: Final = 0.02
+"""Unit of Bus Watchdog (98), in s."""
+MOST_WATCHDOG: Final = 127
+RETURN_DELAY_STEP: Final = 2e-6
+"""Unit of Return Delay Time (9), in s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A register and the value that it should have.
+
+    Attributes:
+        mask: the bits that matter; the others stay as they are. None: all of them.
+    """
+
+    item: Item
+    value: int
+    mask: int | None = None
+
+    def differs(self, read: int) -> bool:
+        """Whether a register that reads so has to be written."""
+        return self.written(read) != read
+
+    def written(self, read: int) -> int:
+        """Return what to write into a register that reads so."""
+        return self.value if self.mask is None else read & ~self.mask | self.value & self.mask
+
+
+def eeprom(
+    servo: ChainServo,
+    first: ChainServo,
+    table: ControlTable,
+    config: DynamixelConfig,
+    calibration: ServoCalibration | None = None,
+    mode: OperatingMode | None = None,
+) -> tuple[Setting, ...]:
+    """Return what should be in the EEPROM of a servo; written only while its torque is off.
+
+    Args:
+        servo: in its chain.
+        first: the first servo of its joint; itself if it is no shadow.
+        calibration: its own; without one its homing offset stays as it is.
+        mode: operating mode; that of the configuration for positions if None.
+    """
+    follows = servo.follow == "secondary_id"
+    drive_mode = REVERSE if servo.reverse else 0
+    wanted: list[tuple[str, int | None, int | None]] = [
+        ("operating_mode", servo.units.mode if mode is None else mode, None),
+        ("drive_mode", drive_mode, REVERSE | TIME_BASED),
+        ("secondary_id", first.id if follows else NO_SECONDARY_ID, None),
+        ("return_delay_time", _return_delay(config), None),
+        ("homing_offset", None if calibration is None else calibration.homing_offset, None),
+    ]
+    return tuple(_settings(table, wanted))
+
+
+def ram(
+    servo: ChainServo,
+    table: ControlTable,
+    config: DynamixelConfig,
+    read: Mapping[str, int] | None = None,
+) -> tuple[Setting, ...]:
+    """Return what should be in the RAM of a servo: after power-on, reboot and every change of mode.
+
+    Args:
+        read: registers that were read, by name; current_limit and pwm_limit bound what is asked for.
+    """
+    known = {} if read is None else read
+    own = servo.config
+    gains = {f"{name}_gain": value for name, value in own.gains.model_dump().items()}
+    wanted: list[tuple[str, int | None, int | None]] = [
+        ("status_return_level", config.status_return_level, None),
+        *((name, value, None) for name, value in gains.items()),
+        ("profile_acceleration", _profile(servo, own.profile_acceleration, "acceleration"), None),
+        ("profile_velocity", _profile(servo, own.profile_velocity, "velocity"), None),
+        ("goal_current", _bounded(_current(servo, own), known.get("current_limit")), None),
+        ("goal_pwm", _bounded(_pwm(servo, own), known.get("pwm_limit")), None),
+    ]
+    return tuple(_settings(table, wanted))
+
+
+def watchdog_count(seconds: float) -> int:
+    """Return the count of Bus Watchdog (98) for a time, rounded up; 0 switches it off."""
+    return min(MOST_WATCHDOG, math.ceil(seconds / WATCHDOG_STEP - 1e-9))
+
+
+def obstacles(servo: ChainServo, read: Mapping[str, int]) -> tuple[str, ...]:
+    """Return what in the registers of a servo keeps it from doing what the configuration promises.
+
+    A goal beyond its own limits is refused by a servo (error 6, Data Limit), and nothing moves.
+
+    Args:
+        read: registers by name; those that are not there are not judged.
+    """
+    found = []
+    ends = servo_range(servo.config)
+    low, high = sorted(round(servo.units.count(end)) for end in ends)
+    family = servo.units.model.family
+    least = read.get("min_position_limit", family.lowest)
+    most = read.get("max_position_limit", family.highest)
+    is_limited = servo.units.mode is OperatingMode.POSITION
+    if is_limited and not (least <= low and high <= most):
+        found.append(
+            f"{servo.place} takes goals from {least} to {most} (Min and Max Position Limit), and its range "
+            f"is {low} to {high}: narrow lower and upper, or widen the limits in the servo"
+        )
+    limit = servo.config.current_limit
+    register = read.get("current_limit")
+    unit = servo.units.model.current_unit
+    if limit is not None and register is not None and limit > register * unit * (1.0 + 1e-9):
+        found.append(
+            f"{servo.place} limits its current to {register * unit:.3f} A (Current Limit), below "
+            f"current_limit {limit:g} A: lower the key, or raise the limit in the servo"
+        )
+    return tuple(found)
+
+
+def _settings(
+    table: ControlTable, wanted: list[tuple[str, int | None, int | None]]
+) -> Iterator[Setting]:
+    for name, value, mask in wanted:
+        if value is not None and name in table:
+            yield Setting(table[name], int(value), mask)
+
+
+def _return_delay(config: DynamixelConfig) -> int | None:
+    delay = config.return_delay
+    return None if delay is None else round(delay / RETURN_DELAY_STEP)
+
+
+def _profile(servo: ChainServo, value: float, quantity: str) -> int:
+    """Return a count of a profile register, where 0 means without limit and so is never rounded to."""
+    family = servo.units.model.family
+    unit = float(getattr(family, f"{quantity}_unit"))
+    if value == 0.0 or math.isnan(unit):
+        return 0
+    count = round(value * servo.units.gear / unit)
+    return max(1, min(count, family.highest_profile))
+
+
+def _current(servo: ChainServo, own: ServoConfig) -> int | None:
+    if own.current_limit is None or not servo.units.model.reports_current:
+        return None
+    return math.floor(own.current_limit / servo.units.model.current_unit + 1e-9)
+
+
+def _pwm(servo: ChainServo, own: ServoConfig) -> int | None:
+    if own.pwm_limit is None:
+        return None
+    return math.floor(own.pwm_limit * servo.units.model.family.full_pwm + 1e-9)
+
+
+def _bounded(value: int | None, limit: int | None) -> int | None:
+    return value if value is None or limit is None else min(value, limit)
