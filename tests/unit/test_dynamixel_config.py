@@ -10,6 +10,7 @@ import pytest
 
 from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.gripper import Linear, SliderCrank
+from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.models import OperatingMode
 from crtk_drivers.config import from_assignments, from_file, from_values, load
 from crtk_drivers.errors import ConfigError
@@ -238,3 +239,18 @@ def test_a_mistake_in_the_file_of_an_arm_is_told(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("joints:\n  a: {id: 1, model: xm430-w350, ofset: 1.0}\n")
     assert "joints.a.ofset: unknown key. Did you mean 'joints.a.offset'" in refusal(arm=str(path))
+
+
+GUIDE = Path(__file__).parents[2] / "docs" / "dynamixel.md"
+EXAMPLES = re.findall(r"^```yaml\n(.*?)^```$", GUIDE.read_text(), re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("text", EXAMPLES)
+def test_the_examples_of_the_guide_hold(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "arm.yaml"
+    path.write_text(text)
+    assert Chain.of(load(DynamixelConfig, from_file(path))).servos
+
+
+def test_the_guide_has_examples() -> None:
+    assert len(EXAMPLES) >= 3
