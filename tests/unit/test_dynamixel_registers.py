@@ -128,9 +128,9 @@ def test_only_the_bits_that_matter_are_changed(read: int) -> None:
     servo, table, config = one({"reverse": True})
     setting = next(s for s in eeprom(servo, servo, table, config) if s.item.name == "drive_mode")
     written = setting.written(read)
-    assert written & 0b101 == 0b001
-    assert written & ~0b101 == read & ~0b101
-    assert setting.differs(read) is (read & 0b101 != 0b001)
+    assert written & 0b1101 == 0b0001
+    assert written & ~0b1101 == read & ~0b1101
+    assert setting.differs(read) is (read & 0b1101 != 0b0001)
     assert not setting.differs(written)
 
 

@@ -181,6 +181,22 @@ def test_torque_constants(name: str, constant: float) -> None:
     assert MODELS[name].torque_constant == pytest.approx(constant, abs=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("name", "amperes"),
+    [
+        ("xl330-m288", 1.75),
+        ("xc330-t288", 0.91),
+        ("xm430-w350", 1193 * 0.00269),
+        ("xm540-w270", 2047 * 0.00269),
+        ("xh430-v350", 689 * 0.00134),
+        ("mx-64", 1941 * 0.00336),
+        ("ph54-200-s500", 22.74),
+    ],
+)
+def test_greatest_currents(name: str, amperes: float) -> None:
+    assert MODELS[name].current_limit * MODELS[name].current_unit == pytest.approx(amperes)
+
+
 def test_units_of_the_x_series() -> None:
     family = MODELS["xm430-w350"].family
     assert family.position_unit == pytest.approx(1.533981e-3, rel=1e-6)

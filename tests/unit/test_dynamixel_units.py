@@ -166,6 +166,12 @@ def test_one_servo_and_the_chain_agree(servo: Servo, count: int) -> None:
     assert servo.count(position) == pytest.approx(count, abs=1e-3)
 
 
+def test_accelerations_are_magnitudes_within_the_register() -> None:
+    scale = Scaling.of([Servo(XM), Servo(MODELS["ph54-200-s500"])]).acceleration
+    assert scale.to_counts([-5.0, -5.0]).tolist() == [0, 0]
+    assert scale.to_counts([1e9, 100.0]).tolist() == [32767, 57296]
+
+
 def test_limits_can_only_become_narrower() -> None:
     scale = Scaling.of([Servo(XM, torque_constant=1.0)]).current.limited([-10_000], [100])
     assert scale.to_counts([-100.0])[0] == -1193

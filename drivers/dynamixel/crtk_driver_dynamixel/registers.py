@@ -21,7 +21,9 @@ __all__ = ["Setting", "eeprom", "obstacles", "ram", "watchdog_count"]
 
 REVERSE: Final = 0x01
 TIME_BASED: Final = 0x04
-"""Bits of Drive Mode (10): counting the other way, and profiles by time instead of velocity."""
+TORQUE_ON_BY_GOAL: Final = 0x08
+"""Bits of Drive Mode (10): counting the other way, profiles by time instead of velocity, and torque that comes
+on by itself with a goal, which would undo `disable`."""
 NO_SECONDARY_ID: Final = 255
 WATCHDOG_STEP: Final = 0.02
 """Unit of Bus Watchdog (98), in s."""
@@ -71,7 +73,7 @@ def eeprom(
     drive_mode = REVERSE if servo.reverse else 0
     wanted: list[tuple[str, int | None, int | None]] = [
         ("operating_mode", servo.units.mode if mode is None else mode, None),
-        ("drive_mode", drive_mode, REVERSE | TIME_BASED),
+        ("drive_mode", drive_mode, REVERSE | TIME_BASED | TORQUE_ON_BY_GOAL),
         ("secondary_id", first.id if follows else NO_SECONDARY_ID, None),
         ("return_delay_time", _return_delay(config), None),
         ("homing_offset", None if calibration is None else calibration.homing_offset, None),
