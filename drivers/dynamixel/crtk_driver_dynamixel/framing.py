@@ -38,12 +38,14 @@ class StatusParser(ABC):
 
     Attributes:
         bad_crc: packets whose CRC or checksum was wrong.
-        corrupt: ids that those packets carried, as far as they can be trusted; for the caller to clear.
+        corrupt: ids in those and in incomplete packets, which may be damaged too; for the caller to clear.
         garbage: bytes that belonged to no packet.
         echoes: instruction packets.
     """
 
     header: bytes
+    head_size: int
+    """Bytes up to and including the length."""
     header_skip: int
     """Bytes behind which the search goes on where a header belongs to no valid packet."""
 
@@ -54,6 +56,7 @@ class StatusParser(ABC):
         self.garbage = 0
         self.echoes = 0
         self._buffer = bytearray()
+        self._request = b""
 
     def feed(self, data: bytes) -> list[Status]:
         """Take bytes and return the status packets that are complete now."""
@@ -63,6 +66,10 @@ class StatusParser(ABC):
     def finish(self) -> list[Status]:
         """Give up waiting for more, and return what was held back or lay behind an incomplete packet."""
         return self._parse(final=True)
+
+    def expect_echo(self, request: bytes) -> None:
+        """Be told what was sent: in protocol 1.0 an echo is told from a status only by its bytes."""
+        self._request = request
 
     @property
     def pending(self) -> int:
@@ -74,8 +81,8 @@ class StatusParser(ABC):
         """Return the size of the packet at the start; more than there is if unknown, 0 if impossible."""
 
     @abstractmethod
-    def _id(self, packet: bytes) -> int:
-        """Return the id that a packet carries."""
+    def _id(self, packet: bytes | bytearray) -> int:
+        """Return the id that a packet carries, of which the head is there at least."""
 
     @abstractmethod
     def _is_valid(self, packet: bytes) -> bool:
@@ -107,6 +114,8 @@ class StatusParser(ABC):
             if size > len(buffer) and not final:
                 return found
             if not 0 < size <= len(buffer):
+                if len(buffer) >= self.head_size and size:
+                    self.corrupt.append(self._id(buffer))
                 self._skip(self.header_skip)
                 continue
             packet = bytes(buffer[:size])

@@ -20,6 +20,7 @@ __all__ = [
     "BROADCAST",
     "ERRORS",
     "HARDWARE",
+    "TAIL",
     "Instruction",
     "StatusParser",
     "action",
@@ -31,6 +32,7 @@ __all__ = [
     "read",
     "reboot",
     "reg_write",
+    "seal",
     "status_size",
     "sync_write",
     "write",
@@ -40,6 +42,8 @@ HEADER: Final = b"\xff\xff"
 BROADCAST: Final = 0xFE
 HIGHEST_ID: Final = 253
 MOST_PARAMETERS: Final = 0xFF - 2
+TAIL: Final = 1
+"""Bytes of the checksum."""
 _FRAME: Final = 4
 """Bytes of a packet that its length does not count."""
 _SHORTEST: Final = 2
@@ -97,8 +101,13 @@ def packet(id: int, instruction: int, parameters: bytes = b"") -> bytes:
         raise ValueError(f"no DYNAMIXEL id: {id} (0 to {HIGHEST_ID}, or {BROADCAST} for all)")
     if len(parameters) > MOST_PARAMETERS:
         raise ValueError(f"{len(parameters)} bytes do not fit into one packet of protocol 1.0")
-    body = bytes((id, len(parameters) + _SHORTEST, instruction)) + parameters
-    return HEADER + body + bytes((checksum(body),))
+    return seal(HEADER + bytes((id, len(parameters) + _SHORTEST, instruction)) + parameters)
+
+
+def seal(unsealed: bytes | bytearray) -> bytes:
+    """Append the checksum to a packet that lacks it."""
+    data = bytes(unsealed)
+    return data + bytes((checksum(data[len(HEADER) :]),))
 
 
 def _byte(number: int) -> bytes:
@@ -181,15 +190,11 @@ class StatusParser(framing.StatusParser):
     """
 
     header = HEADER
+    head_size = _FRAME
     header_skip = 1
 
     def __init__(self, longest: int = 0xFF + _FRAME) -> None:
         super().__init__(longest)
-        self._request = b""
-
-    def expect_echo(self, request: bytes) -> None:
-        """Take the next packet for an echo if it is exactly this one and anything follows it."""
-        self._request = request
 
     def _size(self, buffer: bytearray) -> int:
         if len(buffer) < _FRAME:
@@ -198,7 +203,7 @@ class StatusParser(framing.StatusParser):
         possible = buffer[2] != 0xFF and _FRAME + _SHORTEST <= size <= self.longest
         return size if possible else 0
 
-    def _id(self, packet: bytes) -> int:
+    def _id(self, packet: bytes | bytearray) -> int:
         return packet[2]
 
     def _is_valid(self, packet: bytes) -> bool:

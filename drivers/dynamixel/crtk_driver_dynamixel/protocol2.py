@@ -20,11 +20,15 @@ from crtk_driver_dynamixel.crc import crc16
 from crtk_driver_dynamixel.framing import Status
 
 __all__ = [
+    "ALERT",
     "BROADCAST",
     "ERRORS",
+    "SEQUENCE",
+    "TAIL",
     "Block",
     "FastReplyParser",
     "Instruction",
+    "Reset",
     "Status",
     "StatusParser",
     "action",
@@ -42,6 +46,8 @@ __all__ = [
     "reboot",
     "reg_write",
     "restore",
+    "seal",
+    "status_prefix",
     "status_size",
     "sync_read",
     "sync_write",
@@ -51,7 +57,10 @@ __all__ = [
 HEADER: Final = b"\xff\xff\xfd\x00"
 BROADCAST: Final = 0xFE
 HIGHEST_ID: Final = 252
-MOST_PARAMETERS: Final = 0xFFFF - 3
+MOST: Final = 4096
+"""Largest length that we send, without stuffing."""
+TAIL: Final = 2
+"""Bytes of the CRC."""
 STATUS: Final = 0x55
 ALERT: Final = 0x80
 """Bit of the error byte: Hardware Error Status of this servo is not 0."""
@@ -60,10 +69,11 @@ _HEAD: Final = struct.Struct("<4sBH")
 _ITEM: Final = struct.Struct("<BHH")
 _RANGE: Final = struct.Struct("<HH")
 _U16: Final = struct.Struct("<H")
-_FRAME: Final = _HEAD.size + _U16.size
+_FRAME: Final = _HEAD.size + TAIL
 _SHORTEST: Final = 3
 """Length field of the shortest packet: an instruction and the CRC."""
-_SEQUENCE: Final = b"\xff\xff\xfd"
+SEQUENCE: Final = b"\xff\xff\xfd"
+"""What is stuffed with one more FD."""
 _STUFFED: Final = b"\xff\xff\xfd\xfd"
 
 
@@ -110,9 +120,9 @@ ERRORS: Final[Mapping[int, str]] = MappingProxyType(
 """Number in the error byte of a status (e-manual, "Error")."""
 
 
-def error_text(number: int) -> str:
+def error_text(error: int) -> str:
     """Return what an error number says; empty for 0."""
-    return ERRORS.get(number, f"unknown error {number}") if number else ""
+    return ERRORS.get(error, f"unknown error {error}") if error else ""
 
 
 def packet(id: int, instruction: int, parameters: bytes = b"") -> bytes:
@@ -123,11 +133,23 @@ def packet(id: int, instruction: int, parameters: bytes = b"") -> bytes:
     """
     if not 0 <= id <= HIGHEST_ID and id != BROADCAST:
         raise ValueError(f"no DYNAMIXEL id: {id} (0 to {HIGHEST_ID}, or {BROADCAST} for all)")
-    body = (bytes((instruction,)) + parameters).replace(_SEQUENCE, _STUFFED)
-    if len(body) > MOST_PARAMETERS:
-        raise ValueError(f"{len(body)} bytes do not fit into one packet")
-    data = _HEAD.pack(HEADER, id, len(body) + _U16.size) + body
-    return data + _U16.pack(crc16(data))
+    body = bytes((instruction,)) + parameters
+    if len(body) + TAIL > MOST:
+        raise ValueError(f"{len(parameters)} parameters do not fit into one packet")
+    return seal(_HEAD.pack(HEADER, id, len(body) + TAIL) + body)
+
+
+def seal(unsealed: bytes | bytearray) -> bytes:
+    """Stuff a packet that lacks its CRC, where there is anything to stuff, and append the CRC.
+
+    Raises:
+        ValueError: more bytes than a packet holds.
+    """
+    data = bytes(unsealed)
+    if SEQUENCE in data[_HEAD.size :]:
+        body = data[_HEAD.size :].replace(SEQUENCE, _STUFFED)
+        data = _HEAD.pack(HEADER, data[4], len(body) + TAIL) + body
+    return data + crc16(data).to_bytes(TAIL, "little")
 
 
 def _target(address: int, data: bytes) -> bytes:
@@ -253,15 +275,16 @@ def status_size(parameters: int) -> int:
     return _FRAME + 2 + parameters
 
 
-def fast_status_size(lengths: Iterable[int]) -> int:
-    """Return the size in bytes of the reply to a fast read of so many bytes of each servo."""
-    return len(HEADER) + 4 + sum(length + 4 for length in lengths)
+def status_prefix(id: int, parameters: int) -> bytes:
+    """Return the bytes before the error byte of a status with so many parameters, without stuffing."""
+    return _HEAD.pack(HEADER, id, parameters + 2 + TAIL) + bytes((STATUS,))
 
 
 class StatusParser(framing.StatusParser):
     """Turns what arrives into status packets; see `framing.StatusParser`."""
 
     header = HEADER
+    head_size = _HEAD.size
     header_skip = len(HEADER)
 
     def __init__(self, longest: int = 4096) -> None:
@@ -273,7 +296,7 @@ class StatusParser(framing.StatusParser):
         size = _HEAD.size + (buffer[5] | buffer[6] << 8)
         return size if _HEAD.size + _SHORTEST <= size <= self.longest else 0
 
-    def _id(self, packet: bytes) -> int:
+    def _id(self, packet: bytes | bytearray) -> int:
         return packet[4]
 
     def _is_valid(self, packet: bytes) -> bool:
@@ -286,12 +309,17 @@ class StatusParser(framing.StatusParser):
             return None
         id, error, params = packet[4], packet[8], packet[9:-2]
         if id != BROADCAST:
-            params = params.replace(_STUFFED, _SEQUENCE)
+            params = params.replace(_STUFFED, SEQUENCE)
         return Status(id, error & ~ALERT, error >= ALERT, params)
 
 
 class Block(NamedTuple):
-    """The part of one servo in the reply to a fast read; `data` is None if it is damaged or missing."""
+    """The part of one servo in the reply to a fast read.
+
+    Attributes:
+        data: None if it is damaged or missing.
+        damaged: whether some of it arrived, but not intact.
+    """
 
     id: int
     error: int
@@ -309,11 +337,17 @@ class FastReplyParser:
 
     Args:
         blocks: (id, length of data) in the order of the request.
+
+    Attributes:
+        size: of the whole reply in bytes.
+        data_size: of what would be the parameters of a status of this size.
+        prefix: bytes with which the reply begins.
     """
 
     def __init__(self, blocks: Sequence[tuple[int, int]]) -> None:
         self.blocks = tuple(blocks)
-        self.size = fast_status_size(length for _, length in blocks)
+        self.data_size = sum(length + 4 for _, length in blocks) - 3
+        self.size = status_size(self.data_size)
         self.prefix = _HEAD.pack(HEADER, BROADCAST, self.size - _HEAD.size) + bytes((STATUS,))
 
     def decode(self, reply: bytes) -> list[Block]:

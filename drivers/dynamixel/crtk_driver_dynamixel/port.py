@@ -1,0 +1,309 @@
+"""A serial port: opened exclusively, read with deadlines, found again when it was unplugged.
+
+pyserial opens and configures it; reading and writing are poll, read and write, so that waiting costs no CPU.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import math
+import os
+import select
+import termios
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from crtk_driver_dynamixel import latency
+from crtk_driver_dynamixel.holders import holders, lock_owner
+from crtk_driver_dynamixel.latency import Latency
+from crtk_drivers.errors import ConnectionFailed, ConnectionLost, DeviceError, MissingExtra
+
+try:
+    import serial
+except ImportError as error:
+    raise MissingExtra("pyserial", "dynamixel") from error
+
+__all__ = ["BITS_PER_BYTE", "Port", "stable_name"]
+
+BITS_PER_BYTE: Final = 10
+"""On the wire: a start bit, eight of data, a stop bit."""
+
+_BY_ID: Final = Path("/dev/serial/by-id")
+_PTY_MAJORS: Final = range(136, 144)
+_WRITE_PATIENCE: Final = 0.5
+_CHUNK: Final = 4096
+
+
+def stable_name(device: Path, by_id: Path = _BY_ID) -> Path | None:
+    """Return the name of a port that stays when the adapter is plugged in again, None if it has none."""
+    target = device.resolve()
+    try:
+        links = sorted(by_id.iterdir())
+    except OSError:
+        return None
+    return next((link for link in links if link.resolve() == target), None)
+
+
+class Port:
+    """One serial port. Not thread-safe: it belongs to the thread that runs the bus.
+
+    Args:
+        name: device file or a link to it, for example under /dev/serial/by-id.
+        baud: in bit/s; any that the adapter can do.
+        clock: monotonic seconds.
+        by_id: where the stable names of ports are.
+
+    Attributes:
+        latency: the adapter's latency timer, known once it is open.
+    """
+
+    def __init__(
+        self,
+        name: str | Path,
+        baud: int = 1_000_000,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        by_id: Path = _BY_ID,
+    ) -> None:
+        self.name = str(name)
+        self.latency = Latency(None)
+        self._baud = baud
+        self._clock = clock
+        self._by_id = by_id
+        self._stable: Path | None = None
+        self._serial: serial.Serial | None = None
+        self._fd = -1
+        self._poll = select.poll()
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def where(self) -> str:
+        """The port and its rate, for messages."""
+        return f"port {self.name} at {self._baud} bit/s"
+
+    @property
+    def baud(self) -> int:
+        """Rate in bit/s."""
+        return self._baud
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is open; an unplugged one is until `close`."""
+        return self._serial is not None
+
+    def open(self) -> None:
+        """Open the port, or open it anew; found by its stable name if it has been open before.
+
+        Raises:
+            ConnectionFailed: it is not there, is in use, or does not take the rate.
+        """
+        self.close()
+        path = self._path()
+        try:
+            device = path.resolve(strict=True)
+        except OSError as error:
+            raise self._not_there() from error
+        is_pty = self._is_pty(device)
+        if not is_pty and (others := holders(device)):
+            raise self._in_use(", ".join(map(str, others)))
+        try:
+            opened = serial.Serial(str(device), self._baud, timeout=0, exclusive=True)
+        except (OSError, ValueError) as error:
+            raise self._not_opened(device, error) from error
+        self._serial = opened
+        self._fd = opened.fileno()
+        try:
+            self._configure(is_pty=is_pty)
+        except (OSError, termios.error) as error:
+            self.close()
+            raise self._not_opened(device, error) from error
+        self._stable = stable_name(device, self._by_id) or self._stable
+        self.latency = latency.lower(device, lambda: opened.set_low_latency_mode(True))
+        self._poll = select.poll()
+        self._poll.register(self._fd, select.POLLIN)
+
+    def close(self) -> None:
+        """Close it. May be called twice, and after it was unplugged."""
+        opened, self._serial, self._fd = self._serial, None, -1
+        if opened is not None:
+            with contextlib.suppress(OSError, termios.error):
+                opened.close()
+
+    def set_baud(self, baud: int) -> None:
+        """Change the rate.
+
+        Raises:
+            DeviceError: the adapter does not take it; the rate is then as before.
+        """
+        opened = self._opened()
+        before = self._baud
+        try:
+            opened.baudrate = baud
+            self._block()
+        except (OSError, ValueError, termios.error) as error:
+            with contextlib.suppress(OSError, ValueError, termios.error):
+                opened.baudrate = before
+                self._block()
+            raise DeviceError(
+                f"{baud} bit/s refused: {error}",
+                where=self.where,
+                remedy="Take a rate that the adapter knows.",
+            ) from error
+        self._baud = baud
+
+    def wire_time(self, size: int) -> float:
+        """Return the seconds that so many bytes take on the wire."""
+        return size * BITS_PER_BYTE / self._baud
+
+    def write(self, data: bytes) -> None:
+        """Hand bytes to the adapter.
+
+        Raises:
+            ConnectionLost: it is gone, or takes no bytes.
+        """
+        try:
+            sent = os.write(self._fd, data)
+            if sent < len(data):
+                self._write_rest(data[sent:])
+        except BlockingIOError:
+            self._write_rest(data)
+        except OSError as error:
+            raise self._lost(error) from error
+
+    def read(self, deadline: float) -> bytes:
+        """Return what has arrived as soon as there is any; nothing if none came before the deadline.
+
+        What arrived while this process was kept from looking is returned even when the deadline is past.
+        The wait ends up to 1 ms after the deadline.
+
+        Raises:
+            ConnectionLost: it is gone.
+        """
+        left = deadline - self._clock()
+        try:
+            self._poll.poll(math.ceil(left * 1000.0) if left > 0.0 else 0)
+            data = os.read(self._fd, _CHUNK)
+        except BlockingIOError:
+            return b""
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+        if not data:
+            raise self._lost(OSError(errno.EIO, "hung up"))
+        return data
+
+    def drain(self) -> bytes:
+        """Return what has arrived by now, without waiting.
+
+        Raises:
+            ConnectionLost: it is gone.
+        """
+        try:
+            data = os.read(self._fd, _CHUNK)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._lost(error) from error
+        if not data:
+            raise self._lost(OSError(errno.EIO, "hung up"))
+        return data
+
+    def _write_rest(self, data: bytes) -> None:
+        deadline = self._clock() + _WRITE_PATIENCE + self.wire_time(len(data))
+        ready = select.poll()
+        ready.register(self._fd, select.POLLOUT)
+        while data:
+            left = deadline - self._clock()
+            if left <= 0.0 or not ready.poll(math.ceil(left * 1000.0)):
+                raise self._lost(OSError(errno.ETIMEDOUT, "it takes no bytes"))
+            with contextlib.suppress(BlockingIOError):
+                data = data[os.write(self._fd, data) :]
+
+    def _path(self) -> Path:
+        """Return the name to open: the stable one if the given one may mean another adapter by now."""
+        return self._stable or Path(self.name)
+
+    @staticmethod
+    def _is_pty(device: Path) -> bool:
+        return os.major(os.stat(device).st_rdev) in _PTY_MAJORS
+
+    def _configure(self, *, is_pty: bool) -> None:
+        self._block()
+        # A pseudo terminal keeps the mark when its user dies, and nobody could open it again.
+        if not is_pty:
+            fcntl.ioctl(self._fd, termios.TIOCEXCL)
+
+    def _block(self) -> None:
+        """Have an empty read told from a hang-up: pyserial sets VMIN to 0, where both return nothing."""
+        attributes = termios.tcgetattr(self._fd)
+        attributes[6][termios.VMIN] = 1
+        attributes[6][termios.VTIME] = 0
+        termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
+
+    def _opened(self) -> serial.Serial:
+        if self._serial is None:
+            raise ConnectionLost("the port is closed", where=self.where, remedy="Open it.")
+        return self._serial
+
+    def _not_there(self) -> ConnectionFailed:
+        try:
+            known = ", ".join(str(link) for link in sorted(self._by_id.iterdir()))
+        except OSError:
+            known = ""
+        listed = f" Ports there are: {known}." if known else " No USB serial adapter is plugged in."
+        return ConnectionFailed(
+            "there is no such port",
+            where=self.where,
+            remedy=f"Plug the adapter in, and check the name.{listed}",
+        )
+
+    def _in_use(self, who: str) -> ConnectionFailed:
+        return ConnectionFailed(
+            f"the port is in use by {who}",
+            where=self.where,
+            remedy="End that program, or give this one another port: one bus has one master.",
+        )
+
+    def _not_opened(self, device: Path, error: Exception) -> ConnectionFailed:
+        code = getattr(error, "errno", None)
+        if code in (errno.EBUSY, errno.EAGAIN):
+            owner = lock_owner(device)
+            others = [owner] if owner else holders(device)
+            return self._in_use(", ".join(map(str, others)) or "another user's process")
+        if code in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
+            return self._not_there()
+        if code in (errno.EACCES, errno.EPERM):
+            return ConnectionFailed(
+                "the port may not be opened by this user",
+                where=self.where,
+                remedy="Add yourself to its group, mostly: sudo usermod -aG dialout $USER; log in again.",
+            )
+        return ConnectionFailed(
+            f"the port cannot be opened: {error}",
+            where=self.where,
+            remedy="Check that it is a serial port, and that the adapter takes this rate.",
+        )
+
+    def _lost(self, error: Exception) -> ConnectionLost:
+        if self._serial is None:
+            return ConnectionLost("the port is closed", where=self.where, remedy="Open it.")
+        return ConnectionLost(
+            f"the adapter is gone: {error}",
+            where=self.where,
+            remedy="Check the USB cable and the adapter; it is found again when it is plugged in.",
+        )
