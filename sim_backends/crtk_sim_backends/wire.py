@@ -213,6 +213,11 @@ class Connection:
         """Whether received data waits for its time, or to be taken."""
         return bool(self._incoming)
 
+    @property
+    def has_output(self) -> bool:
+        """Whether data to send waits for its time, or for the peer."""
+        return bool(self._backlog) or bool(self._outgoing)
+
     def take(self, now: float) -> list[bytes]:
         """Pieces of received data whose time has come."""
         return self._incoming.take_due(now) if self._incoming else []

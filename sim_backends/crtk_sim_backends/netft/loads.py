@@ -168,7 +168,8 @@ class Gravity:
         towards = along + np.outer(np.cos(angle), across) - np.outer(np.sin(angle), aside)
         force = self.mass * GRAVITY * towards
         torque = np.cross(np.array([self.x, self.y, self.z]), force)
-        return np.hstack([force, torque])
+        wrench: Array = np.hstack([force, torque])
+        return wrench
 
 
 @dataclass(frozen=True)
@@ -189,7 +190,8 @@ class Noise:
     def wrench(self, t: Array) -> Array:
         """See `Load`. The noise at one time is another one when it is asked for again."""
         values: Array = self._generator.standard_normal((t.size, 6))
-        return values * np.repeat((self.force, self.torque), 3)
+        values *= np.repeat((self.force, self.torque), 3)
+        return values
 
 
 @dataclass(frozen=True)

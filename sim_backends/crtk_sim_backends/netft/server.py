@@ -1,0 +1,549 @@
+"""The simulated sensor box on its ports: one thread, which sends each datagram at its time.
+
+Everything happens in :meth:`NetFtServer.run`: it sleeps until the next datagram is due or something arrives.
+After a late wake-up all that is due goes out at once, so that counters and the average rate stay right.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import gc
+import logging
+import select
+import socket
+import struct
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from crtk_sim_backends import wire
+from crtk_sim_backends.fault_player import FaultPlayer
+from crtk_sim_backends.faults import Fault, FaultError, read_faults
+from crtk_sim_backends.netft import rdt
+from crtk_sim_backends.netft.box import Box
+from crtk_sim_backends.netft.config import SimConfig
+from crtk_sim_backends.netft.datagrams import DatagramHook, through
+from crtk_sim_backends.netft.hostile import Hostile
+from crtk_sim_backends.netft.http import HttpSession
+from crtk_sim_backends.netft.injection import (
+    ALL_PORTS,
+    BEGIN,
+    END,
+    EVENTS,
+    KINDS,
+    STREAM,
+    TCP_PORTS,
+)
+from crtk_sim_backends.netft.loads import parse_load
+from crtk_sim_backends.netft.ports import Client, Mute, Port, Requests, Session
+from crtk_sim_backends.netft.tcp import TcpSession
+from crtk_sim_backends.process import (
+    AddressInUseError,
+    SimStartError,
+    bind_somewhere,
+    listen,
+    use_realtime_priority,
+)
+
+log = logging.getLogger(__name__)
+
+CONTROL: Final = "control"
+
+_CHORES: Final = 0.005  # s between two looks at faults and at slow connections
+_LONG_PAUSE: Final = 1.0  # s without a turn of the loop that count as a stand-still of the box
+_BACKLOG_LIMIT: Final = 1 << 22  # bytes of untaken answers that end a connection
+_CLIENTS_PER_PORT: Final = 32
+_HIGHEST_FD: Final = 1023  # that `select` can watch
+_LONGEST_REQUEST: Final = 64
+_TIMER_SLACK: Final = Path("/proc/self/timerslack_ns")
+_STRANGE_RECORD: Final = struct.pack(">III6i", 123, 456, 0, *[99_000_000] * 6)
+
+
+@dataclass
+class Statistics:
+    """How well the loop keeps its times."""
+
+    turns: int = 0
+    pauses: int = 0  # stand-stills of this process
+    worst_delay: float = 0.0  # s from when a datagram was due to when it went out
+    accepted: int = 0  # connections
+
+
+class NetFtServer:
+    """A simulated sensor box that listens on all its ports.
+
+    Args:
+        config: what to simulate; its ports are bound by the constructor.
+        parent_fd: file descriptor that becomes readable when the process that wants this simulator
+            has died, None for none.
+
+    Raises:
+        SimStartError: when a port cannot be bound or the fault file is wrong.
+    """
+
+    def __init__(self, config: SimConfig, parent_fd: int | None = None) -> None:
+        self.config = config
+        self.statistics = Statistics()
+        try:
+            faults = read_faults(Path(config.faults), KINDS, EVENTS) if config.faults else []
+        except FaultError as error:
+            raise SimStartError(str(error)) from error
+        self._parent_fd = parent_fd
+        self._stopping = False
+        self._ports: dict[str, Port] = {}
+        self._udp: socket.socket | None = None
+        self.host, self._rdt_port = bind_somewhere(config.host, self._bind)
+        self.ports = {
+            "rdt": self._rdt_port,
+            **{name: port.number for name, port in self._ports.items()},
+        }
+        self._other_client = _udp_socket(self.host, 0)
+        self._stranger = _udp_socket(self.host, 0)
+        self._now = self._epoch = time.monotonic()
+        self.box = Box(config, self._epoch)
+        self._faults = FaultPlayer(KINDS, faults, self._begin, self._end, ("port", "axis"))
+        self._hooks: dict[str, DatagramHook] = {}
+        self._datagrams_to_strange = 0
+        self._stalled_since: float | None = None
+        self._booting: tuple[float, float] | None = None  # until when, and the change of scale
+        self._seen = (0, False, False)  # streams begun, whether there is one, whether it is biased
+        self._by_fd: dict[int, Callable[[], None]] = {}
+        self._watched: list[int] = []
+        self._watch_again = True
+
+    # Life
+
+    def _bind(self, host: str) -> int:
+        config = self.config
+        try:
+            self._udp = _udp_socket(host, config.rdt_port)
+            wanted = {"tcp": config.tcp_port, CONTROL: config.control_port}
+            if config.family.web:
+                wanted["http"] = config.http_port
+            for name, port in wanted.items():
+                self._ports[name] = Port(name, _listen(host, port, name))
+        except SimStartError:
+            self._close_ports()
+            raise
+        number: int = self._udp.getsockname()[1]
+        return number
+
+    def stop(self) -> None:
+        """End :meth:`run` soon. Safe in a signal handler."""
+        self._stopping = True
+
+    def close(self) -> None:
+        """Close every socket."""
+        self._close_ports()
+        self._other_client.close()
+        self._stranger.close()
+
+    def _close_ports(self) -> None:
+        for port in self._ports.values():
+            port.close()
+        self._ports.clear()
+        self._close_udp()
+
+    def _close_udp(self) -> None:
+        if self._udp is not None:
+            self._udp.close()
+            self._udp = None
+
+    def run(self) -> None:
+        """Run in real time until :meth:`stop`, or until the parent process has died."""
+        if self.config.realtime:
+            use_realtime_priority()
+        with contextlib.suppress(OSError):  # elsewhere than on Linux
+            _TIMER_SLACK.write_text("1000")
+        gc.collect()
+        gc.freeze()
+        last = chores = self._epoch = time.monotonic()
+        self.box.sensor.clock.stand_still(last - self._now)
+        while not self._stopping:
+            now = time.monotonic()
+            if now - last > _LONG_PAUSE and self._stalled_since is None:
+                self.statistics.pauses += 1
+                self.box.sensor.clock.stand_still(now - last)
+            last = now
+            self.statistics.turns += 1
+            self._measure(now)
+            if now >= chores:
+                self._do_chores(now)
+                chores = now + _CHORES
+            if self._watch_again:
+                self._watch()
+            wait = min(chores, self._due()) - time.monotonic()
+            ready, _, _ = select.select(self._watched, (), (), max(0.0, wait))
+            if ready:
+                self._handle(ready)
+
+    @property
+    def _unreachable(self) -> bool:
+        """Whether nothing comes through."""
+        return self._booting is not None or "unplugged" in self._active
+
+    @property
+    def _active(self) -> set[str]:
+        return {fault.kind for fault in self._faults.active}
+
+    def _due(self) -> float:
+        """When the next datagram is due, or the next block of measurements."""
+        sensor, stream = self.box.sensor, self.box.stream
+        if self._stalled_since is not None or self._booting is not None:
+            return self._now + _CHORES
+        due = sensor.clock.time_of(sensor.block.end)
+        return due if stream is None else min(due, stream.due(sensor.clock))
+
+    # Sending
+
+    def _measure(self, now: float) -> None:
+        """Measure up to now and send what is due."""
+        self._now = now
+        if self._stalled_since is not None or self._booting is not None:
+            return
+        box = self.box
+        stream = box.stream
+        if stream is not None:
+            late = now - stream.due(box.sensor.clock)
+            self.statistics.worst_delay = max(self.statistics.worst_delay, late)
+        found = box.datagrams(now)
+        if stream is None:
+            return
+        if self._unreachable or self._udp is None:
+            return
+        if self._hooks:
+            found = through(self._hooks.values(), found)
+        for data in found:
+            self._send(self._udp, data, stream.to)
+
+    def _send(self, sock: socket.socket, data: bytes, to: rdt.Address) -> None:
+        try:
+            sock.sendto(data, to)
+        except OSError as error:
+            self.box.counters.unsent += 1
+            log.debug("a datagram to %s was not sent: %s", to, error)
+        else:
+            self.box.counters.datagrams += 1
+
+    # Receiving
+
+    def _handle(self, ready: list[int]) -> None:
+        self._measure(time.monotonic())
+        for fd in ready:
+            owner = self._by_fd.get(fd)
+            if owner is not None:
+                owner()
+        self.box.settle(self._now)
+        self._notice()
+
+    def _watch(self) -> None:
+        """Collect the file descriptors that are read now."""
+        self._watch_again = False
+        self._by_fd = {}
+        hangs = self._stalled_since is not None
+        if self._udp is not None and not hangs:
+            self._by_fd[self._udp.fileno()] = self._receive_requests
+        for port in self._ports.values():
+            if port.name != CONTROL and (hangs or self._unreachable or port.silent):
+                continue
+            if port.listener is not None:
+                self._by_fd[port.listener.fileno()] = partial(self._accept, port)
+            for client in port.clients:
+                if not client.connection.ended:
+                    self._by_fd[client.connection.fileno()] = lambda port=port, client=client: (
+                        self._receive(port, client)
+                    )
+        if self._parent_fd is not None:
+            self._by_fd[self._parent_fd] = self._lose_parent
+        self._watched = list(self._by_fd)
+
+    def _lose_parent(self) -> None:
+        log.info("the process that started this simulator has ended")
+        self.stop()
+
+    def _receive_requests(self) -> None:
+        while self._udp is not None:
+            try:
+                data, sender = self._udp.recvfrom(_LONGEST_REQUEST)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                log.debug("RDT: %s", error)
+                return
+            if not self._unreachable and "deaf" not in self._active:
+                self.box.request(data, sender, self._now)
+
+    def _accept(self, port: Port) -> None:
+        while port.listener is not None:
+            try:
+                sock, sender = port.listener.accept()
+            except BlockingIOError:
+                return
+            except OSError as error:
+                log.warning("cannot accept on the %s port: %s", port.name, error)
+                return
+            full = len(port.clients) >= _CLIENTS_PER_PORT or sock.fileno() > _HIGHEST_FD
+            if full or "disconnect" in port.faults:
+                sock.close()
+                continue
+            try:
+                connection = wire.Connection(sock, _BACKLOG_LIMIT)
+            except OSError as error:
+                log.info("a client of the %s port was gone at once: %s", port.name, error)
+                sock.close()
+                continue
+            self.statistics.accepted += 1
+            mute = "no_answer" in port.faults
+            session = Mute() if mute else self._session(port.name, f"{sender[0]}:{sender[1]}")
+            port.add(Client(connection, session))
+            self._watch_again = True
+            if port.name in TCP_PORTS:
+                self._event(f"{port.name}_connected")
+
+    def _session(self, name: str, sender: str) -> Session:
+        if name == "tcp":
+            return TcpSession(self.box, sender, lambda: self._now)
+        if name == "http":
+            answer = next(
+                (f.parameters["answer"] for f in self._faults.active if f.kind == "web_answer"),
+                None,
+            )
+            hostile = None if answer is None else Hostile(answer)
+            return HttpSession(self.box, self.host, sender, lambda: self._now, hostile)
+        return Requests(
+            {
+                "inject": self._inject,
+                "clear": self._clear,
+                "status": self.status,
+                "outputs": self._outputs,
+                "trace": self.box.trace,
+                "load": self._load,
+            }
+        )
+
+    def _receive(self, port: Port, client: Client) -> None:
+        if client not in port.clients:
+            return  # a fault has closed it in this turn
+        client.connection.read(self._now)
+        self._process(port, client)
+
+    def _process(self, port: Port, client: Client) -> None:
+        """Let a client's session take what has arrived, and send its answer."""
+        connection = client.connection
+        try:
+            for piece in connection.take(self._now):
+                connection.send(client.session.receive(piece), self._now)
+        except Exception:
+            log.exception("a defect of the simulator closes a %s connection", port.name)
+            connection.closed = True
+        self._remove_if_ended(port, client)
+
+    def _remove_if_ended(self, port: Port, client: Client) -> None:
+        connection = client.connection
+        done = client.session.ended and not connection.has_output
+        if (connection.ended or done) and client in port.clients:
+            port.remove(client)
+            self._watch_again = True
+
+    # What has its time
+
+    def _do_chores(self, now: float) -> None:
+        self._finish_booting(now)
+        if self._faults.play(now - self._epoch):
+            self._watch_again = True
+        for port in self._ports.values():
+            hangs = self._stalled_since is not None or self._unreachable or port.silent
+            if port.clients and not (hangs and port.name != CONTROL):
+                self._push(port, now)
+        self.box.settle(now)
+        self._notice()
+
+    def _push(self, port: Port, now: float) -> None:
+        """Move on what a slow peer or a delaying wire has held back, and answers that take time."""
+        for client in list(port.clients):
+            connection = client.connection
+            connection.flush(now)
+            if connection.has_input:
+                self._process(port, client)
+            if not connection.has_output and not connection.closed:
+                connection.send(client.session.more(now), now)
+            self._remove_if_ended(port, client)
+
+    def _finish_booting(self, now: float) -> None:
+        if self._booting is None or now < self._booting[0]:
+            return
+        scale, self._booting = self._booting[1], None
+        for name in TCP_PORTS:
+            if name in self._ports:
+                self._ports[name].disconnect()
+        self.box.power_up(now, scale)
+        self._watch_again = True
+
+    def _notice(self) -> None:
+        """Tell the timeline what has happened."""
+        box = self.box
+        before = self._seen
+        seen = box.counters.streams, box.stream is not None, bool(box.settings.bias.any())
+        self._seen = seen
+        if seen[0] > before[0]:
+            self._event("stream_started")
+        if before[1] and not seen[1]:
+            self._event("stream_stopped")
+        if seen[2] and not before[2]:
+            self._event("biased")
+
+    def _event(self, name: str) -> None:
+        self._faults.event(name, self._now - self._epoch)
+
+    # Faults
+
+    def _begin(self, fault: Fault) -> None:
+        kind, parameters, now = fault.kind, fault.parameters, self._now
+        if kind in STREAM:
+            self._hooks[kind] = STREAM[kind](parameters)
+        elif kind == "foreign":
+            self._hooks[kind] = self._strange(parameters["every"])
+        elif kind == "takeover":
+            start = struct.pack(
+                ">HHI", rdt.HEADER, min(self.box.profile.single), parameters["count"]
+            )
+            self.box.request(start, self._other_client.getsockname(), now)
+        elif kind == "reboot":
+            self.box.stream = None
+            self._booting = now + parameters["seconds"], parameters["scale"]
+        elif kind == "stall":
+            self._stalled_since = now
+        elif kind in BEGIN:
+            BEGIN[kind](self.box, parameters, now)
+            self.box.changed()
+        if kind == "closed" and parameters["port"] in ("rdt", ALL_PORTS):
+            self._close_udp()
+        for port in self._concerned(fault):
+            port.begin(fault)
+        self._watch_again = True
+
+    def _end(self, fault: Fault) -> None:
+        kind, now = fault.kind, self._now
+        self._hooks.pop(kind, None)
+        if kind == "stall" and self._stalled_since is not None:
+            self.box.sensor.clock.stand_still(now - self._stalled_since)
+            self._stalled_since = None
+        elif kind in END:
+            END[kind](self.box, fault.parameters, now)
+            self.box.changed()
+        if kind == "closed" and self._udp is None:
+            self._udp = _udp_socket(self.host, self._rdt_port)
+        for port in self._concerned(fault):
+            port.end(kind)
+        self._watch_again = True
+
+    def _strange(self, every: int) -> DatagramHook:
+        seen = 0
+
+        def hook(data: bytes) -> list[bytes]:
+            nonlocal seen
+            seen += 1
+            if seen % every == 0 and self.box.stream is not None:
+                self._send(self._stranger, _STRANGE_RECORD, self.box.stream.to)
+            return [data]
+
+        return hook
+
+    def _concerned(self, fault: Fault) -> list[Port]:
+        name = fault.parameters.get("port")
+        return [
+            port
+            for port in self._ports.values()
+            if port.name != CONTROL and name in (port.name, ALL_PORTS)
+        ]
+
+    # Requests on the control socket
+
+    def _inject(self, kind: str, parameters: dict[str, Any]) -> None:
+        self._faults.inject(kind, parameters, self._now - self._epoch)
+        self.box.settle(self._now)
+
+    def _clear(self, kind: str | None = None) -> None:
+        self._faults.clear(kind)
+        self.box.settle(self._now)
+
+    def _load(self, text: str) -> None:
+        self.box.sensor.load = parse_load(text)
+        self.box.changed()
+        self.box.settle(self._now)
+
+    def _outputs(self, names: list[str]) -> dict[str, Any]:
+        newest = self.box.sensor.measurement(self._now)
+        values: dict[str, Any] = {
+            "ft_sequence": newest.ft,
+            "status": newest.status,
+            "counts": list(newest.counts),
+            "wrench": newest.smooth.tolist(),
+            "bias": self.box.settings.bias.tolist(),
+        }
+        return {name: values[name] for name in names} if names else values
+
+    def status(self) -> dict[str, Any]:
+        """Everything that a test or a person wants to know, ready for JSON."""
+        box, stream = self.box, self.box.stream
+        settings = box.settings
+        return {
+            "host": self.host,
+            "profile": box.profile.name,
+            "preset": settings.preset.name,
+            "time": self._now - self._epoch,
+            "internal_rate": settings.internal_rate,
+            "rdt_rate": settings.rdt_rate,
+            "filter_code": settings.filter_code,
+            "buffer_size": settings.buffer_size,
+            "configuration": settings.active,
+            "stream": None
+            if stream is None
+            else {
+                "to": f"{stream.to[0]}:{stream.to[1]}",
+                "sequence": stream.sequence,
+                "records": stream.sent,
+                "size": stream.size,
+            },
+            "unreachable": self._unreachable,
+            "counters": asdict(box.counters),
+            "statistics": asdict(self.statistics),
+            "connections": {name: len(port.clients) for name, port in self._ports.items()},
+            "faults": [{"kind": fault.kind, **fault.parameters} for fault in self._faults.active],
+            "outputs": self._outputs([]),
+        }
+
+
+def _listen(host: str, number: int, name: str) -> socket.socket:
+    """Listen on a port; on any free one when the system does not permit the web's."""
+    try:
+        return listen(host, number, name)
+    except SimStartError as error:
+        if name != "http" or not isinstance(error.__cause__, PermissionError):
+            raise
+        log.info("port %d is not permitted; the web pages are on another", number)
+        return listen(host, 0, name)
+
+
+def _udp_socket(host: str, number: int) -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.bind((host, number))
+    except OSError as error:
+        sock.close()
+        if error.errno == errno.EADDRINUSE:
+            raise AddressInUseError(
+                f"cannot bind the rdt port {host}:{number} (UDP): it is in use, perhaps by another "
+                f"simulator; `ss -lunp 'sport = :{number}'` names the process. Stop it, or choose "
+                "another 127.x.y.z address."
+            ) from error
+        raise SimStartError(
+            f"cannot bind the rdt port {host}:{number} (UDP): {error.strerror}; choose an address of "
+            "this machine, such as 127.0.0.2"
+        ) from error
+    sock.setblocking(False)
+    return sock
