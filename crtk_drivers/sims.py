@@ -38,6 +38,10 @@ class RunningSim(Protocol):
         """Its ports by name."""
 
     @property
+    def ttys(self) -> Mapping[str, str]:
+        """Paths of its serial lines by name; empty if it has none."""
+
+    @property
     def pid(self) -> int:
         """Its process id."""
 

@@ -74,6 +74,8 @@ def _tell_ports(plugin: SimPlugin, running: RunningSim) -> None:
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 3, 0, 2))
     for name, port in running.ports.items():
         table.add_row(name.replace("_", " "), f"{running.host}:{port}", style=None)
+    for name, path in running.ttys.items():
+        table.add_row(name.replace("_", " "), plain(path), style=None)
     ERR.print(f"[bold cyan]{plain(plugin.name)}[/] simulator running, process {running.pid}")
     ERR.print(table)
     ERR.print("[dim]Ctrl-C ends it.[/dim]")

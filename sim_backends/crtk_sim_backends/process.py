@@ -119,7 +119,7 @@ class Readiness:
         self.parent_fd = parent_fd  # becomes readable when the parent has died
 
     def tell(self, **values: Any) -> None:
-        """Tell the parent, once, that all ports are bound (`host`, `ports`), or the `error`."""
+        """Tell the parent, once, that all is bound (`host`, `ports`, `ttys` if any), or the `error`."""
         if self._ready_fd is None:
             return
         with contextlib.suppress(BrokenPipeError):
@@ -132,13 +132,19 @@ class RunningSim:
     """A simulator in its own process. A context manager; `stop` it when done."""
 
     def __init__(
-        self, process: subprocess.Popen[bytes], life: int, host: str, ports: Mapping[str, int]
+        self,
+        process: subprocess.Popen[bytes],
+        life: int,
+        host: str,
+        ports: Mapping[str, int],
+        ttys: Mapping[str, str],
     ) -> None:
         self._process = process
         self._life = life
         self._control: ControlClient | None = None
         self.host = host
         self.ports = dict(ports)
+        self.ttys = dict(ttys)
 
     @property
     def pid(self) -> int:
@@ -242,7 +248,8 @@ def spawn(module: str, arguments: Sequence[str], timeout: float = 15.0) -> Runni
     finally:
         os.close(ready_read)
     if "host" in answer:
-        return RunningSim(process, life_write, answer["host"], answer["ports"])
+        ttys = answer.get("ttys", {})
+        return RunningSim(process, life_write, answer["host"], answer["ports"], ttys)
     if answer.get("timeout"):
         process.kill()
     code = process.wait()

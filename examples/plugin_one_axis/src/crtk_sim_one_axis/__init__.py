@@ -24,6 +24,7 @@ class RunningSim:
 
     def __init__(self, config: SimConfig) -> None:
         self.host = config.host
+        self.ttys: Mapping[str, str] = {}
         self._process = subprocess.Popen(
             [
                 sys.executable,
