@@ -33,6 +33,7 @@ def test_least_configuration() -> None:
     config = made(port="/dev/ttyUSB0", joints={"pan": JOINT})
     assert config.bus("main").port == "/dev/ttyUSB0"
     assert config.bus("main").baud == 1_000_000
+    assert made(baud=57600).bus("main").baud == 57600
     joint = config.joints["pan"]
     assert joint.range == pytest.approx((-3.14083, 3.14083), abs=1e-4)
     assert joint.operating_mode is OperatingMode.POSITION

@@ -186,3 +186,26 @@ def test_shifts_of_turns(arm: Chain) -> None:
     before, after = arm.scaling.position, turned.scaling.position
     assert (after.zero - before.zero).tolist() == [0.0, 4096.0, 0.0, 0.0, 0.0, 0.0]
     assert turned.servos[1].units.shift == 4096
+
+
+def test_registers_limit_what_a_servo_is_asked_for() -> None:
+    joints = {
+        "a": {"id": 1, "model": "xm430-w350"},
+        "b": {"id": 2, "model": "xm430-w350", "sign": -1, "mode": "extended_position"},
+    }
+    read = {
+        "min_position_limit": 1000,
+        "max_position_limit": 3000,
+        "velocity_limit": 100,
+        "current_limit": 200,
+        "pwm_limit": 300,
+    }
+    scaling = chain({"joints": joints}).with_registers([read, read]).scaling
+    assert scaling.position.to_counts([-3.0, -3.0]).tolist() == [1000, 4004]
+    assert scaling.position.to_counts([3.0, 3.0]).tolist() == [3000, 92]
+    for scale, most in ((scaling.velocity, 100), (scaling.current, 200), (scaling.effort, 200)):
+        assert scale.to_counts([1000.0, 1000.0]).tolist() == [most, -most]
+    assert scaling.pwm.to_counts([-1.0, 1.0]).tolist() == [-300, -300]
+    free = chain({"joints": joints}).with_registers([{}, {}]).scaling
+    assert free.current.to_counts([1000.0, 1000.0]).tolist() == [1193, -1193]
+    assert free.position.to_counts([3.0, 3.0]).tolist() == [4004, 92]

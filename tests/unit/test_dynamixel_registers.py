@@ -149,6 +149,7 @@ def test_obstacles() -> None:
     (text,) = obstacles(servo, {**free, "min_position_limit": 1500})
     assert "joint lift (servo 2 on main) takes goals from 1500 to 4095" in text
     assert "its range is 1396 to 2700" in text
+    assert len(obstacles(servo, {**free, "max_position_limit": 2699})) == 1
     (text,) = obstacles(servo, {**free, "current_limit": 500})
     assert "limits its current to 1.345 A" in text
     extended, _, _ = one({"lower": -1.0, "upper": 1.0, "mode": "extended_position"})

@@ -8,7 +8,7 @@ other: ``(joints,)`` or ``(servos,)``.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -204,12 +204,39 @@ class Chain:
         )
 
     def with_shifts(self, shifts: Mapping[int, int]) -> Chain:
-        """Return the same with further shifts in counts, by the place of a servo."""
+        """Return the same with further shifts in counts by place of a servo; before `with_registers`."""
         servos = tuple(
             replace(servo, units=replace(servo.units, shift=servo.units.shift + shifts.get(i, 0)))
             for i, servo in enumerate(self.servos)
         )
         return replace(self, servos=servos, scaling=Scaling.of([servo.units for servo in servos]))
+
+    def with_registers(self, read: Sequence[Mapping[str, int]]) -> Chain:
+        """Return the same, which never asks a servo for more than its own registers allow.
+
+        Args:
+            read: of each servo, by name: min_ and max_position_limit, velocity_limit, current_limit,
+                pwm_limit; what is not there does not limit.
+        """
+        scaling = self.scaling
+        least, most = scaling.position.lowest.copy(), scaling.position.highest.copy()
+        for place, (servo, registers) in enumerate(zip(self.servos, read, strict=True)):
+            if servo.units.mode is OperatingMode.POSITION:
+                least[place] = registers.get("min_position_limit", least[place])
+                most[place] = registers.get("max_position_limit", most[place])
+        velocity, current, pwm = (
+            np.array([registers.get(name, math.inf) for registers in read])
+            for name in ("velocity_limit", "current_limit", "pwm_limit")
+        )
+        limited = replace(
+            scaling,
+            position=scaling.position.limited(least, most),
+            velocity=scaling.velocity.limited(-velocity, velocity),
+            current=scaling.current.limited(-current, current),
+            effort=scaling.effort.limited(-current, current),
+            pwm=scaling.pwm.limited(-pwm, pwm),
+        )
+        return replace(self, scaling=limited)
 
 
 def _servos(config: DynamixelConfig) -> list[ChainServo]:

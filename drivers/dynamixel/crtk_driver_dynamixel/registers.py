@@ -22,8 +22,8 @@ __all__ = ["Setting", "eeprom", "obstacles", "ram", "watchdog_count"]
 REVERSE: Final = 0x01
 TIME_BASED: Final = 0x04
 TORQUE_ON_BY_GOAL: Final = 0x08
-"""Bits of Drive Mode (10): counting the other way, profiles by time instead of velocity, and torque that comes
-on by itself with a goal, which would undo `disable`."""
+"""Bits of Drive Mode (10): counting the other way, profiles by time instead of velocity, and torque that
+comes on by itself with a goal, which would undo `disable`."""
 NO_SECONDARY_ID: Final = 255
 WATCHDOG_STEP: Final = 0.02
 """Unit of Bus Watchdog (98), in s."""
