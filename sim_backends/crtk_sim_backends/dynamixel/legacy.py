@@ -1,0 +1,179 @@
+"""Servos of protocol 1.0: AX-12A and the MX series with its old firmware.
+
+Source: e-manual, control tables of AX-12A and MX-28/MX-64 (1.0). A joint has joint mode and wheel mode
+(both angle limits 0), MX multi-turn mode too (both 4095).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from crtk_sim_backends.dynamixel.drive import Mode
+from crtk_sim_backends.dynamixel.models import Model
+from crtk_sim_backends.dynamixel.packets import Error
+from crtk_sim_backends.dynamixel.plant import Joint
+from crtk_sim_backends.dynamixel.profile import by_velocity
+from crtk_sim_backends.dynamixel.registers import Series
+from crtk_sim_backends.dynamixel.servo import Servo
+
+FASTER: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
+"""Values of Baud Rate (4) of the MX series above the formula 2 000 000 / (value + 1)."""
+
+STANDARD: Final = {1: 1_000_000, 9: 200_000, 16: 115_200, 34: 57_600, 103: 19_200, 207: 9_600}
+"""Values of Baud Rate (4) for the rates that hosts have; the formula gives them within 3 %."""
+
+VOLTAGE, ANGLE_LIMIT, OVERHEAT, OVERLOAD = 0, 1, 2, 5
+"""Bits of the error byte, of Alarm LED (17) and of Shutdown (18)."""
+
+_FOREIGN_BITS: Final = {0: VOLTAGE, 2: OVERHEAT, 5: OVERLOAD}
+
+
+def _signed_10(value: float, limit: int = 1023) -> int:
+    """A value whose sign is bit 10: set clockwise, which counts down."""
+    magnitude = min(limit, round(abs(value)))
+    return magnitude | (0x400 if value < 0.0 and magnitude else 0)
+
+
+class LegacyServo(Servo):
+    """A servo of the AX or MX(1.0) series."""
+
+    def __init__(self, model: Model, firmware: int, joint: Joint, mount: int = 1) -> None:
+        super().__init__(model, firmware, joint, mount)
+        self._errors = 0
+        self.started(joint.time)
+
+    @property
+    def protocol(self) -> int:
+        """See the base class."""
+        return 1
+
+    @property
+    def baud(self) -> int:
+        """See the base class."""
+        value = self["baud_rate"]
+        return FASTER.get(value) or STANDARD.get(value) or 2_000_000 // (value + 1)
+
+    @property
+    def error_bits(self) -> int:
+        """See the base class."""
+        return self._errors
+
+    @property
+    def _mode(self) -> Mode:
+        limits = self["cw_angle_limit"], self["ccw_angle_limit"]
+        if limits == (0, 0):
+            return Mode.VELOCITY
+        multi = self.model.series is Series.MX_LEGACY and limits == (4095, 4095)
+        return Mode.EXTENDED_POSITION if multi else Mode.POSITION
+
+    def _count(self, angle: float) -> float:
+        units = self.model.units
+        return angle / units.position + units.zero + self._turns
+
+    # Measured values
+
+    def refresh(self, time: float) -> None:
+        """See the base class."""
+        drive, units = self.drive, self.model.units
+        self.joint.advance(time)
+        self.warm(time)
+        if drive.overloads:
+            drive.overloads = 0
+            self.force_error(OVERLOAD)
+        if not self["min_voltage_limit"] <= round(10.0 * self.volts) <= self["max_voltage_limit"]:
+            self.force_error(VOLTAGE)
+        if self.temperature > self["temperature_limit"]:
+            self.force_error(OVERHEAT)
+        self["present_position"] = self._present_position()
+        self["present_speed"] = _signed_10(drive.velocity / units.velocity)
+        share = drive.applied / self.model.torque
+        self["present_load"] = _signed_10(share * units.full_load)
+        self["present_voltage"] = round(10.0 * self.volts)
+        self["present_temperature"] = max(0, min(255, round(self.temperature)))
+        self["moving"] = drive.mode is not None and (
+            not drive.settled or abs(drive.velocity) > units.velocity
+        )
+        if "current" in self.table:
+            unit = self.model.current_unit or 1.0
+            self["current"] = max(0, min(4095, 2048 + round(share * self.model.amperes / unit)))
+        if "realtime_tick" in self.table:
+            self["realtime_tick"] = int(time * 1000.0) % 32768
+        if self.stuffing is not None:
+            self["present_position"] = next(self.stuffing)[2] & 0x7FFF
+
+    def _present_position(self) -> int:
+        count = round(self._count(self.drive.angle))
+        if self._mode is Mode.EXTENDED_POSITION:
+            return max(-32768, min(32767, count + self.get("multi_turn_offset")))
+        if self.model.series is Series.AX:
+            return max(0, min(1023, count))  # beyond 300 degrees there is nothing to measure
+        return count % self.model.units.counts
+
+    def heard(self, time: float) -> None:
+        """See the base class; there is no watchdog."""
+
+    def force_error(self, bit: int) -> None:
+        """See the base class; `bit` is one of protocol 2.0 or 1.0, which agree on those that both have."""
+        self._errors |= 1 << _FOREIGN_BITS.get(bit, OVERLOAD)
+        if self["shutdown"] & self._errors:
+            self["torque_enable"] = 0
+            self.drive.switch(None, self.joint.time)
+
+    # Writes
+
+    def refused(self, name: str, value: int) -> Error:
+        """See the base class."""
+        if name == "goal_position" and self._mode is Mode.POSITION:
+            inside = self["cw_angle_limit"] <= value <= self["ccw_angle_limit"]
+            return Error.NONE if inside else Error.LIMIT
+        return Error.NONE
+
+    def written(self, name: str, time: float) -> None:
+        """See the base class."""
+        if name == "torque_enable" and not self.torque_enabled:
+            self.drive.switch(None, time)
+        elif name in ("goal_position", "moving_speed", "torque_enable", "torque_limit"):
+            if not self["shutdown"] & self._errors:
+                self._pursue(time, name)
+            else:
+                self["torque_enable"] = 0
+
+    def _pursue(self, time: float, name: str) -> None:
+        """Go for the goal; writing Goal Position or Moving Speed turns torque on by itself."""
+        drive, units, mode = self.drive, self.model.units, self._mode
+        self["torque_enable"] = 1
+        if drive.mode is not mode:
+            drive.switch(mode, time)
+        drive.torque_limit = self.model.torque * self["torque_limit"] / 1023
+        speed = self["moving_speed"]
+        if mode is Mode.VELOCITY:
+            way = -1 if speed & 0x400 else 1
+            drive.turn(way * (speed & 0x3FF) * units.velocity, self._acceleration, time)
+        elif name in ("goal_position", "moving_speed"):
+            position, velocity, _ = drive.trajectory(time)
+            goal = (self["goal_position"] - units.zero - self._turns) * units.position
+            limit = (speed & 0x3FF) * units.velocity
+            drive.follow(by_velocity(position, velocity, goal, limit, self._acceleration), time)
+
+    @property
+    def _acceleration(self) -> float:
+        value = self.get("goal_acceleration")
+        return (
+            0.0
+            if value == 0 or math.isnan(self.model.units.acceleration)
+            else (value * self.model.units.acceleration)
+        )
+
+    # Other instructions
+
+    def started(self, time: float) -> None:
+        """See the base class."""
+        self._errors = 0
+        self._turns = 0
+        units = self.model.units
+        count = round(self._count(self.drive.angle))
+        if self.model.series is not Series.AX:
+            self._turns = -(count // units.counts) * units.counts
+        self["torque_limit"] = self["max_torque"]
+        self["goal_position"] = self._present_position()
