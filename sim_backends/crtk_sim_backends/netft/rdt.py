@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import ipaddress
 import struct
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -101,21 +103,43 @@ class Stream:
 
     def take(self, block: Block, end: int) -> list[bytes]:
         """Return the datagrams of a block that are complete with its measurements before the one `end`."""
+        ready = self._ready(block, end)
+        if ready <= 0:
+            return []
+        data = bytes(self._records[self._place : self._place + ready * _SIZE])
+        self._advance(ready)
+        return self._packed(self._waiting + data)
+
+    def send_ahead(
+        self, block: Block, clock: Clock, until: float, send: Callable[[memoryview], object]
+    ) -> None:
+        """Send the records of a block, one in a datagram, each when it is due, until a monotonic time."""
+        due, step = clock.time_of(self._next), self._divisor / clock.rate
+        place, sent = self._place, 0
+        for _ in range(self._ready(block, block.end)):
+            if due > until:
+                break
+            wait = due - time.monotonic()
+            if wait > 0.0:
+                time.sleep(wait)
+            send(self._records[place : place + _SIZE])
+            due += step
+            place += _SIZE
+            sent += 1
+        self._advance(sent)
+
+    def _ready(self, block: Block, end: int) -> int:
+        """Return how many records of a block there are before the measurement `end`."""
         if block is not self._block:
             self._encode(block)
         ready = (min(end, block.end) - self._next + self._divisor - 1) // self._divisor
-        if self._count:
-            ready = min(ready, self._count - self.sent)
-        if ready <= 0:
-            return []
-        data = self._records[self._place : self._place + ready * _SIZE]
-        self._place += ready * _SIZE
-        self._next += ready * self._divisor
-        self.sequence = (self.sequence + ready) % _WRAP
-        self.sent += ready
-        if self.size == 1 and ready == 1:
-            return [bytes(data)]
-        return self._packed(self._waiting + bytes(data))
+        return max(0, min(ready, self._count - self.sent) if self._count else ready)
+
+    def _advance(self, records: int) -> None:
+        self._place += records * _SIZE
+        self._next += records * self._divisor
+        self.sequence = (self.sequence + records) % _WRAP
+        self.sent += records
 
     def _packed(self, data: bytes) -> list[bytes]:
         length = self.size * _SIZE

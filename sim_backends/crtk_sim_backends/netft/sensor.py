@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crtk_sim_backends.netft.loads import Array, Load
-from crtk_sim_backends.netft.settings import CONDITIONS, Settings
+from crtk_sim_backends.netft.settings import Settings
 
 SATURATES_AT: Final = 1.1
 """Of the rated load: beyond it an axis measures no more (assumed: real gages have some room)."""
 
-_AHEAD: Final = 1 / 128  # s of measurements in one block
+_AHEAD: Final = 1 / 64  # s of measurements in one block
 _WRAP: Final = 2**32
 _LONG_AGO: Final = -(2**40)
 
@@ -152,7 +152,24 @@ class Sensor:
         self._kernel: Array = np.zeros((0, 0))
         self._fading: Array = np.zeros((0, 1))
         self._forget()
+        self._prepare()
         self.block = self._make(0)
+
+    def _prepare(self) -> None:
+        """Work out what the settings mean for every measurement."""
+        settings = self._settings
+        self._limit = settings.rated * SATURATES_AT
+        matrix = settings.configuration.matrix * settings.counts_per_si[:, None]
+        self._gain = np.ascontiguousarray(matrix.T)
+        self._zero = settings.bias @ self._gain
+        self._conditions = [
+            (np.uint16(n), condition)
+            for n, condition in enumerate(settings.conditions)
+            if condition.enabled and condition.axis >= 0
+        ]
+        if not settings.conditions_enabled or not settings.profile.monitor:
+            self._conditions = []
+        self._weight = settings.profile.smoothing(settings.filter_code, settings.internal_rate)
 
     def _forget(self) -> None:
         self._smooth: Array | None = None
@@ -191,6 +208,7 @@ class Sensor:
         self._keep(last)
         if self.rate != self.clock.rate:
             self.clock.set_rate(last, self.rate)
+        self._prepare()
         self.block = self._make(last + 1)
 
     def clear_latch(self, now: float) -> None:
@@ -220,6 +238,7 @@ class Sensor:
         self._forget()
         self.clock.restart(now)
         self.clock.set_rate(0, self.rate)
+        self._prepare()
         self.block = self._make(0)
 
     # Inside
@@ -241,18 +260,13 @@ class Sensor:
         settings = self._settings
         size = max(8, int(settings.internal_rate * _AHEAD))
         numbers = np.arange(first, first + size)
-        limit = settings.rated * SATURATES_AT
         load = self.load.wrench(self.clock.load_times(first, size)) + self.trouble.push
         for axis in self.trouble.overloaded:
-            load[:, axis] = 2.0 * limit[axis]
-        beyond = np.abs(load) > limit
-        smooth = self._low_pass(np.clip(load, -limit, limit))
-        wrench = (smooth - settings.bias) @ settings.configuration.matrix.T
-        scaled = np.rint(wrench * settings.counts_per_si)
+            load[:, axis] = 2.0 * self._limit[axis]
+        saturated = self._saturation(numbers, load)
+        smooth = self._low_pass(np.clip(load, -self._limit, self._limit))
+        scaled = np.rint(smooth @ self._gain - self._zero)
         counts = np.clip(scaled, -(2**31), 2**31 - 1).astype(np.int32)
-        saturated = np.where(beyond, numbers[:, None], _LONG_AGO)
-        saturated[0] = np.maximum(saturated[0], self._saturated)
-        saturated = np.maximum.accumulate(saturated, axis=0)
         breached = self._breached(counts)
         latched = np.bitwise_or.accumulate(breached)
         latched |= np.uint16(self._latched)
@@ -262,9 +276,16 @@ class Sensor:
         status = self._status(numbers, saturated, latched)
         return Block(first, ft, status, counts, smooth, saturated, breached, latched)
 
+    def _saturation(self, numbers: NDArray[np.int64], load: Array) -> NDArray[np.int64]:
+        beyond = np.abs(load) > self._limit
+        if not beyond.any():
+            return np.broadcast_to(self._saturated, load.shape)
+        last = np.where(beyond, numbers[:, None], self._saturated)
+        found: NDArray[np.int64] = np.maximum.accumulate(last, axis=0)
+        return found
+
     def _low_pass(self, load: Array) -> Array:
-        settings = self._settings
-        weight = settings.profile.smoothing(settings.filter_code, settings.internal_rate)
+        weight = self._weight
         if weight >= 1.0:
             return load
         size = load.shape[0]
@@ -280,15 +301,10 @@ class Sensor:
 
     def _breached(self, counts: NDArray[np.int32]) -> NDArray[np.uint16]:
         breached = np.zeros(len(counts), np.uint16)
-        settings = self._settings
-        if not settings.conditions_enabled or not settings.profile.monitor:
-            return breached
-        for n in range(CONDITIONS):
-            condition = settings.conditions[n]
-            if condition.enabled and condition.axis >= 0:
-                values = counts[:, condition.axis].astype(np.int64) * condition.compare
-                over = values > condition.value * condition.compare
-                breached |= over.astype(np.uint16) << np.uint16(n)
+        for n, condition in self._conditions:
+            values = counts[:, condition.axis].astype(np.int64) * condition.compare
+            over = values > condition.value * condition.compare
+            breached |= over.astype(np.uint16) << n
         return breached
 
     def _status(
