@@ -24,6 +24,9 @@ from crtk_driver_dynamixel.models import (
     model_numbered,
 )
 from crtk_drivers.errors import ConfigError, MissingExtra
+from crtk_sim_backends.dynamixel.models import MODELS as SIMULATED
+from crtk_sim_backends.dynamixel.models import Model as SimulatedModel
+from crtk_sim_backends.dynamixel.registers import Access
 
 NUMBERS = sorted({*model_files(), *PROTOCOL_1})
 
@@ -95,6 +98,24 @@ def test_indirect_data_by_firmware(number: int, firmware: int | None, data: int)
     table = control_table(number, firmware)
     assert table["indirect_data_1"].address == data
     assert table.indirect[0].data == data
+
+
+@pytest.mark.parametrize("firmware", [44, 46, 52])
+@pytest.mark.parametrize("model", SIMULATED.values(), ids=lambda model: model.name)
+def test_tables_agree_with_those_of_the_simulator(model: SimulatedModel, firmware: int) -> None:
+    """Both were written from the e-manual and the SDK, each for itself."""
+    table = control_table(model.number, firmware)
+    both = [register for register in model.table(firmware) if register.name in table]
+    assert len(both) > 20
+    for register in both:
+        item = table[register.name]
+        assert (item.address, item.size) == (register.address, register.size), register.name
+        assert item.writable == (register.access is not Access.READ), register.name
+        if item.writable:
+            locked = register.access in (Access.EEPROM, Access.LOCKED)
+            assert item.needs_torque_off == locked, register.name
+    blocks = [(block.address, block.data, block.count) for block in model.table(firmware).blocks]
+    assert [(b.address, b.data, b.count) for b in table.indirect] == blocks
 
 
 def test_registers_of_newer_firmware() -> None:

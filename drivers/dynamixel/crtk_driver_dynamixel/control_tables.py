@@ -65,6 +65,11 @@ class Item:
         return self.coding is not Coding.UNSIGNED
 
     @property
+    def needs_torque_off(self) -> bool:
+        """Whether the servo refuses writes while its torque is on (error 7, Access)."""
+        return self.eeprom or self.name.startswith("indirect_address")
+
+    @property
     def range(self) -> tuple[int, int]:
         """Least and greatest number that its bytes can say."""
         if self.coding is Coding.SIGN_BIT_10:
