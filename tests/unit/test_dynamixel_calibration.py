@@ -242,6 +242,14 @@ def test_a_range_of_several_turns_needs_the_last_position() -> None:
         turn_shift(servo, 2048, -7.0, 7.0)
 
 
+def test_a_joint_a_little_beyond_its_range_is_believed() -> None:
+    servo = Servo(XM, mode=EXTENDED)
+    for position in (-1.3, 1.3):  # it hangs in its stops, or is pushed there
+        for turns in (-1, 0, 1):
+            count = round(servo.count(position)) + turns * 4096
+            assert turn_shift(servo, count, -1.0, 1.0) == turns * 4096
+
+
 def test_a_joint_outside_of_its_range() -> None:
     servo = Servo(XM, mode=EXTENDED)
     with pytest.raises(ConfigError, match=r"no turn.*between -1\.0000 and 1\.0000.*by hand"):

@@ -188,6 +188,38 @@ def test_shifts_of_turns(arm: Chain) -> None:
     assert turned.servos[1].units.shift == 4096
 
 
+def test_turns_are_found_for_the_whole_chain() -> None:
+    joints = {
+        "lift": {
+            "id": 1,
+            "model": "xm430-w350",
+            "mode": "extended_position",
+            "lower": -2,
+            "upper": 2,
+        },
+        "pan": {"id": 2, "model": "xm430-w350"},
+        "winch": {
+            "id": 3,
+            "model": "xm430-w350",
+            "mode": "extended_position",
+            "lower": -50,
+            "upper": 50,
+        },
+    }
+    gripper = {**SHADOWED["gripper"], "bus": "main", "mode": "current_based_position"}
+    arm = chain({"joints": joints, "gripper": gripper})
+    assert arm.names == ("lift", "pan", "winch", "gripper")
+    counts = [2048 + 4096, 2048, 2148, 2048 - 4096]
+    with pytest.raises(ConfigError, match="may be in any of 15 turns") as caught:
+        arm.turn_shifts(counts)
+    assert caught.value.where == "joint winch (servo 3 on main)"
+    shifts = arm.turn_shifts(counts, {"winch": 18.5})
+    assert shifts == {0: 4096, 2: -3 * 4096, 3: -4096}
+    found = arm.with_shifts(shifts).scaling.position.to_si(counts)
+    unit = math.tau / 4096
+    np.testing.assert_allclose(found, [0.0, 0.0, 3 * math.tau + 100 * unit, 0.0], atol=1e-9)
+
+
 def test_registers_limit_what_a_servo_is_asked_for() -> None:
     joints = {
         "a": {"id": 1, "model": "xm430-w350"},

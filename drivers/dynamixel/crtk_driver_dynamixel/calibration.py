@@ -190,7 +190,8 @@ def turn_shift(
     Args:
         servo: in a mode of more than one turn.
         count: its present position.
-        lower, upper: range of its joint, in rad: it is taken to be within.
+        lower, upper: range of its joint, in rad: it is taken to be within, or beyond an end by no more than
+            a quarter of what the range lacks to a turn.
         last: position of the joint before the power went, in rad; it moved less than half a turn of the
             servo since. None if not known.
 
@@ -206,7 +207,8 @@ def turn_shift(
     if last is not None:
         turns = round((last - now) / period)
         return -servo.sign * turns * turn
-    slack = 1e-9 + servo.model.family.position_unit / servo.gear
+    one_count = servo.model.family.position_unit / servo.gear
+    slack = max(one_count, 0.25 * (period - (upper - lower)))
     least = math.ceil((lower - slack - now) / period)
     most = math.floor((upper + slack - now) / period)
     if least == most:

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from crtk_driver_dynamixel.calibration import Calibration
+from crtk_driver_dynamixel.calibration import Calibration, turn_shift
 from crtk_driver_dynamixel.config import (
     DynamixelConfig,
     GripperConfig,
@@ -130,6 +130,11 @@ class Chain:
         )
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all joints, that of the gripper last."""
+        return self.joints if self.gripper is None else (*self.joints, self.gripper.joint)
+
+    @property
     def has_efforts(self) -> bool:
         """Whether every joint of the arm measures and takes efforts."""
         arm = [servo.units for servo in self.servos if servo.joint < len(self.joints)]
@@ -210,6 +215,33 @@ class Chain:
             for i, servo in enumerate(self.servos)
         )
         return replace(self, servos=servos, scaling=Scaling.of([servo.units for servo in servos]))
+
+    def turn_shifts(
+        self, counts: Sequence[int], last: Mapping[str, float] | None = None
+    ) -> Mapping[int, int]:
+        """Return the whole turns by which servos are elsewhere than they count, for `with_shifts`.
+
+        Args:
+            counts: present positions (servos,) after the power was off.
+            last: positions of joints before it went, by name (the gripper's: angle of its servo).
+
+        Raises:
+            ConfigError: which turn a servo is in cannot be told; see `calibration.turn_shift`.
+        """
+        known = {} if last is None else last
+        shifts = {}
+        for place, (servo, count) in enumerate(zip(self.servos, counts, strict=True)):
+            if servo.units.mode is not OperatingMode.POSITION:
+                lower, upper = servo_range(servo.config)
+                try:
+                    shifts[place] = turn_shift(
+                        servo.units, count, lower, upper, known.get(servo.name)
+                    )
+                except ConfigError as error:
+                    raise ConfigError(
+                        error.message, where=servo.place, remedy=error.remedy
+                    ) from None
+        return shifts
 
     def with_registers(self, read: Sequence[Mapping[str, int]]) -> Chain:
         """Return the same, which never asks a servo for more than its own registers allow.
