@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_driver_ati_netft.tools import TOOLS
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.sims import RunningSim
+
+
+_PORTS = ("rdt", "tcp", "http")
 
 
 def _require_host(config: NetFtConfig) -> None:
@@ -14,8 +21,17 @@ def _require_host(config: NetFtConfig) -> None:
         raise ConfigError(
             "host: is required for a real sensor",
             where="ati-netft",
-            remedy="Give the sensor's address: --host 192.168.1.1",
+            remedy="Give the sensor's address (--host 192.168.1.1), or use --sim.",
         )
+
+
+def _at_sim(config: NetFtConfig, sim: RunningSim) -> NetFtConfig:
+    ports = {f"{name}_port": number for name, number in sim.ports.items() if name in _PORTS}
+    return config.model_copy(update={"host": sim.host, **ports})
+
+
+def _sim_options(config: NetFtConfig) -> Mapping[str, Any]:
+    return {} if config.profile == "auto" else {"profile": config.profile}
 
 
 PLUGIN = DevicePlugin(
@@ -23,7 +39,10 @@ PLUGIN = DevicePlugin(
     summary="ATI NetFT force/torque sensors: Net Box, Ethernet Axia, SCHUNK FTN, OnRobot HEX",
     config=NetFtConfig,
     create=NetFtDevice,
+    sim="netft",
     extra="ati-netft",
     check_real=_require_host,
+    sim_config=_at_sim,
+    sim_options=_sim_options,
     tools=TOOLS,
 )
