@@ -17,6 +17,7 @@ from crtk_drivers.errors import ConfigError
 from crtk_drivers.kinematics import SerialChain
 from crtk_drivers.samples import Pose, vector
 from crtk_drivers.urdf import read_urdf
+from crtk_sim_backends.dynamixel.config import SimConfig
 
 NAMES = arms.names()
 
@@ -158,10 +159,16 @@ def test_vx300s_shadows_follow_as_delivered() -> None:
     assert counts[1] == counts[2]
 
 
-def test_arm6_is_what_the_simulator_has() -> None:
-    chain = Chain.of(config("arm6"))
-    models = ["xm540-w270"] * 3 + ["xm430-w350"] * 4
-    assert [(s.id, s.units.model.name) for s in chain.servos] == list(enumerate(models, start=1))
+@pytest.mark.parametrize("arm", NAMES)
+def test_the_simulator_has_the_same_servos(arm: str) -> None:
+    (simulated,) = SimConfig(servos=arm).buses
+    chain = Chain.of(config(arm))
+    assert {s.id: s.units.model.name for s in chain.servos} == {
+        servo.number: servo.model.name for servo in simulated
+    }
+    partners = {servo.number: servo.partner for servo in simulated if servo.partner is not None}
+    first = {s.joint: s.id for s in chain.servos if s.is_first}
+    assert {s.id: first[s.joint] for s in chain.servos if not s.is_first} == partners
 
 
 def test_files_of_ones_own(tmp_path: Path) -> None:
