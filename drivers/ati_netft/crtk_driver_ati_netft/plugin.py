@@ -12,7 +12,6 @@ from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.sims import RunningSim
 
-
 _PORTS = ("rdt", "tcp", "http")
 
 
