@@ -1,0 +1,1 @@
+"""A virtual CAN bus that needs no kernel support."""

@@ -1,0 +1,265 @@
+"""The interface `crtk` of python-can: a bus at a hub of :mod:`crtk_sim_backends.can`.
+
+``can.Bus(interface="crtk", channel="/path/to.sock")``, or ``channel="can0"`` for the hub that was
+started with this name. The errors are those of python-can's `socketcan`, with the same `errno` as
+`error_code`: ENOBUFS when the transmit queue is full or the controller is bus-off, ENETDOWN when
+the interface is down.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import socket
+import time
+from collections import deque
+from typing import Any, Final
+
+import can
+
+from crtk_sim_backends.can import frames, native
+from crtk_sim_backends.can.native import Page
+from crtk_sim_backends.can.port import DEAF, REFUSING, State
+
+_HELLO_TIMEOUT: Final = 2.0  # s
+_UNPACED_TIMEOUT: Final = 1.0  # s; longest wait for a hub without a bit rate to take a frame
+_QUEUE_POLL: Final = 0.0005  # s; between two looks at a full queue
+
+
+class HubBus(can.BusABC):  # type: ignore[misc]
+    """A bus at a hub.
+
+    Args:
+        channel: path of the hub's socket, or its name.
+        can_filters: as for every python-can bus.
+        receive_own_messages: whether sent frames come back, marked ``is_rx=False``.
+        name: how this participant is called in the hub's status and in its faults.
+
+    Raises:
+        can.CanInitializationError: when there is no hub, or it does not answer within 2 s.
+    """
+
+    def __init__(
+        self,
+        channel: str,
+        can_filters: Any = None,
+        *,
+        receive_own_messages: bool = False,
+        name: str = "",
+        **options: Any,
+    ) -> None:
+        path = native.socket_path(str(channel))
+        self.channel_info = f"crtk hub at {path}"
+        self.channel = channel
+        self._early: deque[bytes] = deque()
+        self._sent = 0  # frames, modulo 2**32
+        self._poll = select.poll()
+        self._page: Page | None = None
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            self._connect(path, native.hello(name, native.ECHO if receive_own_messages else 0))
+            super().__init__(channel=channel, can_filters=can_filters, **options)
+        except OSError as error:
+            self._release()
+            raise can.CanInitializationError(
+                f"no CAN hub at {path}: {error.strerror or error}; start one with "
+                "`crtk-driver sim can`, which prints how to connect",
+                error.errno,
+            ) from error
+        except BaseException:
+            self._release()
+            raise
+
+    def _connect(self, path: str, hello: bytes) -> None:
+        """Connect and get the page."""
+        deadline = time.monotonic() + _HELLO_TIMEOUT
+        self._socket.settimeout(_HELLO_TIMEOUT)
+        self._socket.connect(path)
+        self._socket.send(hello)
+        while self._page is None:
+            self._socket.settimeout(max(0.001, deadline - time.monotonic()))
+            packet, fds, _, _ = socket.recv_fds(self._socket, native.MAX_PACKET, 4)
+            if fds:
+                self._page = Page(fds[0], write=False)
+                for fd in fds:
+                    os.close(fd)
+            elif not packet:
+                raise ConnectionResetError(errno.ECONNRESET, "the hub closed the connection")
+            else:
+                self._early.append(packet)
+        self._socket.setblocking(False)
+        self._poll.register(self._socket, select.POLLIN)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """Wait at most `timeout` seconds (None: for ever) for a frame that passes the filters.
+
+        Raises:
+            can.CanOperationError: when the interface goes down (ENETDOWN, once), the hub has ended
+                (ECONNRESET), or the bus is shut down (EBADF).
+        """
+        deadline = None if timeout is None else time.monotonic() + timeout
+        while True:
+            packet = self._next_packet()
+            if packet is None:
+                if not self._wait(deadline):
+                    return None
+            elif len(packet) == frames.SIZE:
+                message = self._message(packet)
+                if self._matches_filters(message):
+                    return message
+            elif State(*native.STATE_PACKET.unpack(packet)) & State.DOWN:
+                raise can.CanOperationError(
+                    f"{self.channel_info}: the interface went down", errno.ENETDOWN
+                )
+
+    def _next_packet(self) -> bytes | None:
+        """Return the next packet, None when there is none."""
+        if self._early:
+            return self._early.popleft()
+        try:
+            packet = self._socket.recv(native.MAX_PACKET)
+        except BlockingIOError:
+            return None
+        except OSError as error:
+            raise can.CanOperationError(
+                f"cannot receive from the {self.channel_info}: {error.strerror}", error.errno
+            ) from error
+        if not packet:
+            raise can.CanOperationError(
+                f"the {self.channel_info} has ended; start it again and open a new bus",
+                errno.ECONNRESET,
+            )
+        return packet
+
+    def _wait(self, deadline: float | None) -> bool:
+        """Wait until something can be read; False when the deadline has passed."""
+        if deadline is None:
+            self._poll.poll()
+            return True
+        left = deadline - time.monotonic()
+        if left <= 0.0:
+            return False
+        self._poll.poll(left * 1000.0)
+        return True
+
+    def _message(self, raw: bytes) -> can.Message:
+        can_id, data = frames.unpack(raw)
+        remote = bool(can_id & frames.REMOTE)
+        return can.Message(
+            timestamp=time.time(),
+            arbitration_id=can_id & frames.EXTENDED_MASK,
+            is_extended_id=bool(can_id & frames.EXTENDED),
+            is_remote_frame=remote,
+            is_error_frame=bool(can_id & frames.ERROR),
+            dlc=len(data),
+            data=None if remote else data,
+            channel=self.channel,
+            is_rx=raw[frames.OWN_AT] == 0,
+        )
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Put a frame into the transmit queue.
+
+        Args:
+            msg: a classic frame.
+            timeout: how many seconds to wait while the queue is full; None or 0: not at all.
+
+        Raises:
+            can.CanOperationError: with ENOBUFS, ENETDOWN or ECONNRESET as `error_code`, or for a
+                frame that a classic CAN interface does not send.
+        """
+        if msg.is_fd or msg.is_error_frame:
+            kind = "CAN FD" if msg.is_fd else "error"
+            raise can.CanOperationError(
+                f"the {self.channel_info} cannot send {kind} frames", errno.EINVAL
+            )
+        can_id = msg.arbitration_id
+        if msg.is_extended_id:
+            can_id |= frames.EXTENDED
+        if msg.is_remote_frame:
+            can_id |= frames.REMOTE
+        self._send(frames.LAYOUT.pack(can_id, msg.dlc, bytes(msg.data)), timeout)
+
+    def _send(self, raw: bytes, timeout: float | None) -> None:
+        page = self._page
+        if page is None:
+            raise can.CanOperationError(f"the {self.channel_info} is shut down", errno.EBADF)
+        now = time.monotonic()
+        deadline = now + (timeout or 0.0)
+        while (reason := self._refusal(page)) is not None:
+            if time.monotonic() >= deadline:
+                raise reason
+            time.sleep(_QUEUE_POLL)
+        paced = page.numbers[Page.LIMIT] > 0
+        self._put(raw, deadline if paced else max(deadline, now + _UNPACED_TIMEOUT))
+        self._sent = (self._sent + 1) & 0xFFFFFFFF
+
+    def _refusal(self, page: Page) -> can.CanOperationError | None:
+        """Why a frame cannot be sent now; None when it can."""
+        state, limit, read, waiting = page.numbers[: Page.WAITING + 1].tolist()
+        if not state & REFUSING:
+            if not limit or ((self._sent - read) & 0xFFFFFFFF) + waiting < limit:
+                return None
+            why, number = "the transmit queue is full", errno.ENOBUFS
+        elif state & State.DOWN:
+            why, number = "the interface is down", errno.ENETDOWN
+        elif state & State.BUS_OFF:
+            why, number = "no buffer space available, the controller is bus-off", errno.ENOBUFS
+        else:
+            why, number = "no buffer space available", errno.ENOBUFS
+        return can.CanOperationError(f"{self.channel_info}: {why}", number)
+
+    def _put(self, raw: bytes, deadline: float) -> None:
+        """Hand a frame to the kernel, waiting until `deadline` for room in the socket."""
+        while True:
+            try:
+                self._socket.send(raw)
+                return
+            except BlockingIOError:
+                left = deadline - time.monotonic()
+                if left <= 0.0:
+                    raise can.CanOperationError(
+                        f"{self.channel_info}: no buffer space available, the hub does not read",
+                        errno.ENOBUFS,
+                    ) from None
+                writable = select.poll()
+                writable.register(self._socket, select.POLLOUT)
+                writable.poll(left * 1000.0)
+            except OSError as error:
+                raise can.CanOperationError(
+                    f"cannot send to the {self.channel_info}: {error.strerror}", error.errno
+                ) from error
+
+    @property
+    def state(self) -> can.BusState:
+        """ERROR when bus-off or down, PASSIVE when error passive, else ACTIVE."""
+        if self._page is None:
+            return can.BusState.ERROR
+        state = State(self._page.numbers[Page.STATE])
+        if state & DEAF:
+            return can.BusState.ERROR
+        return can.BusState.PASSIVE if state & State.PASSIVE else can.BusState.ACTIVE
+
+    def fileno(self) -> int:
+        """File descriptor that is readable when a frame, or a change of state, can be received."""
+        return self._socket.fileno()
+
+    def shutdown(self) -> None:
+        """Stop the periodic tasks and disconnect; safe to repeat."""
+        super().shutdown()
+        self._release()
+
+    def _release(self) -> None:
+        self._socket.close()
+        if self._page is not None:
+            self._page.close()
+            self._page = None
+
+    @staticmethod
+    def _detect_available_configs() -> list[dict[str, Any]]:
+        """Hubs of this user that were started with a name."""
+        return [
+            {"interface": "crtk", "channel": path.stem}
+            for path in sorted(native.runtime_folder().glob("*.sock"))
+        ]

@@ -1,0 +1,381 @@
+"""A virtual CAN bus: everybody who is connected gets the frames of all others.
+
+How to connect, from another process (see `crtk_sim_backends.can.bus` and docs/can_hub.md):
+
+* python-can: ``can.Bus(interface="crtk", channel="/path/to.sock")``, or the name of a hub that was
+  started with a name, ``can.Bus(interface="crtk", channel="can0")``. Has `fileno()`.
+* a program of its own: AF_UNIX, SOCK_SEQPACKET, connect to the path. Each packet to the hub is one
+  or more `struct can_frame` (16 bytes, little-endian, linux/can.h, flags in the identifier), each
+  packet from it exactly one. A frame is not returned to its sender.
+* socketcand: ``can.Bus(interface="socketcand", host=..., port=..., channel="can0")``.
+* slcan: ``can.Bus(interface="slcan", channel=TTY, bitrate=1000000, sleep_after_open=0)``, or
+  ``slcand -o -s8 TTY can0``.
+
+And inside the process of the hub, as the simulated drives do::
+
+    hub = Hub(bitrate=1_000_000)
+    node = hub.attach(on_frame, name="drive-1")    # on_frame(can_id, data), from the hub's thread
+    hub.open_socket("/tmp/can0.sock")              # the doors for other processes, each as wanted
+    hub.open_socketcand("127.0.0.1", 29536)
+    hub.open_slcan()
+    hub.call_at(time.monotonic() + 0.1, lambda: node.send(0x701, b"\\x05"))
+    hub.run()                                      # until hub.stop(); hub.step(until) is one round
+    hub.close()
+
+`can_id` carries the flags of linux/can.h (`frames.EXTENDED`, `frames.REMOTE`, `frames.ERROR`).
+`send` returns 0, or the errno that a network interface would give: ENOBUFS, ENETDOWN.
+
+The hub lives in one thread and takes no locks: attach, send, call_at and step are called from that
+thread; only `stop` may be called from anywhere, signal handlers included.
+"""
+
+from __future__ import annotations
+
+import errno
+import logging
+import os
+import time
+from collections import deque
+from collections.abc import Callable
+from fnmatch import fnmatchcase
+from functools import partial
+from types import TracebackType
+from typing import Any, Final, Self, TypeVar
+
+from crtk_sim_backends.can import frames
+from crtk_sim_backends.can.candump import LogWriter
+from crtk_sim_backends.can.loop import Loop, Timer
+from crtk_sim_backends.can.medium import Medium
+from crtk_sim_backends.can.native import SocketDoor
+from crtk_sim_backends.can.port import DEAF, REFUSING, Counters, Port, State
+from crtk_sim_backends.can.slcan import SlcanDoor
+from crtk_sim_backends.can.socketcand import SocketcandDoor
+from crtk_sim_backends.wire import Direction, WireHook
+
+DEFAULT_QUEUE: Final = 128
+"""Frames of one node that may wait for the bus, as `txqueuelen` of a network interface."""
+
+_FRAMES_PER_ROUND: Final = 1000  # then sockets and timers have their turn
+
+log = logging.getLogger(__name__)
+
+FrameCallback = Callable[[int, bytes], object]
+
+
+DoorKind = TypeVar("DoorKind", SocketDoor, SocketcandDoor, SlcanDoor)
+
+
+class Node:
+    """One participant of the bus, in this process or behind a door."""
+
+    def __init__(self, hub: Hub, name: str, port: Port) -> None:
+        self.name = name
+        self.port = port
+        self.echo = hub.echo
+        self.state = State(0)
+        self.counters = Counters()
+        self._hub = hub
+
+    def send(self, can_id: int, data: bytes = b"", length: int | None = None) -> int:
+        """Queue a frame; 0 when it was taken, else an errno (ENOBUFS, ENETDOWN).
+
+        Args:
+            can_id: identifier, with the flags of linux/can.h.
+            data: 0 to 8 bytes.
+            length: data length code of a remote frame.
+
+        Raises:
+            ValueError: for a frame that CAN does not have.
+        """
+        if len(data) > frames.MAX_DATA:
+            raise ValueError(f"{self.name}: a frame has at most 8 data bytes, not {len(data)}")
+        raw = frames.pack(can_id, data, length)
+        fault = frames.fault_of(raw)
+        if fault is not None:
+            raise ValueError(f"{self.name}: {fault}")
+        return self._hub.transmit(self, raw)
+
+    def detach(self) -> None:
+        """Leave the bus, with what still waits in the queue; safe to repeat."""
+        self._hub.remove(self)
+
+
+class _Local:
+    """Port of a node in this process."""
+
+    def __init__(self, callback: FrameCallback) -> None:
+        self._callback = callback
+
+    def deliver(self, raw: bytes) -> None:
+        self._callback(*frames.unpack(raw))
+
+    def state_changed(self, state: State) -> None:
+        """Do nothing: `Node.state` tells."""
+
+    def waiting(self, count: int) -> None:
+        """Do nothing: `Node.send` tells when the queue is full."""
+
+
+class Hub:
+    """The bus, its nodes and its doors.
+
+    Args:
+        bitrate: bit/s at which frames follow each other; 0: as fast as the machine can.
+        stuffing: how stuffed bits are counted (`medium.STUFFING`).
+        echo: whether nodes get their own frames back.
+        queue: how many frames of one node may wait for the bus; at bit rate 0 nothing waits.
+    """
+
+    def __init__(
+        self,
+        bitrate: int = 0,
+        stuffing: str = "exact",
+        *,
+        echo: bool = False,
+        queue: int = DEFAULT_QUEUE,
+    ) -> None:
+        self.bitrate = bitrate
+        self.echo = echo
+        self.queue = queue
+        self.loop = Loop()
+        self.nodes: list[Node] = []
+        self.frame_count = 0  # that went over the bus
+        self.recorder: LogWriter | None = None
+        self.hook: WireHook | None = None
+        self.state_of: Callable[[str], State] = lambda name: State(0)
+        self._medium = Medium[Node](bitrate, stuffing) if bitrate else None
+        self._pending: deque[tuple[Node, bytes]] = deque()  # at bit rate 0
+        self._doors: list[SocketDoor | SocketcandDoor | SlcanDoor] = []
+        self._numbers: dict[str, int] = {}
+        self._stopping = False
+        self._wake_read, self._wake_write = os.pipe()
+        os.set_blocking(self._wake_read, False)
+        os.set_blocking(self._wake_write, False)
+        self.loop.watch(self._wake_read, lambda _: os.read(self._wake_read, 4096))
+
+    # Nodes
+
+    def attach(self, callback: FrameCallback, name: str = "node") -> Node:
+        """Add a node of this process; ``callback(can_id, data)`` gets the frames of all others."""
+        return self.add(name, _Local(callback))
+
+    def add(self, name: str, port: Port) -> Node:
+        """Add a node with a port of its own kind; a name that is taken gets a number."""
+        node = Node(self, self._free_name(name), port)
+        node.state = self.state_of(node.name)
+        self.nodes = [*self.nodes, node]  # a new list: a delivery may be going through the old one
+        return node
+
+    def _free_name(self, name: str) -> str:
+        taken = {node.name for node in self.nodes}
+        chosen = name
+        while chosen in taken:
+            self._numbers[name] = self._numbers.get(name, 1) + 1
+            chosen = f"{name}-{self._numbers[name]}"
+        return chosen
+
+    def rename(self, node: Node, name: str) -> None:
+        """Give a node the name that its client has asked for, with a number when it is taken."""
+        if name != node.name:
+            node.name = self._free_name(name)
+            self.set_state(node, self.state_of(node.name))
+
+    def remove(self, node: Node) -> None:
+        """Take a node off the bus."""
+        if node in self.nodes:
+            self.nodes = [other for other in self.nodes if other is not node]
+            if self._medium is not None:
+                node.counters.lost += self._medium.forget(node)
+
+    def matching(self, pattern: str) -> list[Node]:
+        """Nodes whose names match a shell pattern."""
+        return [node for node in self.nodes if fnmatchcase(node.name, pattern)]
+
+    def set_state(self, node: Node, state: State) -> None:
+        """Change what is wrong with a node's interface, and tell it."""
+        if state == node.state:
+            return
+        if state & DEAF and self._medium is not None:
+            node.counters.lost += self._medium.forget(node)
+            node.port.waiting(0)
+        node.state = state
+        node.port.state_changed(state)
+
+    # Frames
+
+    def transmit(self, node: Node, raw: bytes) -> int:
+        """Queue a checked frame of `node`; 0, or why it was not taken: ENOBUFS or ENETDOWN."""
+        state = node.state
+        if state & (REFUSING | State.LISTEN_ONLY):
+            node.counters.lost += 1
+            if state & State.DOWN:
+                return errno.ENETDOWN
+            return errno.ENOBUFS if state & REFUSING else 0
+        if self.hook is None:
+            return self._queue(node, raw)
+        now = time.monotonic()
+        result = 0
+        for seconds, piece in self.hook(Direction.IN, raw, now):
+            if seconds > 0.0:
+                self.call_at(now + seconds, partial(self._queue, node, piece))
+            else:
+                result = self._queue(node, piece)
+        return result
+
+    def _queue(self, node: Node, raw: bytes) -> int:
+        medium = self._medium
+        if medium is None:
+            self._pending.append((node, raw))
+        elif medium.waiting(node) >= self.queue:
+            node.counters.lost += 1
+            return errno.ENOBUFS
+        else:
+            medium.put(node, raw, time.monotonic())
+            node.port.waiting(medium.waiting(node))
+        return 0
+
+    def error(self, classes: int, data: bytes = bytes(8), node: Node | None = None) -> None:
+        """Let `node`, or all nodes, receive an error frame (`frames.ERROR_...`)."""
+        raw = frames.error_frame(classes, data)
+        for receiver in self.nodes if node is None else [node]:
+            if not receiver.state & State.DOWN:
+                receiver.counters.received += 1
+                receiver.port.deliver(raw)
+        if self.recorder is not None:
+            self.recorder.write(time.time(), raw)
+
+    def _move(self) -> None:
+        """Deliver what has gone over the bus."""
+        if self._medium is None:
+            pending = self._pending
+            for _ in range(min(len(pending), _FRAMES_PER_ROUND)):
+                sender, raw = pending.popleft()
+                self._deliver(sender, raw)
+            return
+        now = time.monotonic()
+        for transfer in self._medium.due(now):
+            transfer.sender.port.waiting(self._medium.waiting(transfer.sender))
+            self._deliver(transfer.sender, transfer.raw, now - transfer.end)
+
+    def _deliver(self, sender: Node, raw: bytes, age: float = 0.0) -> None:
+        self.frame_count += 1
+        sender.counters.sent += 1
+        if self.recorder is not None:
+            self.recorder.write(time.time() - age, raw)
+        for node in self.nodes:
+            if node.state & DEAF or (node is sender and not node.echo):
+                continue
+            node.counters.received += 1
+            node.port.deliver(frames.own(raw) if node is sender else raw)
+
+    # Time
+
+    def call_at(self, at: float, function: Callable[[], object]) -> Timer:
+        """Call `function` from the loop at a time of the monotonic clock (s); can be cancelled."""
+        return self.loop.call_at(at, function)
+
+    def step(self, until: float | None = None) -> None:
+        """Wait for something to do until `until` (monotonic, s; None: no limit), and do it."""
+        if self._pending:
+            until = 0.0
+        elif self._medium is not None:
+            due = self._medium.next_at
+            if due is not None and (until is None or due < until):
+                until = due
+        self.loop.step(until)
+        self._move()
+
+    def run(self) -> None:
+        """Keep the bus going until `stop`."""
+        while not self._stopping:
+            self.step()
+
+    def stop(self) -> None:
+        """Let `run` return; may be called from any thread and from a signal handler."""
+        self._stopping = True
+        try:
+            os.write(self._wake_write, b"x")
+        except BlockingIOError:
+            return  # it is awake already
+
+    # Doors
+
+    def open_socket(self, path: str) -> SocketDoor:
+        """Listen for python-can's interface `crtk` and for plain Unix sockets at `path`.
+
+        Raises:
+            SimStartError: when another hub has it, or the place cannot be written.
+        """
+        from crtk_sim_backends.can.native import SocketDoor
+
+        return self._opened(SocketDoor(self, path))
+
+    def open_socketcand(self, host: str, port: int, channel: str = "can0") -> SocketcandDoor:
+        """Listen for socketcand clients at a loopback address.
+
+        Raises:
+            SimStartError: when the address cannot be bound.
+        """
+        from crtk_sim_backends.can.socketcand import SocketcandDoor
+
+        return self._opened(SocketcandDoor(self, host, port, channel))
+
+    def open_slcan(self, link: str = "") -> SlcanDoor:
+        """Offer an slcan adapter on a new pty; `link` becomes a symbolic link to it.
+
+        Raises:
+            SimStartError: when there is no pty left, or the link cannot be made.
+        """
+        from crtk_sim_backends.can.slcan import SlcanDoor
+
+        return self._opened(SlcanDoor(self, link))
+
+    def _opened(self, door: DoorKind) -> DoorKind:
+        self._doors.append(door)
+        return door
+
+    def close(self) -> None:
+        """Close all doors, their connections and the log; safe to repeat."""
+        for door in self._doors:
+            door.close()
+        self._doors.clear()
+        if self.recorder is not None:
+            self.recorder.close()
+            self.recorder = None
+        self.nodes = []
+        if self._wake_read >= 0:
+            self.loop.close()
+            os.close(self._wake_read)
+            os.close(self._wake_write)
+            self._wake_read = self._wake_write = -1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # What there is to know
+
+    def status(self) -> dict[str, Any]:
+        """Bit rate, load, and each node's counters, ready for JSON."""
+        medium = self._medium
+        return {
+            "bitrate": self.bitrate,
+            "frames": self.frame_count,
+            "bits": None if medium is None else medium.bits,
+            "load": None if medium is None else medium.load.last_second(time.monotonic()),
+            "nodes": {
+                node.name: {
+                    **vars(node.counters),
+                    "waiting": 0 if medium is None else medium.waiting(node),
+                    "state": [flag.name for flag in State if flag & node.state],
+                }
+                for node in self.nodes
+            },
+        }

@@ -1,0 +1,90 @@
+"""One thread's loop: file descriptors that become ready, and functions whose time has come."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import select
+import selectors
+import time
+from collections.abc import Callable
+from typing import Final
+
+READ: Final = selectors.EVENT_READ
+WRITE: Final = selectors.EVENT_WRITE
+
+
+class Timer:
+    """A call that is scheduled; `cancel` prevents it."""
+
+    __slots__ = ("at", "function")
+
+    def __init__(self, at: float, function: Callable[[], object]) -> None:
+        self.at = at  # monotonic, s
+        self.function: Callable[[], object] | None = function
+
+    def cancel(self) -> None:
+        """Do not call it any more; safe to repeat."""
+        self.function = None
+
+
+class Loop:
+    """Waits for file descriptors and times. Not thread-safe: everything happens in one thread."""
+
+    def __init__(self) -> None:
+        self._selector = selectors.DefaultSelector()
+        self._ready: dict[int, Callable[[int], object]] = {}  # by file descriptor
+        self._timers: list[tuple[float, int, Timer]] = []
+        self._count = itertools.count()
+
+    def watch(self, fd: int, ready: Callable[[int], object], events: int = READ) -> None:
+        """Call `ready` with READ, WRITE or both whenever `fd` is; replaces what was there."""
+        if fd in self._ready:
+            self._selector.modify(fd, events)
+        else:
+            self._selector.register(fd, events)
+        self._ready[fd] = ready
+
+    def forget(self, fd: int) -> None:
+        """Do not watch `fd` any more; before it is closed. Safe to repeat."""
+        if self._ready.pop(fd, None) is not None:
+            self._selector.unregister(fd)
+
+    def call_at(self, at: float, function: Callable[[], object]) -> Timer:
+        """Call `function` when the monotonic clock has reached `at` (s)."""
+        timer = Timer(at, function)
+        heapq.heappush(self._timers, (at, next(self._count), timer))
+        return timer
+
+    def step(self, until: float | None) -> None:
+        """Wait until `until` (None: as long as it takes) for one event or more, and handle them."""
+        while self._timers and self._timers[0][2].function is None:
+            heapq.heappop(self._timers)
+        if self._timers and (until is None or self._timers[0][0] < until):
+            until = self._timers[0][0]
+        if until is None:
+            ready = self._selector.select()
+        else:
+            seconds = until - time.monotonic()
+            if seconds > 0.0:  # select has microseconds, where epoll rounds up to milliseconds
+                select.select([self._selector], [], [], seconds)
+            ready = self._selector.select(0)
+        for key, events in ready:
+            handler = self._ready.get(key.fd)  # None: an earlier handler let it go
+            if handler is not None:
+                handler(events)
+        if self._timers:
+            self._run_timers()
+
+    def _run_timers(self) -> None:
+        now = time.monotonic()
+        while self._timers and self._timers[0][0] <= now:
+            _, _, timer = heapq.heappop(self._timers)
+            function, timer.function = timer.function, None
+            if function is not None:
+                function()
+
+    def close(self) -> None:
+        """Close the selector, not what it watches."""
+        self._timers.clear()
+        self._selector.close()

@@ -1,0 +1,220 @@
+"""The socketcand protocol over TCP, in raw mode, so that its clients can use the hub.
+
+ASCII between angle brackets: ``< hi >``, ``< open can0 >``, ``< rawmode >``, ``< send 123 2 1 2 >``,
+``< frame 123 23.424242 0102 >``, ``< error 004 23.424242 >``, ``< echo >``. Source: doc/protocol.md
+of github.com/linux-can/socketcand.
+"""
+
+from __future__ import annotations
+
+import re
+import socket
+import time
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Final
+
+from crtk_sim_backends.can import frames
+from crtk_sim_backends.can.loop import READ, WRITE
+from crtk_sim_backends.can.port import State
+from crtk_sim_backends.process import listen
+from crtk_sim_backends.wire import Connection
+
+if TYPE_CHECKING:
+    from crtk_sim_backends.can.hub import Hub
+
+PORT: Final = 29536
+"""TCP port of socketcand."""
+
+_OK: Final = b"< ok >"
+_UNKNOWN: Final = b"< error unknown command >"
+_COMMAND: Final = re.compile(rb"<([^<>]*)>")
+_LONGEST: Final = 1024  # bytes of an unfinished command; beyond, they are no command
+_BACKLOG_LIMIT: Final = 1 << 20
+_CLIENTS: Final = 100
+
+
+class CommandError(ValueError):
+    """A command that is none, or not in this state."""
+
+
+def frame_message(raw: bytes, at: float) -> bytes:
+    """Message for a received frame, empty for a remote frame, which raw mode does not have."""
+    can_id, data = frames.unpack(raw)
+    if can_id & frames.ERROR:
+        return b"< error %03X %.6f >" % (can_id & frames.EXTENDED_MASK, at)
+    if can_id & frames.REMOTE:
+        return b""
+    if can_id & frames.EXTENDED:
+        number = b"%08X" % (can_id & frames.EXTENDED_MASK)
+    else:
+        number = b"%03X" % (can_id & frames.STANDARD_MASK)
+    return b"< frame %s %.6f %s >" % (number, at, data.hex().upper().encode())
+
+
+def parse_send(words: list[bytes]) -> bytes:
+    """Frame of ``send ID LENGTH BYTE...``, all hexadecimal; an identifier of 8 digits is extended.
+
+    Raises:
+        CommandError: when it is no classic frame.
+    """
+    try:
+        can_id, length = int(words[1], 16), int(words[2], 16)
+        data = bytes(int(word, 16) for word in words[3:])
+    except (ValueError, IndexError) as error:
+        raise CommandError(f"no frame: {error}") from error
+    if len(data) != length or length > frames.MAX_DATA or not 0 <= can_id <= frames.EXTENDED_MASK:
+        raise CommandError("no classic frame")
+    raw = frames.pack(can_id | (frames.EXTENDED if len(words[1]) == 8 else 0), data)
+    fault = frames.fault_of(raw)
+    if fault is not None:
+        raise CommandError(fault)
+    return raw
+
+
+class _Client:
+    """One connection: first it opens the channel, then it chooses raw mode."""
+
+    def __init__(self, door: SocketcandDoor, hub: Hub, sock: socket.socket) -> None:
+        self._door = door
+        self._hub = hub
+        self._buffer = bytearray()
+        self._opened = False
+        self._raw = False
+        self._closed = False
+        self._connection = Connection(sock, _BACKLOG_LIMIT)
+        self._fd = sock.fileno()
+        self._handlers: Mapping[bytes, Callable[[list[bytes]], None]] = {
+            b"open": self._open,
+            b"rawmode": self._rawmode,
+            b"send": self._send,
+            b"echo": self._echo,
+        }
+        self.node = hub.add("socketcand", self)
+        hub.loop.watch(self._fd, self._ready)
+        self._say(b"< hi >")
+
+    def _ready(self, events: int) -> None:
+        now = time.monotonic()
+        connection = self._connection
+        if events & WRITE:
+            connection.flush(now)
+        if events & READ:
+            connection.read(now)
+            for piece in connection.take(now):
+                self._receive(piece)
+        self._settle()
+
+    def _receive(self, data: bytes) -> None:
+        self._buffer += data
+        end = 0
+        for match in _COMMAND.finditer(self._buffer):
+            end = match.end()
+            self._obey(match[1].split())
+        del self._buffer[:end]
+        if len(self._buffer) > _LONGEST:
+            self.node.counters.invalid += 1
+            del self._buffer[:-_LONGEST]
+
+    def _obey(self, words: list[bytes]) -> None:
+        words = [bytes(word) for word in words]
+        handler = self._handlers.get(words[0] if words else b"")
+        try:
+            if handler is None:
+                raise CommandError("unknown command")
+            handler(words)
+        except CommandError:
+            self.node.counters.invalid += 1
+            self._say(_UNKNOWN)
+
+    def _open(self, words: list[bytes]) -> None:
+        if self._opened or words[1:] != [self._door.channel.encode()]:
+            self._say(b"< error could not open bus >")
+            return
+        self._opened = True
+        self._say(_OK)
+
+    def _rawmode(self, words: list[bytes]) -> None:
+        if not self._opened:
+            raise CommandError("no channel is open")
+        self._raw = True
+        self._say(_OK)
+
+    def _send(self, words: list[bytes]) -> None:
+        if not self._opened:
+            raise CommandError("no channel is open")
+        self._hub.transmit(self.node, parse_send(words))
+
+    def _echo(self, words: list[bytes]) -> None:
+        self._say(b"< echo >")
+
+    def _say(self, message: bytes) -> None:
+        self._connection.send(message, time.monotonic())
+
+    def deliver(self, raw: bytes) -> None:
+        """Send a frame, or lose it when the client does not read."""
+        if not self._raw:
+            return
+        message = frame_message(raw, time.time())
+        if message and not self._connection.send_fresh(message, time.monotonic()):
+            self.node.counters.missed += 1
+        self._settle()
+
+    def state_changed(self, state: State) -> None:
+        """Do nothing: the protocol has no words for it."""
+
+    def waiting(self, count: int) -> None:
+        """Do nothing: the protocol has no words for it."""
+
+    def _settle(self) -> None:
+        """After sending or receiving: watch for what is needed, or let go of a lost connection."""
+        if self._closed:
+            return
+        if self._connection.ended:
+            self._door.drop(self)
+        else:
+            self._hub.loop.watch(
+                self._fd, self._ready, READ | WRITE if self._connection.blocked else READ
+            )
+
+    def close(self) -> None:
+        """Leave the bus and close the connection."""
+        self._closed = True
+        self.node.detach()
+        self._hub.loop.forget(self._fd)
+        self._connection.close()
+
+
+class SocketcandDoor:
+    """The listening TCP port; `port` is the one that was found when 0 was asked for."""
+
+    def __init__(self, hub: Hub, host: str, port: int, channel: str) -> None:
+        self.channel = channel
+        self._hub = hub
+        self._clients: list[_Client] = []
+        self._listener = listen(host, port, "socketcand")
+        self.port: int = self._listener.getsockname()[1]
+        hub.loop.watch(self._listener.fileno(), self._accept)
+
+    def _accept(self, events: int) -> None:
+        try:
+            sock, _ = self._listener.accept()
+        except OSError:
+            return  # gone before it was accepted
+        if len(self._clients) >= _CLIENTS:
+            sock.close()
+            return
+        self._clients.append(_Client(self, self._hub, sock))
+
+    def drop(self, client: _Client) -> None:
+        """Let go of a client that has gone."""
+        self._clients.remove(client)
+        client.close()
+
+    def close(self) -> None:
+        """Close the port and its connections; safe to repeat."""
+        for client in self._clients:
+            client.close()
+        self._clients.clear()
+        if self._listener.fileno() >= 0:
+            self._hub.loop.forget(self._listener.fileno())
+            self._listener.close()
