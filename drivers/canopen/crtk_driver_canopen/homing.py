@@ -1,8 +1,8 @@
 """Homing (CiA 402-2): what the methods are, and a machine that starts one and tells how it ended.
 
-The bits that report homing (13, 12 and 10 of the statusword) mean other things in other modes, and many drives
-keep the result of the last homing until the next one has begun. So nothing counts before the drive shows
-homing mode, and a result that was there before the start counts only after it has changed; but for
+The bits that report homing (13, 12 and 10 of the statusword) mean other things in other modes, and many
+drives keep the result of the last homing until the next one has begun. So nothing counts before the drive
+shows homing mode, and a result that was there before the start counts only after it has changed; but for
 the methods that take the position as it is, which can be done before anyone has seen them run.
 """
 
@@ -166,6 +166,7 @@ class Homing:
         self.failure = ""
         self._timeout = timeout
         self._since: float | None = None
+        self._shown_since: float | None = None
         self._before: HomingCode | None = None
 
     @property
@@ -176,7 +177,7 @@ class Homing:
     def start(self) -> None:
         """Begin, at the next step."""
         self._enter(HomingPhase.PREPARE)
-        self._before = None
+        self._shown_since = None
 
     def cancel(self) -> None:
         """Stop the axis, and end as cancelled."""
@@ -202,7 +203,7 @@ class Homing:
         if state is not State.ENABLED:
             self._fail(f"the drive is {state or 'in no state'}")
         elif self.phase is HomingPhase.PREPARE:
-            self._prepare(homing_code(statusword), mode, passed)
+            self._prepare(homing_code(statusword), mode, now)
         elif mode != OpMode.HM:
             self._fail(f"the drive shows {mode_text(mode)}")
         else:
@@ -211,12 +212,12 @@ class Homing:
             self._watch(passed)
         return _BITS.get(self.phase, 0)
 
-    def _prepare(self, code: HomingCode, mode: int, passed: float) -> None:
+    def _prepare(self, code: HomingCode, mode: int, now: float) -> None:
         if mode != OpMode.HM:
-            self._before = None
-        elif self._before is None:
-            self._before = code
-        elif passed >= _SETTLE:
+            self._shown_since = None
+        elif self._shown_since is None:
+            self._shown_since = now
+        elif now - self._shown_since >= _SETTLE:
             self._before = code
             self._enter(HomingPhase.START)
 

@@ -1,4 +1,4 @@
-"""Modes of operation (CiA 402-2): their numbers and bits, changing between them, and the set-point handshake."""
+"""Modes of operation (CiA 402-2): numbers and bits, changing between them, and the set-point handshake."""
 
 from __future__ import annotations
 
@@ -218,9 +218,7 @@ class SetpointHandshake:
     def __init__(self, *, immediately: bool = True, relative: bool = False) -> None:
         self.phase = HandshakePhase.IDLE
         self.failure = ""
-        self._always = (ModeBits.IMMEDIATELY if immediately else 0) | (
-            ModeBits.RELATIVE if relative else 0
-        )
+        self._always = immediately * int(ModeBits.IMMEDIATELY) | relative * int(ModeBits.RELATIVE)
         self._since: float | None = None
 
     @property

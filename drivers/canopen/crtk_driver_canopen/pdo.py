@@ -1,7 +1,7 @@
 """PDOs as data: what is in them, how they are packed, and how a node is made to have them.
 
 A `Pdo` says what one frame carries; `PdoGroup` packs and unpacks all frames of a cycle with one
-precompiled struct; `configure` writes a PDO into a node in the order of CiA 301 (7.5.2.36), and reads it back.
+precompiled struct; `configure` writes one into a node in the order of CiA 301 (7.5.2.36), and reads it back.
 """
 
 from __future__ import annotations

@@ -377,7 +377,7 @@ class Drive402:
     def _held(self) -> int:
         word = int(HOLDING[self.goal])
         if self.goal is State.ENABLED:
-            word |= self.mode_bits | (Control.HALT if self.halt else 0)
+            word |= self.mode_bits | self.halt * int(Control.HALT)
         return word
 
     def _in_fault(self, now: float) -> int:
