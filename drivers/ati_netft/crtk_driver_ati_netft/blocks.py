@@ -27,7 +27,8 @@ MEASUREMENT: Final = np.dtype(
 
 ``stamp`` of the measurement in ns since the epoch; ``ticks`` its number on the sensor's clock; ``sequence``
 and ``status`` of its record; ``raw`` force in N and torque in N·m as the sensor gives them, in its frame;
-``wrench`` the same without bias and weight of the tool, about the point and in the axes that are configured.
+``wrench`` the same without bias and weight of the tool, about the point and in the axes that are configured;
+not a number while the weight is not known, for want of the orientation.
 """
 
 Block = NDArray[np.void]

@@ -16,6 +16,8 @@ GRAVITY = vector((0.0, 0.0, -9.80665))
 """Acceleration of free fall in a world whose z axis points up, in m/s²."""
 
 NO_LOAD = vector(np.zeros(6))
+UNKNOWN_LOAD = vector(np.full(6, np.nan))
+"""Taken off from anything it leaves nothing that could be mistaken for a measurement."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,8 @@ class Compensation:
 
     Attributes:
         bias: software bias (6,), in the sensor's frame.
-        weight: of the tool at its present orientation (6,), in the sensor's frame.
+        weight: of the tool at its present orientation (6,), in the sensor's frame; `UNKNOWN_LOAD` if that
+            orientation is not known.
         matrix: see `transfer`.
     """
 
@@ -74,8 +77,16 @@ class Compensation:
     def __post_init__(self) -> None:
         object.__setattr__(self, "_offset", self.matrix @ (self.bias + self.weight))
 
+    @property
+    def is_known(self) -> bool:
+        """Whether there is something to take off."""
+        return bool(np.isfinite(self._offset[0]))
+
     def apply(self, values: Array) -> Array:
-        """Return wrenches (n, 6) or (6,) without bias and weight, at the point and in the axes wanted."""
+        """Return wrenches (n, 6) or (6,) without bias and weight, at the point and in the axes wanted.
+
+        All of it is not a number while the weight is not known.
+        """
         result: Array = values @ self.matrix.T - self._offset
         return result
 

@@ -11,6 +11,7 @@ from crtk_driver_ati_netft.profiles import PROFILES, Mode
 from crtk_driver_ati_netft.stream import RECEIVE_BUFFER
 from crtk_driver_ati_netft.units import Scale
 from crtk_drivers.config import DeviceConfig, Settings
+from crtk_drivers.ros.names import checked_namespace
 
 HTTP_PORT = 80
 
@@ -151,7 +152,13 @@ class NetFtConfig(DeviceConfig):
     orientation: Vector3 | None = Field(
         default=None,
         description="Rotation vector of the sensor in that frame, for a sensor that is not moved, in "
-        "rad. Otherwise it comes by the input `orientation`.",
+        "rad. Otherwise it comes by the input `orientation`, or from `arm`.",
+    )
+    arm: str = Field(
+        default="",
+        max_length=200,
+        description="ROS namespace of the CRTK arm that carries the sensor, such as /ur5: its measured_cp "
+        "gives the orientation.",
     )
     mounting: Vector3 = Field(
         default=(0.0, 0.0, 0.0),
@@ -159,10 +166,11 @@ class NetFtConfig(DeviceConfig):
         "flange of an arm), in rad.",
     )
     orientation_timeout: float = Field(
-        default=0.5,
+        default=0.2,
         gt=0.0,
-        le=60.0,
-        description="An orientation that was not renewed for this long is told in diagnostics, in s.",
+        le=1e6,
+        description="An orientation that was not renewed for this long counts no more, in s: with a tool, "
+        "measured_cf is then marked as invalid.",
     )
     on_saturation: Literal["flag", "invalid", "fault"] = Field(
         default="flag",
@@ -191,6 +199,10 @@ class NetFtConfig(DeviceConfig):
     def _possible(self) -> NetFtConfig:
         if self.profile != "auto" and Mode(self.mode) not in PROFILES[self.profile].starts:
             raise ValueError(f"mode: {self.profile} has no {self.mode}")
+        if self.arm:
+            checked_namespace(self.arm)
+        if self.arm and self.orientation is not None:
+            raise ValueError("arm: cannot be given together with a fixed orientation")
         if not self.http and self.scale is None and self.profile != "onrobot":
             raise ValueError("scale: is needed when http is false")
         moved = any(self.point) or any(self.rotation)

@@ -11,11 +11,9 @@ the device is never busy.
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from crtk_driver_ati_netft import connecting
 from crtk_driver_ati_netft.averaging import Averaging
@@ -24,9 +22,10 @@ from crtk_driver_ati_netft.calibration import SensorInfo
 from crtk_driver_ati_netft.compensation import Tool, ToolFit, transfer
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.monitor import LoadMonitor
+from crtk_driver_ati_netft.orientation import Arm, OrientationSource, rotation_of
 from crtk_driver_ati_netft.pipeline import Listener, Pipeline, Published
 from crtk_driver_ati_netft.profiles import NETBOX, PROFILES, Profile
-from crtk_driver_ati_netft.recording import Recorder, describe
+from crtk_driver_ati_netft.recording import Recorder, Recordings, describe
 from crtk_driver_ati_netft.sequence import Event
 from crtk_driver_ati_netft.services import SensorBias, SensorServices
 from crtk_driver_ati_netft.source import Source
@@ -45,9 +44,8 @@ from crtk_drivers.device import (
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import ConfigError, ConnectionLost, DeviceFault
-from crtk_drivers.geometry import matrix_from_quaternion, quaternion_from_rotvec
-from crtk_drivers.samples import Array, Pose, Sample, Stamp, Vector, Wrench, vector
+from crtk_drivers.errors import ConnectionLost, DeviceFault
+from crtk_drivers.samples import Array, Sample, Stamp, Value, Vector, Wrench, vector
 from crtk_drivers.state import OperatingState
 
 logger = logging.getLogger(__name__)
@@ -72,16 +70,13 @@ class NetFtDevice(Device):
         self._just_opened = False
         self._due = 0.0
         self._averaging: Averaging | None = None
-        self._recorder: Recorder | None = None
-        self._recording = threading.Lock()
         self.monitor = LoadMonitor(self.profile, config.alarm)
-        self._mounting = _matrix(config.mounting)
         measuring = config.measuring_frame_id or config.frame_id
         self._measuring_frame = measuring
         self.pipeline = Pipeline(
             config.rate,
             config.low_pass,
-            transfer(vector(config.point), _matrix(config.rotation)),
+            transfer(vector(config.point), rotation_of(config.rotation)),
             vector(config.gravity),
             f"ati-netft {self.address}",
         )
@@ -89,8 +84,8 @@ class NetFtDevice(Device):
         if config.tool is not None:
             tool = Tool(config.tool.mass, vector(config.tool.center_of_mass))
             self.pipeline.set_tool(tool)
-        if config.orientation is not None:
-            self.pipeline.set_rotation(_matrix(config.orientation))
+        self._recordings = Recordings(self.pipeline.ring)
+        self._orientation = OrientationSource(config, self.pipeline)
         self._services = SensorServices(self)
         self._capabilities = Capabilities(
             measured=("measured_cf", "raw/measured_cf"),
@@ -137,7 +132,7 @@ class NetFtDevice(Device):
     @property
     def recorder(self) -> Recorder | None:
         """What writes the recording that goes on, or the one that failed last."""
-        return self._recorder
+        return self._recordings.recorder
 
     def start_recording(self, path: str | Path) -> Recorder:
         """Write every measurement from now on, until `stop_recording`; goes on after a lost connection.
@@ -148,28 +143,21 @@ class NetFtDevice(Device):
         Raises:
             ConfigError: it cannot be written, or a recording goes on.
         """
-        with self._recording:
-            if self._recorder is not None and not self._recorder.error:
-                raise ConfigError(
-                    f"a recording goes on: {self._recorder.path}",
-                    where=self.address,
-                    remedy="Stop it first.",
-                )
-            header = describe(
-                self._config, self.profile.name, self.info, self.bias, self.pipeline.tool
-            )
-            self._recorder = Recorder(Path(path), self.blocks(), header)
-            if self.pipeline.ring.is_open:
-                self._recorder.start()
-            return self._recorder
+        header = describe(self._config, self.profile.name, self.info, self.bias, self.pipeline.tool)
+        return self._recordings.begin(Path(path), header)
 
     def stop_recording(self) -> Recorder | None:
         """End the recording; return what wrote it, with its figures, None if there was none."""
-        with self._recording:
-            recorder, self._recorder = self._recorder, None
-            if recorder is not None:
-                recorder.stop()
-            return recorder
+        return self._recordings.end()
+
+    def follow(self, arm: Arm | None) -> None:
+        """Take the orientation from the ``measured_cp`` of the arm that carries the sensor; None: from none.
+
+        Args:
+            arm: in this process (`crtk_drivers.connect`) or on ROS (`crtk_drivers.client.connect`). It is
+                not closed.
+        """
+        self._orientation.follow(arm)
 
     # ---------------------------------------------------------------------------------------- the device
 
@@ -204,10 +192,9 @@ class NetFtDevice(Device):
             self._services.doubt_bias("the connection was lost")
         self._connected_before = self._just_opened = True
         self.pipeline.restart()
-        with self._recording:
-            self.pipeline.ring.open()
-            if self._recorder is not None:
-                self._recorder.start()
+        self.pipeline.ring.open()
+        self._recordings.resume()
+        self._orientation.start()
         self._due = 0.0
 
     def abort_open(self) -> None:
@@ -224,10 +211,9 @@ class NetFtDevice(Device):
 
     def close(self) -> None:
         """See the base class."""
-        with self._recording:
-            self.pipeline.ring.close()
-            if self._recorder is not None:
-                self._recorder.stop()
+        self.pipeline.ring.close()
+        self._recordings.pause()
+        self._orientation.stop()
         self._services.close()
         if self._source is not None:
             self._source.close()
@@ -289,6 +275,7 @@ class NetFtDevice(Device):
         counters["saturated_records"] = float(self.monitor.saturated_records)
         counters["peak_of_rated"] = self.monitor.peak
         counters["filter_delay"] = self.pipeline.delay
+        counters["compensated"] = float(self.pipeline.compensation.is_known)
         bias = self.pipeline.compensation.bias
         for axis, value in zip(("fx", "fy", "fz", "tx", "ty", "tz"), bias.tolist(), strict=True):
             counters[f"bias_{axis}"] = value
@@ -304,9 +291,9 @@ class NetFtDevice(Device):
             (Severity.ERROR, "saturation", monitor.saturation(now)),
             (Severity.WARNING, "overload", monitor.overload(now)),
             (Severity.INFO, "notice", ", ".join(monitor.notices)),
-            (Severity.WARNING, "orientation", self._orientation_note(now)),
+            (Severity.ERROR, "compensation", self._orientation.note()),
             (Severity.WARNING, "receive_buffer", self._buffer_note()),
-            *self._recording_notes(),
+            *self._recordings.notes(),
             *self._services.notes(),
         ]
         if self.info is not None:
@@ -314,26 +301,10 @@ class NetFtDevice(Device):
             found.append((Severity.INFO, "sensor", _describe(self.info, self.profile)))
         return tuple(Note(severity, key, text) for severity, key, text in found if text)
 
-    def _orientation_note(self, now: float) -> str:
-        if self.pipeline.tool is None:
-            return ""
-        if self.pipeline.oriented_at is None:
-            return "unknown: the tool's weight is not taken off"
-        age = now - self.pipeline.oriented_at
-        if self._config.orientation is None and age > self._config.orientation_timeout:
-            return f"{age:.1f} s old: the tool's weight may be another"
-        return ""
-
-    def _recording_notes(self) -> list[tuple[Severity, str, str]]:
-        recorder = self._recorder
-        if recorder is None:
-            return []
-        if recorder.error:
-            return [(Severity.ERROR, "recording", recorder.error)]
-        text = f"{recorder.written} measurements in {recorder.path}"
-        if recorder.missed:
-            return [(Severity.WARNING, "recording", f"{recorder.missed} missed, {text}")]
-        return [(Severity.INFO, "recording", text)]
+    @property
+    def orientation_problem(self) -> str:
+        """Why the orientation is not known now; empty if it is."""
+        return self._orientation.problem
 
     def _buffer_note(self) -> str:
         granted = self._source.counters.get("receive_buffer", 0.0) if self._source else 0.0
@@ -359,16 +330,18 @@ class NetFtDevice(Device):
     @property
     def inputs(self) -> Mapping[str, Input]:
         """See the base class."""
-        return {
-            "orientation": Input(
-                "pose of the sensor, or of what it is mounted on, in a frame at rest",
-                Payload.POSE,
-                self._take_orientation,
-            ),
+        taken = {
             "set_bias": Input(
                 "software bias, in the sensor's frame", Payload.WRENCH, self._services.take_bias
-            ),
+            )
         }
+        if self._orientation.has_input:
+            taken["orientation"] = Input(
+                "pose of the sensor, or of what it is mounted on, in a frame at rest",
+                Payload.POSE,
+                self._orientation.take,
+            )
+        return taken
 
     @property
     def bias(self) -> Vector:
@@ -389,11 +362,6 @@ class NetFtDevice(Device):
         """Average the measurements from now on; the newest average asked for is the one that goes on."""
         self._averaging = Averaging(seconds, time.monotonic())
         return self._averaging
-
-    def _take_orientation(self, value: Any) -> None:
-        assert isinstance(value, Pose)
-        rotation = matrix_from_quaternion(value.orientation) @ self._mounting
-        self.pipeline.set_rotation(rotation)
 
     # --------------------------------------------------------------------------------------- inside
 
@@ -431,10 +399,9 @@ class NetFtDevice(Device):
         stamp = Stamp(published.wall_ns, published.time)
         if not self._is_valid(batch):
             stamp = Stamp(0, float(batch.times[-1]))
-        values = {
-            "measured_cf": _wrench(value, self._measuring_frame),
-            "raw/measured_cf": _wrench(raw, self._config.frame_id),
-        }
+        values: dict[str, Value] = {"raw/measured_cf": _wrench(raw, self._config.frame_id)}
+        if value is not None:
+            values["measured_cf"] = _wrench(value, self._measuring_frame)
         return Sample(stamp, values)
 
     def _is_valid(self, batch: Batch) -> bool:
@@ -447,10 +414,6 @@ class NetFtDevice(Device):
             return False
         flagged = self._config.on_saturation == "flag"
         return flagged or not table.is_saturated(batch.status).any()
-
-
-def _matrix(rotvec: tuple[float, float, float]) -> Array:
-    return matrix_from_quaternion(quaternion_from_rotvec(vector(rotvec)))
 
 
 def _wrench(values: Array, frame_id: str) -> Wrench:

@@ -7,6 +7,7 @@ replaces one immutable `Compensation`.
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -16,7 +17,13 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from crtk_driver_ati_netft.blocks import MEASUREMENT, Block, BlockReader, BlockRing
-from crtk_driver_ati_netft.compensation import GRAVITY, NO_LOAD, Compensation, Tool
+from crtk_driver_ati_netft.compensation import (
+    GRAVITY,
+    NO_LOAD,
+    UNKNOWN_LOAD,
+    Compensation,
+    Tool,
+)
 from crtk_driver_ati_netft.filters import Filter, LowPass, Mean
 from crtk_driver_ati_netft.stream import Batch
 from crtk_drivers.samples import Array, Vector
@@ -34,11 +41,12 @@ logger = logging.getLogger(__name__)
 class Published(NamedTuple):
     """A value to be published.
 
-    `value` (6,) is filtered and compensated, `raw` (6,) the newest measurement in it; `time` is that of the
-    newest in monotonic seconds, and `wall_ns` in ns since the epoch.
+    `value` (6,) is filtered and compensated, None if what is to be taken off is not known; `raw` (6,) is the
+    newest measurement in it; `time` is that of the newest in monotonic seconds, and `wall_ns` in ns since
+    the epoch.
     """
 
-    value: Vector
+    value: Vector | None
     raw: Vector
     time: float
     wall_ns: int
@@ -64,8 +72,6 @@ class Pipeline:
         where: str = "",
     ) -> None:
         self.ring = BlockRing(RING)
-        self.oriented_at: float | None = None
-        """When the orientation was set last, in monotonic seconds."""
         self._rate = rate
         self._low_pass = low_pass
         self._gravity = gravity
@@ -74,6 +80,7 @@ class Pipeline:
         self._compensation = Compensation(matrix=matrix)
         self._tool: Tool | None = None
         self._rotation: Array | None = None
+        self._rotation_ends = -math.inf
         self._filter: Filter = Mean(1)
         self._record_rate = 0.0
         self._listeners: tuple[Listener, ...] = ()
@@ -92,8 +99,9 @@ class Pipeline:
 
     @property
     def rotation(self) -> Array | None:
-        """The rotation of the sensor in the world (3, 3), None if it is not known."""
-        return self._rotation
+        """The rotation of the sensor in the world (3, 3), None if it is not known now."""
+        with self._lock:
+            return self._rotation if time.monotonic() <= self._rotation_ends else None
 
     def set_bias(self, bias: Vector) -> None:
         """Take off this bias (6,), in the sensor's frame, N and N·m."""
@@ -101,23 +109,34 @@ class Pipeline:
             self._compensation = replace(self._compensation, bias=bias)
 
     def set_tool(self, tool: Tool | None) -> None:
-        """Take off the weight of this tool, as soon as the orientation is known."""
+        """Take off the weight of this tool; while the orientation is not known, no load is known either."""
         with self._lock:
             self._tool = tool
             self._weigh()
 
-    def set_rotation(self, rotation: Array) -> None:
-        """Take the rotation of the sensor in the world (3, 3)."""
+    def set_rotation(self, rotation: Array | None, lasts: float = math.inf) -> None:
+        """Take the rotation of the sensor in the world (3, 3), which counts for so many s; None: unknown."""
         with self._lock:
             self._rotation = rotation
-            self.oriented_at = time.monotonic()
+            self._rotation_ends = time.monotonic() + lasts
             self._weigh()
 
     def _weigh(self) -> None:
         weight = NO_LOAD
-        if self._tool is not None and self._rotation is not None:
-            weight = self._tool.weight(self._rotation, self._gravity)
+        if self._tool is not None and self._tool.mass:
+            weight = UNKNOWN_LOAD
+            if self._rotation is not None:
+                weight = self._tool.weight(self._rotation, self._gravity)
         self._compensation = replace(self._compensation, weight=weight)
+
+    def _present(self) -> Compensation:
+        """Return what is to be taken off now."""
+        if self._rotation is not None and time.monotonic() > self._rotation_ends:
+            with self._lock:
+                if time.monotonic() > self._rotation_ends:
+                    self._rotation = None
+                    self._weigh()
+        return self._compensation
 
     # ------------------------------------------------------------------------- full rate, any thread
 
@@ -158,7 +177,7 @@ class Pipeline:
             batch: as it arrived.
             record_rate: of the measurements in Hz; 0 if unknown.
         """
-        compensation = self._compensation
+        compensation = self._present()
         wall_offset = time.time_ns() - round(time.monotonic() * 1e9)
         block = np.empty(len(batch), MEASUREMENT)
         block["stamp"] = (batch.times * 1e9).astype(np.int64) + wall_offset
@@ -176,7 +195,7 @@ class Pipeline:
         if filtered is None:
             return None
         index = len(batch) - 1 - self._filter.rest
-        value = compensation.apply(filtered)
+        value = compensation.apply(filtered) if compensation.is_known else None
         return Published(
             value, batch.values[index], float(batch.times[index]), int(block["stamp"][index])
         )

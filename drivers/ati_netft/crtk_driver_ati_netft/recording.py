@@ -28,10 +28,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from crtk_driver_ati_netft.blocks import MEASUREMENT, Block, BlockReader
+from crtk_driver_ati_netft.blocks import MEASUREMENT, Block, BlockReader, BlockRing
 from crtk_driver_ati_netft.calibration import SensorInfo
 from crtk_driver_ati_netft.compensation import Tool
 from crtk_driver_ati_netft.config import NetFtConfig
+from crtk_drivers.device import Severity
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.samples import Vector
 
@@ -294,3 +295,60 @@ class Recorder:
     def _fail(self, error: OSError) -> None:
         self.error = f"the recording {self.path} ended: {error.strerror or error}"
         logger.error("%s. It holds %d measurements.", self.error, self.written)
+
+
+class Recordings:
+    """The recording of one device, if there is one. Thread-safe.
+
+    Args:
+        ring: of the device; open while the device is.
+    """
+
+    def __init__(self, ring: BlockRing) -> None:
+        self.recorder: Recorder | None = None
+        self._ring = ring
+        self._lock = threading.Lock()
+
+    def begin(self, path: Path, header: Mapping[str, Any]) -> Recorder:
+        """See `NetFtDevice.start_recording`."""
+        with self._lock:
+            if self.recorder is not None and not self.recorder.error:
+                raise ConfigError(
+                    f"a recording goes on: {self.recorder.path}", remedy="Stop it first."
+                )
+            self.recorder = recorder = Recorder(path, self._ring.reader(), header)
+            if self._ring.is_open:
+                recorder.start()
+            return recorder
+
+    def end(self) -> Recorder | None:
+        """See `NetFtDevice.stop_recording`."""
+        with self._lock:
+            recorder, self.recorder = self.recorder, None
+            if recorder is not None:
+                recorder.stop()
+            return recorder
+
+    def resume(self) -> None:
+        """The device is open."""
+        with self._lock:
+            if self.recorder is not None:
+                self.recorder.start()
+
+    def pause(self) -> None:
+        """The device is closed."""
+        with self._lock:
+            if self.recorder is not None:
+                self.recorder.stop()
+
+    def notes(self) -> list[tuple[Severity, str, str]]:
+        """Return what people should know: severity, key, text."""
+        recorder = self.recorder
+        if recorder is None:
+            return []
+        if recorder.error:
+            return [(Severity.ERROR, "recording", recorder.error)]
+        text = f"{recorder.written} measurements in {recorder.path}"
+        if recorder.missed:
+            return [(Severity.WARNING, "recording", f"{recorder.missed} missed, {text}")]
+        return [(Severity.INFO, "recording", text)]

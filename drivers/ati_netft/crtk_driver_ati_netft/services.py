@@ -131,6 +131,8 @@ class SensorServices:
 
     def _bias(self) -> Answer:
         pipeline = self._device.pipeline
+        if pipeline.tool is not None:
+            self._known_rotation("bias")
         before = pipeline.compensation
         average = yield from self._average(AVERAGED)
         bias = vector(average.mean - before.weight)
@@ -211,9 +213,9 @@ class SensorServices:
     # ----------------------------------------------------------------------------------- calibration
 
     def _add_pose(self) -> Answer:
-        rotation = self._known_rotation()
+        rotation = self._known_rotation("calibration_add")
         average = yield from self._average(POSE)
-        if not np.allclose(rotation, self._known_rotation(), atol=2e-3):
+        if not np.allclose(rotation, self._known_rotation("calibration_add"), atol=2e-3):
             raise TransitionFailed(
                 "the sensor was turned while it was measuring; the pose does not count",
                 where=self._device.address,
@@ -311,15 +313,16 @@ class SensorServices:
         noise = np.maximum(one.deviation, other.deviation)
         return vector(SURE * noise / np.sqrt(min(one.count, other.count)) + DRIFT * rated + 1e-9)
 
-    def _known_rotation(self) -> Array:
+    def _known_rotation(self, service: str) -> Array:
         rotation = self._device.pipeline.rotation
         if rotation is None:
             raise CommandRefused(
-                "calibration_add",
+                service,
                 Reason.EMPTY,
-                "the orientation of the sensor is not known",
+                f"the orientation of the sensor is not known: {self._device.orientation_problem}",
                 where=self._device.address,
-                remedy="Send its pose to the input `orientation`.",
+                remedy="Send its pose to the input `orientation` all the time, or set `arm` or "
+                "`orientation`.",
             )
         return rotation
 

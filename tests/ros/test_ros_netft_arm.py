@@ -1,0 +1,100 @@
+"""A force sensor on ROS that takes its orientation from the arm named in its configuration."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from typing import Any
+
+import numpy as np
+import pytest
+from netft_peer import Peer
+from ros_rig import serve
+
+import crtk_drivers.client
+from crtk_driver_ati_netft import PLUGIN
+from crtk_driver_ati_netft.config import NetFtConfig
+from crtk_driver_virtual import PLUGIN as VIRTUAL
+from crtk_drivers.config import from_values, load
+from crtk_drivers.errors import DataTimeout
+from crtk_drivers.geometry import matrix_from_quaternion
+
+LONG = 20.0
+ARM, SENSOR = "/test_netft_arm", "/test_netft_sensor"
+MASS = 2.0
+VALUES = {
+    "http": False,
+    "profile": "netbox",
+    "transport": "udp",
+    "scale": {"counts_per_force": 1e6, "counts_per_torque": 1e6},
+    "tool": {"mass": MASS},
+    "arm": ARM,
+    "rate": 100.0,
+}
+
+
+def eventually(test: Callable[[], object], what: str) -> Any:
+    deadline = time.monotonic() + LONG
+    while not (found := test()):
+        assert time.monotonic() < deadline, f"never: {what}"
+        time.sleep(0.01)
+    return found
+
+
+def carrier() -> AbstractContextManager[Any]:
+    """The arm that carries the sensor, on ROS."""
+    config = load(VIRTUAL.config, from_values({}))
+    return serve(config, ARM, [], plugin=VIRTUAL)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def peer() -> Iterator[Peer]:
+    with Peer() as peer:
+        peer.rate = 1000.0
+        yield peer
+
+
+@pytest.fixture(scope="module")
+def sensor(peer) -> Iterator[Any]:
+    """The sensor as its users have it on ROS. Its driver was there before the arm."""
+    values = {**VALUES, "host": peer.host, "rdt_port": peer.port}
+    config = load(NetFtConfig, from_values(values))
+    with (
+        serve(config, SENSOR, [], plugin=PLUGIN),  # type: ignore[arg-type]
+        crtk_drivers.client.connect(SENSOR) as client,
+    ):
+        client.add("measured_cf")
+        client.raw.add("measured_cf")
+        yield client
+
+
+def known(sensor: Any) -> Any:
+    """The load, None if there is no valid one now."""
+    try:
+        return sensor.measured_cf(age=0.1, wait=0.0)
+    except DataTimeout:
+        return None
+
+
+def test_the_load_is_valid_while_the_arm_tells_its_pose_and_at_no_other_time(sensor, peer) -> None:
+    pull = [0.0, 0.0, -9.80665 * MASS]
+    peer.counts = (*(round(value * 1e6) for value in pull), 0, 0, 0)
+    assert sensor.raw.measured_cf(wait=LONG).force[2] == pytest.approx(pull[2], rel=1e-5)
+    with pytest.raises(DataTimeout, match="measured_cf"):
+        sensor.measured_cf(wait=0.3)
+    for _ in range(2):  # it finds the arm, loses it, and finds it again
+        with carrier() as (session, _):
+            eventually(lambda: session.engine.has_sample, "the arm")
+            found = session.engine.feedback("measured_cp")
+            assert found is not None
+            pull = matrix_from_quaternion(found[0].orientation).T @ [0, 0, -9.80665 * MASS]
+            peer.counts = (*(round(value * 1e6) for value in pull.tolist()), 0, 0, 0)
+
+            def weightless() -> bool:
+                load = known(sensor)
+                return load is not None and np.allclose(load.vector, 0.0, atol=1e-3)
+
+            eventually(weightless, "the weight is taken off")
+        eventually(lambda: known(sensor) is None, "the load is not valid any more")
+        assert sensor.raw.measured_cf(wait=LONG).force.any()
