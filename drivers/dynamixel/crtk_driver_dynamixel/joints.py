@@ -201,7 +201,7 @@ class Chain:
             joints=self.joints[joints.start : joints.stop],
             limits=self.limits[joints.start : joints.stop],
             servos=servos,
-            scaling=Scaling.of([servo.units for servo in servos]),
+            scaling=self.scaling.part(self.places_of(joints)),
             gripper=self.gripper if has_gripper else None,
             _joint_of=joint_of,
             _first=np.flatnonzero([servo.is_first for servo in servos]),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -160,6 +160,17 @@ class Scale:
             )
         return np.rint(np.minimum(np.maximum(exact, self.lowest), self.highest)).astype(np.int64)
 
+    def part(self, places: Sequence[int]) -> Scale:
+        """Return the same of some of the servos."""
+        index = list(places)
+        return Scale(
+            vector(self.factor[index]),
+            vector(self.zero[index]),
+            vector(self.offset[index]),
+            vector(self.lowest[index]),
+            vector(self.highest[index]),
+        )
+
     def limited(self, lowest: ArrayLike, highest: ArrayLike) -> Scale:
         """Return the same with narrower limits, in counts (n,)."""
         return replace(
@@ -236,6 +247,10 @@ class Scaling:
     effort: Scale
     load: Scale
     pwm: Scale
+
+    def part(self, places: Sequence[int]) -> Scaling:
+        """Return the same of some of the servos."""
+        return Scaling(*(getattr(self, each.name).part(places) for each in fields(self)))
 
     @classmethod
     def of(cls, servos: Sequence[Servo]) -> Scaling:

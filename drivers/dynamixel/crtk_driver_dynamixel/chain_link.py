@@ -1,0 +1,519 @@
+"""The line to the servos of a chain: found, read once a cycle, written, each with an age and a health.
+
+Belongs to one I/O thread. Nothing here knows modes or CRTK: counts in, counts out, in the order of the
+chain's servos (`crtk_driver_dynamixel.joints`).
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crtk_driver_dynamixel.blocks import BlockReads, Member, values_of
+from crtk_driver_dynamixel.bus import Bus
+from crtk_driver_dynamixel.calibration import load_positions, save_positions
+from crtk_driver_dynamixel.config import DynamixelConfig
+from crtk_driver_dynamixel.control_tables import (
+    EFFORT,
+    POSITION,
+    VELOCITY,
+    Item,
+    control_table,
+)
+from crtk_driver_dynamixel.groups import GroupWrite
+from crtk_driver_dynamixel.joints import Chain, ChainServo
+from crtk_driver_dynamixel.models import hardware_error_text, model_numbered
+from crtk_driver_dynamixel.port import Port
+from crtk_driver_dynamixel.replies import ServoCorrupt, ServoSilent
+from crtk_driver_dynamixel.servo_state import ServoState, Values, runs
+from crtk_driver_dynamixel.units import Counts, encoded
+from crtk_drivers.errors import ConfigError, ConnectionFailed, ConnectionLost
+from crtk_drivers.samples import Stamp
+
+logger = logging.getLogger(__name__)
+
+__all__ = ["ChainLink", "Frame", "Health", "lost"]
+
+MEASURED: Final[Mapping[str, Sequence[str]]] = {
+    "position": POSITION,
+    "velocity": VELOCITY,
+    "effort": EFFORT,
+}
+"""What is read in each cycle, and the names that models have for it."""
+
+SLOW: Final[Sequence[Mapping[str, Sequence[str]]]] = (
+    {"torque": ("torque_enable",), "hardware_error": ("hardware_error_status",)},
+    {"watchdog": ("bus_watchdog",)},
+    {
+        "voltage": ("present_input_voltage", "present_voltage"),
+        "temperature": ("present_temperature",),
+    },
+)
+"""What is read now and then, one group at a time; of each what a model has."""
+
+HEALTH: Final = {
+    "torque_enable": "torque",
+    "hardware_error_status": "hardware_error",
+    "bus_watchdog": "watchdog",
+}
+"""Registers that say whether a servo can be relied on, and what is meant by them here."""
+
+MODEL_NUMBER_1: Final = 0
+"""Address of model number (2 bytes) and firmware (1) in tables of protocol 1.0, whose ping tells neither."""
+
+GroupKey = tuple[str, int, int, int]
+"""Bus, protocol, address, length."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """What one cycle read. Arrays are (servos,), in counts; of a servo that did not answer the last known.
+
+    Attributes:
+        stamp: half way between request and last reply.
+        position, velocity, effort: effort is current or load, whatever the model has.
+        seen: monotonic seconds at which each servo answered last; -inf: never.
+        valid: it answered this time.
+    """
+
+    stamp: Stamp
+    position: Counts
+    velocity: Counts
+    effort: Counts
+    seen: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+
+
+@dataclass(slots=True)
+class Health:
+    """What is known of one servo besides its motion.
+
+    Attributes:
+        hardware_error: bits of Hardware Error Status (70).
+        torque: whether Torque Enable (64) is on; None if not known.
+        tripped: the bus watchdog has stopped it.
+        hottest: degrees Celsius at which it stops; NaN if not known.
+        voltage: V; NaN if not known.
+        temperature: degrees Celsius; NaN if not known.
+    """
+
+    hardware_error: int = 0
+    torque: bool | None = None
+    tripped: bool = False
+    voltage: float = math.nan
+    temperature: float = math.nan
+    hottest: float = math.nan
+
+    @property
+    def error_text(self) -> str:
+        """The hardware errors in words; empty if there are none."""
+        return hardware_error_text(self.hardware_error) if self.hardware_error else ""
+
+
+@dataclass(slots=True)
+class _Prepared:
+    """What is prepared for the cycles of an open chain."""
+
+    measured: BlockReads
+    slow: list[BlockReads]
+    goals: dict[str, list[tuple[GroupWrite, NDArray[np.int64], Item]]] = field(default_factory=dict)
+
+
+class ChainLink:
+    """The servos of one chain.
+
+    Args:
+        config: buses, times.
+        chain: the servos.
+    """
+
+    def __init__(self, config: DynamixelConfig, chain: Chain) -> None:
+        self._config = config
+        self._configured = chain
+        self.chain = chain
+        self.states: list[ServoState] = []
+        self.health = [Health() for _ in chain.servos]
+        self.frame: Frame | None = None
+        self.cycles = 0
+        self._users = 0
+        self._buses: dict[str, Bus] = {}
+        self._prepared: _Prepared | None = None
+        self._slow_turn = 0
+        self._slow_due = 0.0
+
+    # ----------------------------------------------------------------------------------- life cycle
+
+    @property
+    def address(self) -> str:
+        """Its ports."""
+        return ", ".join(self._config.bus(name).port or "no port" for name in self._names())
+
+    def open(self, deadline: float) -> None:
+        """Open the ports and find every servo; once for all who call it, until each has called `close`.
+
+        Nothing is written.
+
+        Raises:
+            ConnectionFailed: a port cannot be opened, or a servo is missing or is another model.
+        """
+        if self._users == 0:
+            try:
+                self._open(deadline)
+            except BaseException:
+                self._close()
+                raise
+        self._users += 1
+
+    def close(self) -> None:
+        """Close the ports when nobody uses them any more; the servos stay as they are."""
+        self._users = max(0, self._users - 1)
+        if self._users == 0:
+            self._close()
+
+    def _names(self) -> list[str]:
+        return list(dict.fromkeys(servo.bus for servo in self.chain.servos))
+
+    def _open(self, deadline: float) -> None:
+        for name in self._names():
+            given = self._config.bus(name)
+            bus = Bus(Port(given.port, given.baud), latency_budget=self._config.latency_budget)
+            bus.open()
+            self._buses[name] = bus
+        self.chain = self._configured
+        self.health = [Health() for _ in self.chain.servos]
+        self.states = []
+        missing = []
+        for place, servo in enumerate(self.chain.servos):
+            if time.monotonic() > deadline:
+                raise ConnectionFailed(
+                    f"the time was over before {servo.place} was found",
+                    where=self.address,
+                    remedy="Raise open_timeout; servos answer fast at 1 Mbit/s and slowly at 57600.",
+                )
+            try:
+                self.states.append(self._find(servo))
+            except (ServoSilent, ServoCorrupt) as error:
+                missing.append(f"{servo.place}: {error.message}")
+                continue
+            self._take_state(place, self.states[-1])
+        if missing:
+            raise ConnectionFailed(
+                "; ".join(missing),
+                where=self.address,
+                remedy="Check power, cables, ids, baud rate: 'crtk-driver dynamixel scan' shows who answers.",
+            )
+        self._prepare()
+        self._place()
+
+    def _place(self) -> None:
+        """Find the turns that servos are in, and what their registers allow."""
+        frame = self.exchange()
+        if not frame.valid.all():
+            silent = [self.chain.servos[i].place for i in np.flatnonzero(~frame.valid)]
+            raise ConnectionFailed(
+                f"{', '.join(silent)} answers a ping, and no group read",
+                where=self.address,
+                remedy="Set fast_read to false, or raise latency_budget.",
+            )
+        turns = self._config.turns
+        try:
+            last = load_positions(turns) if turns else None
+            shifts = self._configured.turn_shifts(frame.position.tolist(), last)
+        except ConfigError as error:
+            raise ConnectionFailed(error.message, where=error.where, remedy=error.remedy) from error
+        placed = self._configured.with_shifts(shifts)
+        self.chain = placed.with_registers([state.values for state in self.states])
+
+    def _keep_turns(self) -> None:
+        frame = self.frame
+        if not self._config.turns or frame is None or not frame.valid.all():
+            return
+        positions = self.chain.positions(self.chain.scaling.position.to_si(frame.position))
+        try:
+            save_positions(
+                self._config.turns, dict(zip(self.chain.names, positions.tolist(), strict=True))
+            )
+        except ConfigError as error:
+            logger.warning("%s: %s", self.address, error)
+
+    def _close(self) -> None:
+        self._keep_turns()
+        buses, self._buses = self._buses, {}
+        for bus in buses.values():
+            bus.close()
+        self.frame = self._prepared = None
+
+    def _find(self, servo: ChainServo) -> ServoState:
+        """Return a servo as it is, after a look at who it is."""
+        bus = self._buses[servo.bus]
+        bus.set_link(servo.id, protocol=servo.protocol)
+        found = bus.ping(servo.id)
+        number, firmware = found.model, found.firmware
+        if servo.protocol == 1:
+            data = bus.read(servo.id, MODEL_NUMBER_1, 3)
+            number, firmware = int.from_bytes(data[:2], "little"), data[2]
+        wanted = servo.units.model
+        if number != wanted.number:
+            other = model_numbered(number, f"{self.address} id {servo.id}")
+            raise ConnectionFailed(
+                f"{servo.place} is a {other.name}, and {wanted.name} is configured",
+                where=self.address,
+                remedy="Correct the model in the configuration, or the id of the servo.",
+            )
+        state = ServoState(
+            servo, control_table(number, firmware, protocol=servo.protocol), firmware
+        )
+        self.refresh(state)
+        return state
+
+    def refresh(self, state: ServoState, names: Iterable[str] | None = None) -> None:
+        """Read its registers again, all that matter or these.
+
+        Raises:
+            ServoSilent, ServoCorrupt, ServoRefused: it does not answer.
+        """
+        bus = self._buses[state.servo.bus]
+        for address, length, items in state.blocks(names):
+            state.take(bus.read(state.servo.id, address, length), address, items)
+        self._follow_link(state)
+
+    def _follow_link(self, state: ServoState) -> None:
+        bus, values = self._buses[state.servo.bus], state.values
+        bus.set_link(
+            state.servo.id,
+            return_delay=values.get("return_delay_time", 250) * 2e-6,
+            answers_writes=values.get("status_return_level", 2) == 2,
+        )
+
+    def _take_state(self, place: int, state: ServoState) -> None:
+        values, health = state.values, self.health[place]
+        health.hardware_error = values.get("hardware_error_status", 0)
+        if "torque_enable" in values:
+            health.torque = bool(values["torque_enable"])
+        health.tripped = values.get("bus_watchdog", 0) < 0
+        health.hottest = float(values.get("temperature_limit", math.nan))
+
+    # -------------------------------------------------------------------------------------- reading
+
+    def _prepare(self) -> None:
+        measured = [
+            Member(place, self._present(place, MEASURED)) for place in range(len(self.states))
+        ]
+        slow = []
+        for wanted in SLOW:
+            members = [
+                Member(place, items)
+                for place in range(len(self.states))
+                if (items := self._present(place, wanted))
+            ]
+            if members:
+                slow.append(self._reads(members))
+        self._prepared = _Prepared(self._reads(measured), slow)
+        count = len(self.states)
+        nothing = np.zeros(count, dtype=np.int64)
+        begin = np.full(count, time.monotonic())
+        none = np.zeros(count, dtype=np.bool_)
+        self.frame = Frame(Stamp.now(), nothing, nothing, nothing, begin, none)
+
+    def _present(self, place: int, roles: Mapping[str, Sequence[str]]) -> dict[str, Item]:
+        table = self.states[place].table
+        found = {role: table.first(names) for role, names in roles.items()}
+        return {role: item for role, item in found.items() if item is not None}
+
+    def _reads(self, members: Iterable[Member]) -> BlockReads:
+        return BlockReads(self._buses, self.states, members, fast=self._config.fast_read)
+
+    def exchange(self) -> Frame:
+        """Read every servo, and now and then something that changes slowly.
+
+        Raises:
+            ConnectionLost: a port is gone.
+        """
+        before, prepared = self.frame, self._prepared
+        assert before is not None
+        assert prepared is not None
+        columns = {
+            "position": before.position.copy(),
+            "velocity": before.velocity.copy(),
+            "effort": before.effort.copy(),
+        }
+        valid = np.zeros(len(before.seen), dtype=np.bool_)
+        began = time.monotonic()
+        if prepared.measured.read_into(columns, valid):
+            self._slow_turn, self._slow_due = 0, 0.0
+        ended = time.monotonic()
+        middle = 0.5 * (began + ended)
+        stamp = Stamp(time.time_ns() - round((ended - middle) * 1e9), middle)
+        seen = np.where(valid, middle, before.seen)
+        self.frame = Frame(stamp, **columns, seen=seen, valid=valid)
+        if ended >= self._slow_due:
+            self._read_slow(ended)
+        return self.frame
+
+    def _read_slow(self, now: float) -> None:
+        assert self._prepared is not None
+        slow = self._prepared.slow
+        if not slow:
+            self._slow_due = math.inf
+            return
+        turn = self._slow_turn % len(slow)
+        self._slow_turn = turn + 1
+        self._slow_due = now + self._config.slow_interval / len(slow)
+        for items, first, place, data, _, hardware in slow[turn].run():
+            if hardware:
+                self.health[place].hardware_error = hardware
+            if data is not None:
+                self._take_health(place, values_of(items, first, data))
+
+    def _take_health(self, place: int, values: Values) -> None:
+        health = self.health[place]
+        if "torque" in values:
+            health.torque = bool(values["torque"])
+        if "hardware_error" in values:
+            health.hardware_error = values["hardware_error"]
+        if "watchdog" in values:
+            health.tripped = values["watchdog"] < 0
+        if "voltage" in values:
+            health.voltage = 0.1 * values["voltage"]
+        if "temperature" in values:
+            health.temperature = float(values["temperature"])
+
+    def read_values(self, places: Iterable[int], names: Iterable[str]) -> dict[int, Values]:
+        """Return registers of servos, of each what it has of `names`; who does not answer is left out."""
+        roles = {name: (name,) for name in names}
+        members = [
+            Member(place, items) for place in places if (items := self._present(place, roles))
+        ]
+        return {
+            place: values_of(items, first, data)
+            for items, first, place, data, _, _ in self._reads(members).run()
+            if data is not None
+        }
+
+    def learn(self, place: int, values: Values) -> None:
+        """Keep what registers of a servo were found to hold, and speak to it accordingly."""
+        state = self.states[place]
+        known = {name: value for name, value in values.items() if name in state.values}
+        if any(state.values[name] != value for name, value in known.items()):
+            state.values.update(known)
+            self._follow_link(state)
+
+    def read_health(self, places: Iterable[int]) -> frozenset[int]:
+        """Read now whether torque is on and what is wrong; return who answered."""
+        answered = self.read_values(places, HEALTH)
+        for place, values in answered.items():
+            self._take_health(place, {HEALTH[name]: value for name, value in values.items()})
+        return frozenset(answered)
+
+    # -------------------------------------------------------------------------------------- writing
+
+    def write_values(self, wanted: Mapping[int, Values]) -> None:
+        """Write registers of several servos, together where they can be; nobody answers.
+
+        What a servo does not have is left out.
+        """
+        together: dict[GroupKey, dict[int, bytes]] = defaultdict(dict)
+        for place, values in wanted.items():
+            state = self.states[place]
+            known = {name: value for name, value in values.items() if state.has(name)}
+            for address, data in runs(state.table, known):
+                key = (state.servo.bus, state.servo.protocol, address, len(data))
+                together[key][state.servo.id] = data
+        for (bus, _, address, length), by_id in together.items():
+            self._buses[bus].sync_write(address, length, by_id)
+
+    def write_checked(self, place: int, values: Values) -> None:
+        """Write registers of one servo one by one, and read them back: EEPROM.
+
+        Raises:
+            ServoSilent, ServoCorrupt, ServoRefused: it does not answer, or says no.
+        """
+        state = self.states[place]
+        bus, servo = self._buses[state.servo.bus], state.servo.id
+        for address, data in runs(state.table, values):
+            bus.write(servo, address, data)
+        self.refresh(state, values)
+
+    def send(self, name: str, places: Sequence[int], counts: Counts) -> None:
+        """Write one goal register of servos (n,), prepared at the first use.
+
+        Args:
+            name: of the register.
+            places: of the servos, always the same for this register and the same first servo.
+            counts: (n,).
+        """
+        assert self._prepared is not None
+        key = f"{name} {places[0]}"
+        writes = self._prepared.goals.get(key)
+        if writes is None:
+            writes = self._prepared.goals[key] = list(self._goal_writes(name, places))
+        for write, index, item in writes:
+            write.run(encoded(counts[index], item.coding).astype(f"<i{item.size}").tobytes())
+
+    def _goal_writes(
+        self, name: str, places: Sequence[int]
+    ) -> Iterator[tuple[GroupWrite, NDArray[np.int64], Item]]:
+        by_item: dict[tuple[str, int, Item], list[int]] = defaultdict(list)
+        for index, place in enumerate(places):
+            state = self.states[place]
+            by_item[state.servo.bus, state.servo.protocol, state.table.item(name)].append(index)
+        for (bus, _, item), members in by_item.items():
+            ids = [self.states[places[index]].servo.id for index in members]
+            write = self._buses[bus].write_group(ids, item.address, item.size)
+            yield write, np.array(members), item
+
+    def reboot(self, place: int) -> None:
+        """Restart a servo; it takes some tenths of a second to answer again."""
+        state = self.states[place]
+        self._buses[state.servo.bus].reboot(state.servo.id)
+
+    def answers(self, place: int) -> bool:
+        """Whether a servo answers a ping now."""
+        state = self.states[place]
+        try:
+            self._buses[state.servo.bus].ping(state.servo.id, attempts=1)
+        except (ServoSilent, ServoCorrupt):
+            return False
+        return True
+
+    # ------------------------------------------------------------------------------------- figures
+
+    @property
+    def remedies(self) -> tuple[str, ...]:
+        """What is to be done about the adapters, in words."""
+        latencies = [bus.port.latency for bus in self._buses.values()]
+        return tuple(latency.remedy for latency in latencies if latency.remedy)
+
+    @property
+    def counters(self) -> dict[str, float]:
+        """Numbers for diagnostics, of all servos together."""
+        counted = [
+            bus.counters(servo.id)
+            for servo in self.chain.servos
+            if (bus := self._buses.get(servo.bus)) is not None
+        ]
+        return {
+            "replies": float(sum(c.replies for c in counted)),
+            "timeouts": float(sum(c.timeouts for c in counted)),
+            "corrupt": float(sum(c.corrupt for c in counted)),
+            "alerts": float(sum(c.alerts for c in counted)),
+            "voltage_min": min((h.voltage for h in self.health), default=math.nan),
+            "temperature_max": max((h.temperature for h in self.health), default=math.nan),
+        }
+
+
+def lost(where: str) -> ConnectionLost:
+    """Return the error of a chain in which nobody answers any more."""
+    return ConnectionLost(
+        "no servo answers any more",
+        where=where,
+        remedy="Is the power of the servos on, and the cable of the first one in place?",
+    )

@@ -1,0 +1,350 @@
+"""A chain of DYNAMIXEL servos as CRTK devices: the arm, and the gripper behind it."""
+
+from __future__ import annotations
+
+import math
+import time
+from abc import abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from crtk_driver_dynamixel.calibration import load_calibration
+from crtk_driver_dynamixel.chain_link import ChainLink, Frame, lost
+from crtk_driver_dynamixel.config import DynamixelConfig, GripperConfig
+from crtk_driver_dynamixel.joints import Chain
+from crtk_driver_dynamixel.models import OperatingMode
+from crtk_driver_dynamixel.part import Part
+from crtk_driver_dynamixel.units import Counts
+from crtk_drivers.commands import Kind
+from crtk_drivers.device import (
+    Capabilities,
+    Condition,
+    Device,
+    JointLimits,
+    Mode,
+    Note,
+    Setpoint,
+    Severity,
+    Steps,
+    StopPolicy,
+)
+from crtk_drivers.samples import JointState, Sample, Value, Vector, vector
+from crtk_drivers.state import OperatingState
+
+__all__ = ["ArmDevice", "GripperDevice", "make_device"]
+
+GRIPPER: Final = "gripper"
+"""Namespace of the gripper."""
+
+HOT: Final = 5.0
+"""Degrees below its limit at which a servo's temperature is told."""
+
+
+def make_device(config: DynamixelConfig) -> Device:
+    """Return the device of a configuration: the arm with its gripper behind it, or the gripper alone.
+
+    Raises:
+        ConfigError: the calibration is not of this chain, or a range is out of reach.
+    """
+    calibration = load_calibration(Path(config.calibration)) if config.calibration else None
+    link = ChainLink(config, Chain.of(config, calibration))
+    arm = range(len(config.joints))
+    gripper = None
+    if config.gripper is not None:
+        place = range(len(config.joints), len(config.joints) + 1)
+        gripper = GripperDevice(
+            link, Part(link, place, config, calibration), config, config.gripper
+        )
+    if not config.joints and gripper is not None:
+        return gripper
+    return ArmDevice(link, Part(link, arm, config, calibration), config, gripper)
+
+
+class _ChainDevice(Device):
+    """What arm and gripper have in common.
+
+    Args:
+        link: to the chain, shared.
+        part: its servos.
+        config: of the chain.
+    """
+
+    def __init__(self, link: ChainLink, part: Part, config: DynamixelConfig) -> None:
+        self.link = link
+        self.part = part
+        self._config = config
+        self._seen_cycle = -1
+        self._is_open = False
+        self._condition = Condition()
+        self._chain = part.chain
+
+    @property
+    def address(self) -> str:
+        """See the base class."""
+        return self.link.address
+
+    # ----------------------------------------------------------------------------------- life cycle
+
+    def open(self, deadline: float) -> None:
+        """See the base class. It finds the servos, and changes nothing in them."""
+        self.link.open(deadline)
+        self._is_open = True
+        self._seen_cycle = -1
+        self.part.found()
+        self._chain = self.part.chain
+        self._condition = Condition()
+
+    def close(self) -> None:
+        """See the base class. Servos with torque hold on."""
+        if not self._is_open:
+            return
+        self._is_open = False
+        try:
+            self.part.leave()
+        finally:
+            self.link.close()
+
+    def read(self, deadline: float) -> Sample | None:
+        """See the base class. Arm and gripper share what a cycle reads.
+
+        A joint vector is whole or not there: until `silent_timeout` the last one ages, then there is a fault
+        that names the servo.
+        """
+        link = self.link
+        if self._seen_cycle == link.cycles:
+            link.exchange()
+        self._seen_cycle = link.cycles
+        frame, now = link.frame, time.monotonic()
+        assert frame is not None
+        silent = self.part.silent(frame, now)
+        if len(silent) == len(self.part.places) and not self.part.has_company(frame, now):
+            raise lost(self.address)
+        self.part.step()
+        self._judge(frame, now)
+        state = self._state(frame)
+        if state is not None:
+            return Sample(frame.stamp, {"measured_js": state})
+        # The link is there, and the fault tells who is missing.
+        nothing: Mapping[str, Value] = {}
+        return Sample(frame.stamp, nothing) if silent else None
+
+    def _judge(self, frame: Frame, now: float) -> None:
+        trouble = self.part.trouble(frame, now)
+        if not trouble:
+            self._condition = Condition()
+        elif trouble != self._condition.reason:
+            if not self._condition.reason and self._config.on_servo_fault == "torque_off":
+                self.part.let_go()
+            self._condition = Condition(OperatingState.FAULT, trouble)
+
+    @abstractmethod
+    def _state(self, frame: Frame) -> JointState | None:
+        """Return what the joints do, None if one of them is not known."""
+
+    # -------------------------------------------------------------------------------------- setpoints
+
+    def write(self, setpoint: Setpoint) -> None:
+        """See the base class. A setpoint of another kind begins with a change of mode."""
+        self.part.send(setpoint.mode.kind, self._counts(setpoint.mode.kind, setpoint.values))
+
+    @abstractmethod
+    def _counts(self, kind: Kind, values: Vector) -> Counts:
+        """Return the goals of the servos of this part."""
+
+    def stop(self) -> None:
+        """See the base class."""
+        self.part.ask_to_stop()
+
+    @property
+    def takes_setpoints(self) -> bool:
+        """See the base class."""
+        return self.part.takes_setpoints
+
+    # ------------------------------------------------------------------------------------ transitions
+
+    @property
+    def condition(self) -> Condition:
+        """See the base class."""
+        return self._condition
+
+    def enable(self) -> Steps:
+        """Restart servos with errors, set all up, and hold where they are."""
+        yield from self.part.enable()
+        self._condition = Condition()
+
+    def resume(self) -> Steps:
+        """The servos have held all along."""
+        yield from ()
+
+    def disable(self) -> Steps:
+        """Take the torque away, or hold, as configured."""
+        yield from self.part.disable()
+
+    def free(self) -> Steps:
+        """Take the torque away, so that the joints can be moved by hand."""
+        yield from self.part.free()
+
+    # ------------------------------------------------------------------------------------------- told
+
+    @property
+    def counters(self) -> Mapping[str, float]:
+        """See the base class."""
+        return self.link.counters
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """See the base class."""
+        return tuple(self._notes())
+
+    def _notes(self) -> list[Note]:
+        notes = [Note(Severity.WARNING, "latency timer", text) for text in self.link.remedies]
+        for place in self.part.places:
+            health, servo = self.link.health[place], self.link.chain.servos[place]
+            if health.error_text:
+                notes.append(Note(Severity.ERROR, servo.place, health.error_text))
+            elif health.temperature > health.hottest - HOT:
+                text = f"{health.temperature:.0f} °C, it stops at {health.hottest:.0f}"
+                notes.append(Note(Severity.WARNING, servo.place, text))
+        return notes
+
+    def _capabilities_of(
+        self, joints: tuple[str, ...], limits: tuple[JointLimits, ...], *, has_efforts: bool
+    ) -> Capabilities:
+        modes = {Mode.JOINT_POSITION}
+        servos = self._chain.servos
+        if all(s.protocol == 2 and OperatingMode.VELOCITY in s.units.model.modes for s in servos):
+            modes.add(Mode.JOINT_VELOCITY)
+        if has_efforts:
+            modes.add(Mode.JOINT_EFFORT)
+        timeout = self._config.watchdog
+        what = "stops by itself" if timeout else "goes on to the last goal, for its watchdog is off"
+        return Capabilities(
+            joints=joints,
+            limits=limits,
+            modes=frozenset(modes),
+            has_free=True,
+            stops_between_modes=True,
+            rate=self._config.rate,
+            stop=StopPolicy(timeout, f"each servo {what} when it hears nothing"),
+        )
+
+
+class ArmDevice(_ChainDevice):
+    """The joints of a chain.
+
+    Args:
+        link, part, config: see the base class.
+        gripper: on the same chain, None if it has none.
+    """
+
+    def __init__(
+        self,
+        link: ChainLink,
+        part: Part,
+        config: DynamixelConfig,
+        gripper: GripperDevice | None = None,
+    ) -> None:
+        super().__init__(link, part, config)
+        self._gripper = gripper
+        self._has_efforts = self._chain.has_efforts
+        self._capabilities = self._capabilities_of(
+            self._chain.joints, self._chain.limits, has_efforts=self._has_efforts
+        )
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """See the base class."""
+        return self._capabilities
+
+    @property
+    def children(self) -> Mapping[str, Device]:
+        """See the base class."""
+        return {} if self._gripper is None else {GRIPPER: self._gripper}
+
+    def _state(self, frame: Frame) -> JointState | None:
+        chain, scaling = self._chain, self._chain.scaling
+        valid = self.part.own(frame.valid)
+        position = chain.positions(scaling.position.to_si(self.part.own(frame.position)), valid)
+        if np.isnan(position).any():
+            return None
+        velocity = chain.positions(scaling.velocity.to_si(self.part.own(frame.velocity)), valid)
+        effort: Vector | tuple[()] = ()
+        if self._has_efforts and valid.all():
+            effort = chain.efforts(scaling.effort.to_si(self.part.own(frame.effort)))
+        return JointState(vector(position), vector(velocity), vector(effort))
+
+    def _counts(self, kind: Kind, values: Vector) -> Counts:
+        chain, scaling = self._chain, self._chain.scaling
+        if kind is Kind.EFFORT:
+            return scaling.effort.to_counts(chain.efforts_to_servos(values))
+        scale = scaling.velocity if kind is Kind.VELOCITY else scaling.position
+        return scale.to_counts(chain.to_servos(values))
+
+
+class GripperDevice(_ChainDevice):
+    """The gripper: one joint, whose position is the opening of its fingers.
+
+    Args:
+        link, part, config: see the base class.
+        gripper: its configuration.
+    """
+
+    def __init__(
+        self, link: ChainLink, part: Part, config: DynamixelConfig, gripper: GripperConfig
+    ) -> None:
+        super().__init__(link, part, config)
+        self._finger = gripper.finger.finger
+        limits = self._chain.gripper_limits
+        assert limits is not None
+        self._measures_effort = not any(
+            math.isnan(servo.units.torque_constant) for servo in self._chain.servos
+        )
+        takes_effort = gripper.effort > 0.0 and all(
+            OperatingMode.CURRENT in servo.units.model.modes for servo in self._chain.servos
+        )
+        self._angle = 0.0
+        self._capabilities = self._capabilities_of(
+            (gripper.joint,), (limits,), has_efforts=self._measures_effort and takes_effort
+        )
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """See the base class."""
+        return self._capabilities
+
+    def _state(self, frame: Frame) -> JointState | None:
+        chain, scaling, finger = self._chain, self._chain.scaling, self._finger
+        valid = self.part.own(frame.valid)
+        angles = chain.positions(scaling.position.to_si(self.part.own(frame.position)), valid)
+        if np.isnan(angles).any():
+            return None
+        speeds = chain.positions(scaling.velocity.to_si(self.part.own(frame.velocity)), valid)
+        self._angle = angle = float(angles[0])
+        effort: tuple[float, ...] = ()
+        if self._measures_effort and valid.all():
+            torques = chain.efforts(scaling.effort.to_si(self.part.own(frame.effort)))
+            effort = (finger.effort(float(torques[0]), angle),)
+        return JointState(
+            vector((finger.opening(angle),)),
+            vector((finger.rate(angle) * float(speeds[0]),)),
+            vector(effort if all(map(math.isfinite, effort)) else ()),
+        )
+
+    def _counts(self, kind: Kind, values: Vector) -> Counts:
+        chain, scaling, finger, (value,) = (
+            self._chain,
+            self._chain.scaling,
+            self._finger,
+            values.tolist(),
+        )
+        if kind is Kind.EFFORT:
+            torque = vector((finger.torque(value, self._angle),))
+            return scaling.effort.to_counts(chain.efforts_to_servos(torque))
+        if kind is Kind.VELOCITY:
+            rate = finger.rate(self._angle)
+            speed = vector((value / rate if rate else 0.0,))
+            return scaling.velocity.to_counts(chain.to_servos(speed))
+        return scaling.position.to_counts(chain.to_servos(vector((finger.angle(value),))))

@@ -1,0 +1,500 @@
+"""The servos of one CRTK device on a chain, the arm or the gripper: torque, modes, goals, what is wrong.
+
+A mode is a value of the register Operating Mode, which is written only while torque is off and resets gains,
+profile and goals. So a change of mode is a procedure of a few cycles: torque off, mode, everything that it
+reset, a goal that moves nothing, and torque on again only after all of that was read back. Meanwhile the
+newest setpoint waits.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable, Mapping
+from typing import Final, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crtk_driver_dynamixel import registers
+from crtk_driver_dynamixel.calibration import Calibration
+from crtk_driver_dynamixel.chain_link import ChainLink, Frame
+from crtk_driver_dynamixel.config import DynamixelConfig
+from crtk_driver_dynamixel.joints import Chain
+from crtk_driver_dynamixel.models import OperatingMode
+from crtk_driver_dynamixel.replies import ServoCorrupt, ServoRefused, ServoSilent
+from crtk_driver_dynamixel.servo_state import KEPT, Values
+from crtk_driver_dynamixel.units import Counts
+from crtk_drivers.commands import Kind
+from crtk_drivers.device import Steps
+from crtk_drivers.errors import DeviceFault, TransitionFailed
+
+__all__ = ["Part"]
+
+GOALS: Final[Mapping[Kind, str]] = {
+    Kind.POSITION: "goal_position",
+    Kind.VELOCITY: "goal_velocity",
+    Kind.EFFORT: "goal_current",
+}
+"""Register that a setpoint of each kind goes to."""
+
+MODES: Final[Mapping[Kind, OperatingMode]] = {
+    Kind.VELOCITY: OperatingMode.VELOCITY,
+    Kind.EFFORT: OperatingMode.CURRENT,
+}
+"""Operating mode of each kind; that of positions is a matter of configuration."""
+
+ATTEMPTS: Final = 4
+"""Times that registers are written until they hold what they should."""
+REBOOT_TIME: Final = 3.0
+"""Seconds in which a restarted servo answers again."""
+SETTLE_TIME: Final = 0.5
+"""Seconds that a stopped servo may take to stand."""
+STANDING: Final = 1
+"""Counts of Present Velocity of a servo that stands."""
+
+
+Number = TypeVar("Number", np.int64, np.bool_, np.float64)
+
+
+class _Pending(NamedTuple):
+    kind: Kind
+    counts: Counts
+
+
+class Part:
+    """The servos of some joints of a chain, with one mode.
+
+    All methods are for the I/O thread, but `ask_to_stop`.
+
+    Args:
+        link: to the chain.
+        joints: their places among the joints of the chain.
+        config: of the chain.
+        calibration: of the chain, None if it has none.
+
+    Attributes:
+        kind: of the setpoints that the servos take now; None while their torque is off.
+    """
+
+    def __init__(
+        self,
+        link: ChainLink,
+        joints: range,
+        config: DynamixelConfig,
+        calibration: Calibration | None,
+    ) -> None:
+        self._link = link
+        self._joints = joints
+        self._config = config
+        self._calibrated = {
+            (servo.bus, servo.id): servo
+            for servo in (() if calibration is None else calibration.servos)
+        }
+        self.places = link.chain.places_of(joints)
+        self._index = np.array(self.places)
+        self._commanded = np.array(
+            [i for i, p in enumerate(self.places) if link.chain.servos[p].follow == "goals"]
+        )
+        self._goal_places = tuple(self.places[i] for i in self._commanded)
+        self.kind: Kind | None = None
+        self._work: Steps | None = None
+        self._pending: _Pending | None = None
+        self._fault = ""
+        self._stop = threading.Event()
+
+    @property
+    def chain(self) -> Chain:
+        """The chain of these joints alone, as calibrated."""
+        return self._link.chain.part(self._joints)
+
+    @property
+    def takes_setpoints(self) -> bool:
+        """Whether a setpoint takes effect at once: no change of mode and no stop is under way."""
+        return self._work is None and not self._stop.is_set()
+
+    def own(self, values: NDArray[Number]) -> NDArray[Number]:
+        """Return the values of these servos out of those of the chain."""
+        own: NDArray[Number] = values[self._index]
+        return own
+
+    # -------------------------------------------------------------------------------- what is wrong
+
+    def found(self) -> None:
+        """The chain was opened: take the servos as they are, holding in some mode or without torque."""
+        self._work = self._pending = None
+        self._fault = ""
+        self._stop.clear()
+        self.kind = None
+
+    def has_company(self, frame: Frame, now: float) -> bool:
+        """Whether other servos of the chain still answer."""
+        others = np.delete(frame.seen, self._index)
+        return bool((others >= now - self._config.silent_timeout).any())
+
+    def silent(self, frame: Frame, now: float) -> list[int]:
+        """Return the places of the servos that have not answered for `silent_timeout`."""
+        limit = now - self._config.silent_timeout
+        return [place for place in self.places if frame.seen[place] < limit]
+
+    def trouble(self, frame: Frame, now: float) -> str:
+        """Return what keeps these servos from being used, in words; empty if nothing does."""
+        found = [self._fault] if self._fault else []
+        silent = self.silent(frame, now)
+        found += [f"{self._name(place)} does not answer" for place in silent]
+        for place in self.places:
+            health = self._link.health[place]
+            if health.error_text:
+                found.append(f"{self._name(place)}: {health.error_text}")
+            elif self.kind is None or self._work is not None:
+                continue
+            elif health.tripped:
+                found.append(f"{self._name(place)}: its bus watchdog has stopped it")
+            elif health.torque is False:
+                found.append(
+                    f"{self._name(place)}: its torque is off, perhaps it was without power"
+                )
+        return "; ".join(found)
+
+    def _name(self, place: int) -> str:
+        return self._link.chain.servos[place].place
+
+    # ----------------------------------------------------------------------------------- in a cycle
+
+    def step(self) -> None:
+        """Go on with a change of mode or a stop; what fails in it is `trouble` until the next `enable`."""
+        if self._work is not None:
+            try:
+                next(self._work)
+            except StopIteration:
+                self._work = None
+                self._send_pending()
+            except DeviceFault as fault:
+                self._work = self._pending = None
+                self._fault = fault.message
+        if self._work is None and self._stop.is_set():
+            self._stop.clear()
+            self._pending = None
+            self._begin_stop()
+
+    def send(self, kind: Kind, counts: Counts) -> None:
+        """Send goals (servos of this part,), after a change of mode if they need one."""
+        if self._work is None and kind is self.kind:
+            self._write_goals(kind, counts)
+            return
+        self._pending = _Pending(kind, counts)
+        if self._work is None:
+            self._work = self._switch(kind)
+
+    def ask_to_stop(self) -> None:
+        """Have the next cycle end all motion. From any thread."""
+        self._stop.set()
+
+    def stop_now(self) -> None:
+        """End all motion in this call, as far as that is possible: nobody will call `step` any more."""
+        if self.kind is Kind.VELOCITY:
+            self._write_goals(Kind.VELOCITY, np.zeros(len(self.places), dtype=np.int64))
+        elif self.kind is Kind.EFFORT:
+            for _ in self._switch(Kind.POSITION):
+                self._link.exchange()
+        self._stop.clear()
+
+    def _send_pending(self) -> None:
+        pending, self._pending = self._pending, None
+        if pending is None or self._stop.is_set():
+            return
+        self.send(*pending)
+
+    def _begin_stop(self) -> None:
+        if self.kind is Kind.VELOCITY:
+            self._write_goals(Kind.VELOCITY, np.zeros(len(self.places), dtype=np.int64))
+            self._work = self._settle()
+        elif self.kind is Kind.EFFORT or (self.kind is Kind.POSITION and self._is_limp()):
+            self._work = self._switch(Kind.POSITION)
+
+    def _settle(self) -> Steps:
+        """Wait until the servos stand, and hold them there."""
+        end = time.monotonic() + SETTLE_TIME
+        while time.monotonic() < end:
+            yield
+            frame = self._frame
+            speeds = self.own(frame.velocity)[self.own(frame.valid)]
+            if np.abs(speeds).max(initial=0) <= STANDING:
+                break
+        yield from self._switch(Kind.POSITION)
+
+    def _is_limp(self) -> bool:
+        return any(self._link.health[place].torque is False for place in self.places)
+
+    def _write_goals(self, kind: Kind, counts: Counts) -> None:
+        self._link.send(GOALS[kind], self._goal_places, counts[self._commanded])
+
+    @property
+    def _frame(self) -> Frame:
+        frame = self._link.frame
+        assert frame is not None
+        return frame
+
+    # ---------------------------------------------------------------------------------- transitions
+
+    def enable(self) -> Steps:
+        """Restart servos with errors, set all up, and hold them where they are.
+
+        Raises:
+            TransitionFailed: with what is in the way.
+            DeviceFault: servos do not do what they are told.
+        """
+        self._work = self._pending = None
+        self._fault = ""
+        self._stop.clear()
+        yield from self._recover()
+        yield from self._set_up()
+        self._link.write_values(self._each({"bus_watchdog": 0}))
+        yield from self._switch(Kind.POSITION)
+        watchdog = registers.watchdog_count(self._config.watchdog)
+        yield from self._make_sure(self._each({"bus_watchdog": watchdog}))
+        self._link.read_health(self.places)
+
+    def disable(self) -> Steps:
+        """Take the torque away, or leave the servos holding, as configured.
+
+        Raises:
+            DeviceFault: a servo keeps its torque.
+        """
+        self._work = self._pending = None
+        self._link.write_values(self._each({"bus_watchdog": 0}))
+        if self._config.disable == "torque_off":
+            yield from self._make_sure(self._each({"torque_enable": 0}))
+            self.kind = None
+        self._link.read_health(self.places)
+
+    def free(self) -> Steps:
+        """Take the torque away, so that the joints can be moved by hand, until `ask_to_stop`."""
+        yield from self._make_sure(self._each({"torque_enable": 0}))
+        self._link.read_health(self.places)
+        while True:
+            yield
+
+    def let_go(self) -> None:
+        """Take the torque away, without waiting whether it is done."""
+        self._link.write_values(self._each({"torque_enable": 0}))
+        self.kind = self._work = self._pending = None
+
+    def leave(self) -> None:
+        """End motion, and have the servos hold on though nobody will talk to them any more."""
+        if self._stop.is_set():
+            self.stop_now()
+        self._link.write_values(self._each({"bus_watchdog": 0}))
+
+    def _each(self, values: Values) -> dict[int, Values]:
+        return dict.fromkeys(self.places, values)
+
+    def _recover(self) -> Steps:
+        """Restart the servos that report an error, once, and wait for all that are silent."""
+        link = self._link
+        answered = link.read_health(self.places)
+        broken = [p for p in answered if link.health[p].hardware_error]
+        for place in broken:
+            link.reboot(place)
+        waited = [p for p in self.places if p in broken or p not in answered]
+        end = time.monotonic() + REBOOT_TIME
+        while waited and time.monotonic() < end:
+            yield
+            waited = [place for place in waited if not link.answers(place)]
+        if waited:
+            names = ", ".join(self._name(place) for place in waited)
+            raise TransitionFailed(
+                f"{names} does not answer",
+                where=link.address,
+                remedy="Check its power and cable.",
+            )
+        if broken:
+            link.read_health(broken)
+        errors = [
+            f"{self._name(p)}: {text}" for p in self.places if (text := link.health[p].error_text)
+        ]
+        if errors:
+            raise TransitionFailed(
+                "; ".join(errors),
+                where=link.address,
+                remedy="A restart did not clear it: check supply, load and temperature.",
+            )
+
+    def _set_up(self) -> Steps:
+        """Read what may have changed, and write the EEPROM where it differs."""
+        link = self._link
+        for place in self.places:
+            self._refresh(place)
+            yield
+            state, servo = link.states[place], link.chain.servos[place]
+            first = link.chain.servos[link.chain.of_joint(servo.joint)[0]]
+            settings = registers.eeprom(
+                servo,
+                first,
+                state.table,
+                self._config,
+                self._calibrated.get((servo.bus, servo.id)),
+            )
+            wanted = {
+                setting.item.name: setting.written(state.values[setting.item.name])
+                for setting in settings
+                if setting.differs(state.values[setting.item.name])
+                and setting.item.name != "operating_mode"  # `_switch` does that
+            }
+            if wanted:
+                self._write_eeprom(place, wanted)
+                yield
+            found = registers.obstacles(servo, state.values)
+            if found:
+                raise TransitionFailed("; ".join(found), where=link.address)
+
+    def _refresh(self, place: int) -> None:
+        state = self._link.states[place]
+        kept: dict[str, int] = {n: state.values[n] for n in KEPT if n in state.values}
+        try:
+            self._link.refresh(state)
+        except (ServoSilent, ServoCorrupt, ServoRefused) as error:
+            raise TransitionFailed(error.message, where=error.where, remedy=error.remedy) from error
+        state.values.update(kept)  # what it had before it lost its power, if it did
+
+    def _write_eeprom(self, place: int, wanted: Values) -> None:
+        link, state = self._link, self._link.states[place]
+        described = ", ".join(f"{n} {state.values[n]} to {value}" for n, value in wanted.items())
+        if not self._config.write_eeprom:
+            raise TransitionFailed(
+                f"{self._name(place)} is not set up: {described}",
+                where=link.address,
+                remedy="Set write_eeprom to true, or write it with a tool of your own.",
+            )
+        if state.values.get("torque_enable"):
+            raise TransitionFailed(
+                f"{self._name(place)} must be changed ({described}), which its torque forbids",
+                where=link.address,
+                remedy="Support the arm, send disable, and enable again.",
+            )
+        try:
+            link.write_checked(place, wanted)
+        except (ServoSilent, ServoCorrupt, ServoRefused) as error:
+            raise TransitionFailed(error.message, where=error.where, remedy=error.remedy) from error
+        wrong = [name for name, value in wanted.items() if state.values[name] != value]
+        if wrong:
+            raise TransitionFailed(
+                f"{self._name(place)} did not take {', '.join(wrong)}",
+                where=link.address,
+                remedy="Look at these registers with DYNAMIXEL Wizard.",
+            )
+
+    # --------------------------------------------------------------------------------------- modes
+
+    def _switch(self, kind: Kind) -> Steps:
+        """Bring the servos into a mode, holding still, with torque.
+
+        Raises:
+            DeviceFault: they do not do what they are told.
+        """
+        link = self._link
+        changing = {
+            place: {"operating_mode": self._mode(place, kind)}
+            for place in self.places
+            if link.states[place].values.get("operating_mode", self._mode(place, kind))
+            != self._mode(place, kind)
+        }
+        if changing:
+            self.kind = None
+            link.write_values(self._each({"torque_enable": 0}))
+            yield from self._make_sure(changing)
+        for _ in range(ATTEMPTS):
+            wanted = {place: self._still(place, kind) for place in self.places}
+            link.write_values(wanted)
+            if not self._wrong(wanted):
+                break
+            yield
+        else:
+            raise self._stubborn(self._wrong(wanted))
+        # Only now: with another goal it would jump.
+        link.write_values(self._each({"torque_enable": 1}))
+        yield
+        yield from self._make_sure(self._each({"torque_enable": 1}), written=True)
+        self.kind = kind
+        for place in self.places:
+            link.health[place].torque = True
+
+    def _mode(self, place: int, kind: Kind) -> int:
+        return int(MODES.get(kind, self._link.chain.servos[place].units.mode))
+
+    def _still(self, place: int, kind: Kind) -> dict[str, int]:
+        """Return what the RAM of a servo must hold before torque goes on, its goal included."""
+        link = self._link
+        state, servo = link.states[place], link.chain.servos[place]
+        wanted: dict[str, int] = {n: state.values[n] for n in KEPT if n in state.values}
+        settings = registers.ram(servo, state.table, self._config, state.values)
+        wanted |= {s.item.name: s.value for s in settings if not s.item.eeprom}
+        if kind is Kind.EFFORT:
+            wanted["goal_current"] = 0
+        elif kind is Kind.VELOCITY:
+            wanted["goal_velocity"] = 0
+        else:
+            wanted["goal_position"] = self._here(place)
+        return {name: value for name, value in wanted.items() if state.has(name)}
+
+    def _here(self, place: int) -> int:
+        """Return where a servo is, as a goal that it takes.
+
+        Raises:
+            DeviceFault: it is where it takes no goal, and would jump.
+        """
+        values, count = self._link.states[place].values, int(self._frame.position[place])
+        if self._mode(place, Kind.POSITION) == OperatingMode.POSITION:
+            family = self._link.chain.servos[place].units.model.family
+            low = values.get("min_position_limit", family.lowest)
+            high = values.get("max_position_limit", family.highest)
+            if not low <= count <= high:
+                raise DeviceFault(
+                    f"{self._name(place)} stands at count {count}, outside its own limits {low} to {high}",
+                    where=self._link.address,
+                    remedy="Move the joint into its range by hand, with the torque off, and enable again.",
+                )
+        return count
+
+    def _make_sure(self, wanted: Mapping[int, Values], *, written: bool = False) -> Steps:
+        """Write registers until they hold these values.
+
+        Raises:
+            DeviceFault: they never do.
+        """
+        wanted = {
+            place: known
+            for place, values in wanted.items()
+            if (known := {n: v for n, v in values.items() if self._link.states[place].has(n)})
+        }
+        for attempt in range(ATTEMPTS):
+            if attempt or not written:
+                self._link.write_values(wanted)
+                yield
+            wrong = self._wrong(wanted)
+            if not wrong:
+                return
+        raise self._stubborn(wrong)
+
+    def _wrong(self, wanted: Mapping[int, Values]) -> dict[int, list[str]]:
+        """Return which registers of which servos do not hold what they should; those that do are kept."""
+        names = sorted({name for values in wanted.values() for name in values})
+        found = self._link.read_values(wanted, names) if names else {}
+        wrong: dict[int, list[str]] = {}
+        for place, values in wanted.items():
+            read = found.get(place, {})
+            differing = [name for name, value in values.items() if read.get(name) != value]
+            if differing:
+                wrong[place] = differing
+            self._link.learn(place, read)
+        return wrong
+
+    def _stubborn(self, wrong: Mapping[int, Iterable[str]]) -> DeviceFault:
+        told = "; ".join(
+            f"{self._name(place)}: {', '.join(names)}" for place, names in wrong.items()
+        )
+        return DeviceFault(
+            f"registers do not take what is written: {told}",
+            where=self._link.address,
+            remedy="Does it answer reliably, and is its supply right? See the counters in diagnostics.",
+        )
