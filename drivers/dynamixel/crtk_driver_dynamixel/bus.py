@@ -130,7 +130,6 @@ class Bus:
         return Slot(
             id,
             length,
-            protocol2.status_prefix(id, length),
             size,
             link.return_delay + self.port.wire_time(size) + self.latency_budget + patience,
             keeps_data=link.protocol == 1,

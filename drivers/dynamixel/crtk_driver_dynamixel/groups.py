@@ -8,15 +8,15 @@ every now and then.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from crtk_driver_dynamixel import protocol2
+from crtk_driver_dynamixel.framing import Status
+from crtk_driver_dynamixel.group_replies import FastReply, PlainReplies, Whole
 from crtk_driver_dynamixel.matching import Slot
-from crtk_driver_dynamixel.protocol2 import FastReplyParser
 from crtk_driver_dynamixel.protocols import PROTOCOLS
 from crtk_driver_dynamixel.replies import Failure, Reply
 
@@ -45,48 +45,67 @@ class Item(NamedTuple):
     length: int
 
 
-@dataclass(frozen=True)
 class GroupResult:
     """The replies of a group, in its order.
 
     Attributes:
-        replies: one for each servo, with its data or the reason why there are none.
-        lengths: bytes that each should bring.
+        complete: whether every servo brought its data.
+        data: of each servo, None where it is missing.
     """
 
-    replies: list[Reply]
-    lengths: Sequence[int]
+    __slots__ = ("_ids", "_lengths", "_replies", "_whole", "complete", "data")
 
-    @cached_property
-    def complete(self) -> bool:
-        """Whether every servo brought its data."""
-        return all(reply.data is not None for reply in self.replies)
+    def __init__(
+        self, ids: Sequence[int], lengths: Sequence[int], found: Whole | list[Reply]
+    ) -> None:
+        self._ids = ids
+        self._lengths = lengths
+        self._whole: Whole | None = None
+        self._replies: list[Reply] = []
+        self.data: Sequence[bytes | None]
+        if isinstance(found, Whole):
+            self._whole = found
+            self.data = found.data
+            self.complete = True
+        else:
+            self._replies = found
+            self.data = [reply.data for reply in found]
+            self.complete = None not in self.data
 
-    @cached_property
+    @property
+    def replies(self) -> list[Reply]:
+        """One for each servo, with its data or the reason why there are none."""
+        if self._whole is not None and not self._replies:
+            triples = zip(self._ids, *self._whole, strict=True)
+            self._replies = [Reply(id, data, 0, alert != 0) for id, data, alert in triples]
+        return self._replies
+
+    @property
     def alert(self) -> bool:
         """Whether any servo reports a hardware error."""
-        return any(reply.alert for reply in self.replies)
+        if self._whole is not None:
+            return any(self._whole.alerts)
+        return any(reply.alert for reply in self._replies)
 
-    @cached_property
+    @property
     def block(self) -> bytes:
-        """The data of all servos one behind the other, zeros for those that are missing."""
-        return b"".join(
-            [
-                bytes(length) if reply.data is None else reply.data
-                for reply, length in zip(self.replies, self.lengths, strict=True)
-            ]
-        )
+        """The data of all servos one behind the other, zeros where they are missing."""
+        if self._whole is not None:
+            return b"".join(self._whole.data)
+        pairs = zip(self.data, self._lengths, strict=True)
+        return b"".join([bytes(length) if data is None else data for data, length in pairs])
 
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """A request, and the replies to it."""
+    """How some of the servos are asked at once."""
 
     items: tuple[Item, ...]
     request: bytes
     slots: tuple[Slot, ...]
+    whole: PlainReplies
     fast_request: bytes = b""
-    fast_reply: FastReplyParser | None = None
+    fast_reply: FastReply | None = None
     fast_patience: float = 0.0
 
 
@@ -121,8 +140,8 @@ class GroupRead:
         self._lengths = [item.length for item in items]
         self._plans: dict[tuple[Item, ...], _Plan] = {}
         self._revision = bus.revision
-        self._silences = dict.fromkeys(self.ids, 0)
-        self._left_out: list[int] = []
+        self._absences = Absences()
+        self._present: Sequence[Item] = self.items
         self._asked = self._split(self.items)
         self._cycle = 0
         self._fast_failures = 0
@@ -136,7 +155,7 @@ class GroupRead:
     @property
     def left_out(self) -> Sequence[int]:
         """Ids of those that are silent and tried only now and then."""
-        return tuple(self._left_out)
+        return tuple(self._absences.left_out)
 
     def run(self) -> GroupResult:
         """Read once.
@@ -147,94 +166,76 @@ class GroupRead:
         if self._revision != self._bus.revision:
             self._revision = self._bus.revision
             self._plans.clear()
+            self._asked = self._split(self._present)
         self._cycle += 1
-        found: dict[int, Reply] = {}
-        for items in self._asked:
-            self._read(items, found)
-        if self._left_out or len(found) < len(self.items):
-            self._try_left_out(found)
-        replies = [found[id] for id in self.ids]
-        self._note(replies)
-        return GroupResult(replies, self._lengths)
-
-    def _read(self, items: tuple[Item, ...], found: dict[int, Reply]) -> None:
-        if self.is_fast:
-            items = self._read_fast(items, found)
-        gaps = 0
-        again = False
-        while items:
-            plan = self._plan(items)
-            replies = self._bus.line.ask(self._protocol, plan.request, plan.slots, again=again)
-            found.update({reply.id: reply for reply in replies})
-            items = items[len(replies) :]
-            again = True
-            answered = any(reply.failure is not Failure.SILENT for reply in replies)
-            gaps = 0 if answered else gaps + 1
-            if gaps == MOST_GAPS:
-                found.update({item.id: _silent(item.id) for item in items})
-                return
-
-    def _read_fast(self, items: tuple[Item, ...], found: dict[int, Reply]) -> tuple[Item, ...]:
-        """Read what can be read at once, and return the items that are missing."""
-        plan = self._plan(items)
-        assert plan.fast_reply is not None
-        blocks = self._bus.line.ask_fast(plan.fast_request, plan.fast_reply, plan.fast_patience)
-        missing = []
-        for item, block in zip(items, blocks, strict=True):
-            counters = self._bus.counters(item.id)
-            counters.alerts += block.alert
-            if block.data is None:
-                counters.corrupt += block.damaged
-                missing.append(item)
-            elif block.error:
-                counters.refused += 1
-                found[item.id] = Reply(item.id, None, block.error, block.alert, Failure.REFUSED)
-            else:
-                counters.replies += 1
-                found[item.id] = Reply(item.id, block.data, 0, block.alert)
-        if missing:
-            self._fast_failures += 1
-            if self._fast_failures == FAST_FAILURES:
-                self._fast_failures = 0
-                self._fast_again = self._cycle + FAST_AGAIN
+        read = self._read_fast if self._fast and self.is_fast else self._read_plain
+        if len(self._asked) == 1 and len(self._present) == len(self.items):
+            found = read(self._asked[0])
         else:
-            self._fast_failures = 0
-        return tuple(missing)
+            found = self._with_left_out(
+                [reply for plan in self._asked for reply in _replies(plan.items, read(plan))]
+            )
+        result = GroupResult(self.ids, self._lengths, found)
+        if not (result.complete and self._absences.none):
+            self._note(result.replies)
+        return result
 
-    def _try_left_out(self, found: dict[int, Reply]) -> None:
-        if not self._asked or self._cycle % TRY_EVERY == 0:
-            id = self._left_out[0]
-            self._left_out.append(self._left_out.pop(0))
+    def _read_fast(self, plan: _Plan) -> Whole | list[Reply]:
+        """Read what can be read at once, and the rest one behind the other."""
+        assert plan.fast_reply is not None
+        found = self._bus.line.ask_fast(plan.fast_request, plan.fast_reply, plan.fast_patience)
+        if isinstance(found, Whole):
+            self._fast_failures = 0
+            return found
+        self._fast_failures += 1
+        if self._fast_failures == FAST_FAILURES:
+            self._fast_failures = 0
+            self._fast_again = self._cycle + FAST_AGAIN
+        pairs = list(zip(plan.items, found, strict=True))
+        missing = tuple(item for item, block in pairs if block is None)
+        rest = iter(_replies(missing, self._read_plain(self._plan(missing))) if missing else ())
+        return [next(rest) if block is None else _reply(block) for _, block in pairs]
+
+    def _read_plain(self, plan: _Plan) -> Whole | list[Reply]:
+        items = plan.items
+        line = self._bus.line
+        if self._protocol == 2:
+            found = line.ask_whole(plan.request, plan.slots, plan.whole)
+            if isinstance(found, Whole):
+                return found
+        else:
+            found = line.ask(self._protocol, plan.request, plan.slots)
+        gaps = 1
+        while len(found) < len(items):
+            if gaps == MOST_GAPS:
+                return found + [_missing(item.id) for item in items[len(found) :]]
+            plan = self._plan(items[len(found) :])
+            more = line.ask(self._protocol, plan.request, plan.slots, again=True)
+            found += more
+            gaps = gaps + 1 if len(more) == 1 else 1
+        return found
+
+    def _with_left_out(self, replies: Sequence[Reply]) -> list[Reply]:
+        """Return the replies with those of the servos that are left out; one of them is tried at times."""
+        found = {reply.id: reply for reply in replies}
+        if self._absences.left_out and (not found or self._cycle % TRY_EVERY == 0):
+            id = self._absences.next()
             plan = self._plan(tuple(item for item in self.items if item.id == id))
             (found[id],) = self._bus.line.ask(self._protocol, plan.request, plan.slots)
-        for id in self._left_out:
-            found.setdefault(id, Reply(id, None, failure=Failure.LEFT_OUT))
+        return [found.get(id) or _missing(id, Failure.LEFT_OUT) for id in self.ids]
 
     def _note(self, replies: Sequence[Reply]) -> None:
-        """Leave out those who have been silent too often, and ask those again who have answered."""
-        changed = False
-        for reply in replies:
-            id = reply.id
-            if reply.failure is Failure.SILENT:
-                self._silences[id] += 1
-                if self._silences[id] == LEAVE_OUT_AFTER:
-                    self._left_out.append(id)
-                    changed = True
-            elif reply.failure is not Failure.LEFT_OUT and self._silences[id]:
-                self._silences[id] = 0
-                if id in self._left_out:
-                    self._left_out.remove(id)
-                    changed = True
-        if changed:
-            left = [item for item in self.items if item.id not in self._left_out]
-            self._asked = self._split(left)
+        if self._absences.note(replies):
+            self._asked = self._split(
+                [i for i in self.items if i.id not in self._absences.left_out]
+            )
             self._fast_again = self._cycle
 
-    def _split(self, items: Sequence[Item]) -> list[tuple[Item, ...]]:
-        """Return what is asked at once."""
+    def _split(self, items: Sequence[Item]) -> list[_Plan]:
+        """Return how servos are asked: all at once, or one by one."""
         if self._one_by_one:
-            return [(item,) for item in items]
-        return [tuple(items)] if items else []
+            return [self._plan((item,)) for item in items]
+        return [self._plan(tuple(items))] if items else []
 
     def _plan(self, items: tuple[Item, ...]) -> _Plan:
         plan = self._plans.get(items)
@@ -245,13 +246,18 @@ class GroupRead:
     def _planned(self, items: tuple[Item, ...]) -> _Plan:
         bus = self._bus
         slots = tuple(bus.slot(item.id, item.length) for item in items)
-        request = self._request(items)
+        blocks = [(item.id, item.length) for item in items]
+        plan = _Plan(items, self._request(items), slots, PlainReplies(blocks))
         if not self._fast:
-            return _Plan(items, request, slots)
-        reply = FastReplyParser([(item.id, item.length) for item in items])
+            return plan
+        reply = FastReply(blocks)
         delay = max(bus.link(item.id).return_delay for item in items)
-        patience = delay + bus.port.wire_time(reply.size) + bus.latency_budget
-        return _Plan(items, request, slots, self._fast_request(items), reply, patience)
+        return replace(
+            plan,
+            fast_request=self._fast_request(items),
+            fast_reply=reply,
+            fast_patience=delay + bus.port.wire_time(reply.size) + bus.latency_budget,
+        )
 
     def _request(self, items: tuple[Item, ...]) -> bytes:
         first = items[0]
@@ -268,8 +274,59 @@ class GroupRead:
         return protocol2.fast_bulk_read(items)
 
 
-def _silent(id: int) -> Reply:
-    return Reply(id, None, failure=Failure.SILENT)
+def _replies(items: Sequence[Item], found: Whole | list[Reply]) -> list[Reply]:
+    if isinstance(found, Whole):
+        return GroupResult([item.id for item in items], (), found).replies
+    return found
+
+
+def _missing(id: int, failure: Failure = Failure.SILENT) -> Reply:
+    return Reply(id, None, failure=failure)
+
+
+def _reply(block: Status) -> Reply:
+    if block.error:
+        return Reply(block.id, None, block.error, block.alert, Failure.REFUSED)
+    return Reply(block.id, block.params, 0, block.alert)
+
+
+class Absences:
+    """Who is silent again and again. Pure: no I/O, no clock.
+
+    Attributes:
+        left_out: ids of those that were silent too often, in the order in which they are tried.
+    """
+
+    def __init__(self) -> None:
+        self.left_out: list[int] = []
+        self._silences: dict[int, int] = {}
+
+    @property
+    def none(self) -> bool:
+        """Whether nobody was silent the last time."""
+        return not self._silences
+
+    def next(self) -> int:
+        """Return the id of the one to try now."""
+        id = self.left_out.pop(0)
+        self.left_out.append(id)
+        return id
+
+    def note(self, replies: Sequence[Reply]) -> bool:
+        """Take what came of one cycle; return whether `left_out` has others now."""
+        before = set(self.left_out)
+        for id, _, _, _, failure, _ in replies:
+            if failure is Failure.LEFT_OUT:
+                continue
+            if failure is not Failure.SILENT:
+                self._silences.pop(id, None)
+                if id in before:
+                    self.left_out.remove(id)
+                continue
+            self._silences[id] = self._silences.get(id, 0) + 1
+            if self._silences[id] == LEAVE_OUT_AFTER:
+                self.left_out.append(id)
+        return set(self.left_out) != before
 
 
 class GroupWrite:

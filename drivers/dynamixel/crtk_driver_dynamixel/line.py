@@ -12,17 +12,18 @@ than `LATEST` cannot be recognised.
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from crtk_driver_dynamixel import framing, protocol1, protocol2
-from crtk_driver_dynamixel.crc import crc16
 from crtk_driver_dynamixel.framing import Status
+from crtk_driver_dynamixel.group_replies import FastReply, PlainReplies, Whole, WholeReply
 from crtk_driver_dynamixel.matching import Matcher, Slot
 from crtk_driver_dynamixel.port import Port
-from crtk_driver_dynamixel.protocol2 import ALERT, BROADCAST, SEQUENCE, Block, FastReplyParser
-from crtk_driver_dynamixel.replies import Counters, Failure, Reply
+from crtk_driver_dynamixel.protocol2 import BROADCAST
+from crtk_driver_dynamixel.replies import Counters, Reply
 
 __all__ = ["LATEST", "Line", "LineCounters"]
 
@@ -57,6 +58,13 @@ class _Owed(NamedTuple):
     until: float
 
 
+class _Received(NamedTuple):
+    whole: Whole | None
+    buffer: bytes
+    deadline: float
+    over: bool
+
+
 class Line:
     """The transactions of one port. Not thread-safe: it belongs to one thread.
 
@@ -72,9 +80,10 @@ class Line:
             1: protocol1.StatusParser(),
             2: protocol2.StatusParser(),
         }
-        self._servos: dict[int, Counters] = {}
+        self._servos: defaultdict[int, Counters] = defaultdict(Counters)
         self._owed: list[_Owed] = []
         self._free_at = 0.0
+        self._echoing = False
         self._requests = 0
         self._echoes = 0
         self._strays = 0
@@ -95,10 +104,7 @@ class Line:
 
     def servo(self, id: int) -> Counters:
         """Return the counters of a servo, which go on counting."""
-        found = self._servos.get(id)
-        if found is None:
-            found = self._servos[id] = Counters()
-        return found
+        return self._servos[id]
 
     def forget(self) -> None:
         """Forget what was under way: the port was opened anew."""
@@ -132,23 +138,30 @@ class Line:
         Raises:
             ConnectionLost: the adapter is gone.
         """
-        parser = self._parsers[protocol]
-        self._prepare(parser, slots[0].id, slots[0].length, again=again)
-        parser.expect_echo(request)
-        parser.longest = max(len(request), *(slot.size + slot.length // 3 for slot in slots))
+        self._prepare(self._parsers[protocol], slots[0].id, slots[0].length, again=again)
         self.send(request)
-        replies: list[Reply] = []
-        rest = b""
         deadline = self._free_at + slots[0].time
-        if protocol == 2 and not self._owed:
-            rest, deadline = self._clean(request, slots, replies, deadline)
-            if len(replies) == len(slots):
-                self._stray(parser.feed(rest))
-                return replies
-        return self._search(parser, slots, replies, rest, deadline, again=again)
+        return self._search(protocol, request, slots, b"", deadline, again=again)
 
-    def ask_fast(self, request: bytes, reply: FastReplyParser, patience: float) -> list[Block]:
-        """Send a fast read and return the block of each servo, in the order of the request.
+    def ask_whole(
+        self, request: bytes, slots: Sequence[Slot], replies: PlainReplies
+    ) -> Whole | list[Reply]:
+        """As `ask` in protocol 2.0, but where all replies come as expected they are taken at once."""
+        self._prepare(self._parsers[2], slots[0].id, slots[0].length, again=False)
+        self.send(request)
+        deadline = self._free_at + slots[0].time
+        if self._owed:
+            return self._search(2, request, slots, b"", deadline)
+        received = self._receive(request, replies, deadline, slots[-1].time)
+        if received.whole is not None:
+            self._count_whole(replies.ids, received.whole)
+            return received.whole
+        return self._search(2, request, slots, *received[1:])
+
+    def ask_fast(
+        self, request: bytes, reply: FastReply, patience: float
+    ) -> Whole | list[Status | None]:
+        """Send a fast read and return the block of each servo, None where it is damaged or missing.
 
         Args:
             patience: seconds in which the whole reply comes after the request.
@@ -158,30 +171,68 @@ class Line:
         """
         parser = self._parsers[2]
         self._prepare(parser, BROADCAST, reply.data_size, again=False)
-        parser.longest = max(len(request), reply.size)
         self.send(request)
-        deadline = self._free_at + patience
-        buffer = b""
-        start = -1
-        while start < 0 or len(buffer) - start < reply.size:
+        received = self._receive(request, reply, self._free_at + patience, 0.0)
+        if received.whole is not None:
+            self._owed.clear()
+            self._count_whole(reply.ids, received.whole)
+            return received.whole
+        _, buffer, deadline, over = received
+        start = buffer.find(reply.prefix)
+        while not over and (start < 0 or len(buffer) < start + reply.size):
             data = self.port.read(deadline)
-            if not data:
-                break
+            over = not data
             buffer += data
-            if start < 0:
-                start = buffer.find(reply.prefix)
+            start = buffer.find(reply.prefix)
+        parser.longest = max(len(request), reply.size)
+        echoes = parser.echoes
         if start < 0:
-            self._stray(parser.feed(buffer))
-            self._stray(parser.finish())
+            self._stray([*parser.feed(buffer), *parser.finish()])
             self._owed.append(_Owed(BROADCAST, reply.data_size, deadline + LATEST))
-            return reply.decode(b"")
-        self._owed.clear()
-        end = start + reply.size
-        for around in (buffer[:start], buffer[end:]):
-            if around:
-                self._stray(parser.feed(around))
-                self._stray(parser.finish())
-        return reply.decode(buffer[start:end])
+        else:
+            self._owed.clear()
+            for around in (buffer[:start], buffer[start + reply.size :]):
+                self._stray([*parser.feed(around), *parser.finish()])
+        self._echoing = parser.echoes > echoes
+        blocks = reply.blocks(buffer[start : start + reply.size] if start >= 0 else b"")
+        for id, block in zip(reply.ids, blocks, strict=True):
+            if block is not None:
+                self._servos[id].take(error=block.error, alert=block.alert)
+        return blocks
+
+    def _receive(
+        self, request: bytes, reply: WholeReply, deadline: float, patience: float
+    ) -> _Received:
+        """Receive as much as a whole reply has, as long as it looks like one.
+
+        Args:
+            patience: seconds for more to come, once something has come.
+        """
+        skip = len(request) if self._echoing else 0
+        size = skip + reply.size
+        buffer = self.port.read(deadline)
+        over = not buffer
+        while not over and len(buffer) < size and reply.fits(buffer[skip:]):
+            deadline = max(deadline, self._clock() + patience)
+            data = self.port.read(deadline)
+            over = not data
+            buffer += data
+        whole = None
+        if len(buffer) == size:
+            if not skip:
+                whole = reply.whole(buffer)
+            elif buffer.startswith(request):
+                whole = reply.whole(buffer[skip:])
+                self._echoes += whole is not None
+        return _Received(whole, buffer, deadline, over)
+
+    def _count_whole(self, ids: Sequence[int], whole: Whole) -> None:
+        servos = self._servos
+        for id in ids:
+            servos[id].replies += 1
+        if any(whole.alerts):
+            for id, alert in zip(ids, whole.alerts, strict=True):
+                servos[id].alerts += alert != 0
 
     def _prepare(
         self, parser: framing.StatusParser, first: int, length: int, *, again: bool
@@ -223,62 +274,32 @@ class Line:
             if index is not None:
                 del self._owed[: index + 1]
 
-    def _clean(
-        self, request: bytes, slots: Sequence[Slot], replies: list[Reply], deadline: float
-    ) -> tuple[bytes, float]:
-        """Take whole, undamaged, unstuffed replies in their order: as nearly all of them come.
-
-        Returns:
-            What arrived behind them, and when the next reply is due.
-        """
-        buffer = b""
-        position = 0
-        for slot in slots:
-            prefix, end = slot.prefix, position + slot.size
-            is_due = not replies
-            while len(buffer) < end or not buffer.startswith(prefix, position):
-                buffer, position, end = buffer[position:], 0, slot.size
-                if not is_due:
-                    deadline, is_due = self._clock() + slot.time, True
-                if buffer and not replies and request.startswith(buffer[: len(request)]):
-                    if len(buffer) >= len(request):
-                        self._echoes += 1
-                        position, end = len(request), len(request) + slot.size
-                        continue
-                elif not prefix.startswith(buffer[: len(prefix)]):
-                    return buffer, deadline
-                data = self.port.read(deadline)
-                if not data:
-                    return buffer, deadline
-                buffer += data
-            packet = buffer[position:end]
-            if (
-                packet[8] & ~ALERT
-                or SEQUENCE in packet[9:-2]
-                or crc16(packet[:-2]) != packet[-2] | packet[-1] << 8
-            ):
-                return buffer[position:], deadline if is_due else self._clock() + slot.time
-            reply = Reply(slot.id, packet[9:-2], 0, packet[8] != 0)
-            self._count(reply)
-            replies.append(reply)
-            position = end
-        return buffer[position:], deadline
-
     def _search(
         self,
-        parser: framing.StatusParser,
+        protocol: int,
+        request: bytes,
         slots: Sequence[Slot],
-        clean: Sequence[Reply],
-        rest: bytes,
+        received: bytes,
         deadline: float,
+        over: bool = False,
         *,
-        again: bool,
+        again: bool = False,
     ) -> list[Reply]:
-        """Find the remaining replies among whatever else arrives."""
-        matcher = Matcher(slots, clean)
+        """Find the replies among whatever else has arrived and arrives.
+
+        Args:
+            received: so far.
+            deadline: of the next reply.
+            over: it has passed.
+        """
+        parser = self._parsers[protocol]
+        parser.expect_echo(request)
+        parser.longest = max(len(request), *(slot.size + slot.length // 3 for slot in slots))
+        echoes = parser.echoes
+        matcher = Matcher(slots)
         earliest = self._free_at + self.port.wire_time(min(slot.size for slot in slots))
-        certain = bool(clean)
-        statuses = parser.feed(rest)
+        certain = False
+        statuses = parser.feed(received)
         while True:
             at = matcher.at
             for status in statuses:
@@ -291,13 +312,15 @@ class Line:
                 break
             if matcher.at != at:
                 deadline = self._clock() + slots[matcher.at].time
-            data = self.port.read(deadline)
-            statuses = parser.feed(data) if data else parser.finish()
-            if not data and not statuses:
+            data = b"" if over else self.port.read(deadline)
+            over = not data
+            statuses = parser.finish() if over else parser.feed(data)
+            if over and not statuses:
                 break
+        self._echoing = protocol == 2 and parser.echoes > echoes
         replies = matcher.replies(parser.corrupt)
-        for reply in replies[len(clean) :]:
-            self._count(reply)
+        for reply in replies:
+            self._servos[reply.id].take(reply.failure, error=reply.error, alert=reply.alert)
         if certain and not again:
             self._owed.clear()
         self._owed += [
@@ -310,18 +333,4 @@ class Line:
     def _stray_ids(self, ids: Sequence[int]) -> None:
         for id in ids:
             self._strays += 1
-            self.servo(id).strays += 1
-
-    def _count(self, reply: Reply) -> None:
-        counters = self.servo(reply.id)
-        if reply.failure is None:
-            counters.replies += 1
-        elif reply.failure is Failure.REFUSED:
-            counters.replies += 1
-            counters.refused += 1
-        elif reply.failure is Failure.CORRUPT:
-            counters.corrupt += 1
-        else:
-            counters.timeouts += 1
-        if reply.alert:
-            counters.alerts += 1
+            self._servos[id].strays += 1

@@ -17,7 +17,6 @@ class Slot:
 
     Attributes:
         length: of its data, without stuffing.
-        prefix: bytes with which it begins if it brings data, up to the error byte; protocol 2.0 only.
         size: of the whole packet without stuffing.
         time: seconds in which it comes after whatever comes before it.
         keeps_data: whether a reply with an error may bring data as well: protocol 1.0.
@@ -25,7 +24,6 @@ class Slot:
 
     id: int
     length: int
-    prefix: bytes
     size: int
     time: float
     keeps_data: bool = False
@@ -36,17 +34,16 @@ class Matcher:
 
     Args:
         slots: in the order of the request.
-        replies: of the first slots, found already.
 
     Attributes:
         at: index of the slot whose reply is due; those before it are answered or passed over.
     """
 
-    def __init__(self, slots: Sequence[Slot], replies: Sequence[Reply] = ()) -> None:
+    def __init__(self, slots: Sequence[Slot]) -> None:
         self._slots = slots
-        self._found: list[Reply | None] = [*replies, *[None] * (len(slots) - len(replies))]
+        self._found: list[Reply | None] = [None] * len(slots)
         self._index = {slot.id: index for index, slot in enumerate(slots)}
-        self.at = len(replies)
+        self.at = 0
 
     @property
     def done(self) -> bool:

@@ -213,15 +213,7 @@ class Port:
         Raises:
             ConnectionLost: it is gone.
         """
-        try:
-            data = os.read(self._fd, _CHUNK)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            raise self._lost(error) from error
-        if not data:
-            raise self._lost(OSError(errno.EIO, "hung up"))
-        return data
+        return self.read(0.0) if self._poll.poll(0) else b""
 
     def _write_rest(self, data: bytes) -> None:
         deadline = self._clock() + _WRITE_PATIENCE + self.wire_time(len(data))

@@ -13,7 +13,7 @@ import struct
 from collections.abc import Iterable, Mapping, Sequence
 from enum import IntEnum
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Final
 
 from crtk_driver_dynamixel import framing
 from crtk_driver_dynamixel.crc import crc16
@@ -23,10 +23,10 @@ __all__ = [
     "ALERT",
     "BROADCAST",
     "ERRORS",
+    "HEADER",
     "SEQUENCE",
+    "STATUS",
     "TAIL",
-    "Block",
-    "FastReplyParser",
     "Instruction",
     "Reset",
     "Status",
@@ -311,59 +311,3 @@ class StatusParser(framing.StatusParser):
         if id != BROADCAST:
             params = params.replace(_STUFFED, SEQUENCE)
         return Status(id, error & ~ALERT, error >= ALERT, params)
-
-
-class Block(NamedTuple):
-    """The part of one servo in the reply to a fast read.
-
-    Attributes:
-        data: None if it is damaged or missing.
-        damaged: whether some of it arrived, but not intact.
-    """
-
-    id: int
-    error: int
-    alert: bool
-    data: bytes | None
-    damaged: bool
-
-
-class FastReplyParser:
-    """Finds and takes apart the one reply to a fast sync or fast bulk read.
-
-    The servos write it between them: ``header FE length 55``, then of each ``error id data CRC``, where
-    each CRC continues the one before it. A block whose CRC continues that of its predecessor correctly is
-    good, whatever is damaged elsewhere.
-
-    Args:
-        blocks: (id, length of data) in the order of the request.
-
-    Attributes:
-        size: of the whole reply in bytes.
-        data_size: of what would be the parameters of a status of this size.
-        prefix: bytes with which the reply begins.
-    """
-
-    def __init__(self, blocks: Sequence[tuple[int, int]]) -> None:
-        self.blocks = tuple(blocks)
-        self.data_size = sum(length + 4 for _, length in blocks) - 3
-        self.size = status_size(self.data_size)
-        self.prefix = _HEAD.pack(HEADER, BROADCAST, self.size - _HEAD.size) + bytes((STATUS,))
-
-    def decode(self, reply: bytes) -> list[Block]:
-        """Return the blocks of a reply that starts with `prefix`, and may be cut short or damaged."""
-        found = []
-        start = len(self.prefix)
-        crc, since = 0, 0
-        for id, length in self.blocks:
-            end = start + 2 + length
-            whole = len(reply) >= end + 2
-            given = int.from_bytes(reply[end : end + 2], "little")
-            good = whole and reply[start + 1] == id and crc16(reply[since:end], crc) == given
-            error = reply[start] if good else 0
-            data = reply[start + 2 : end] if good else None
-            found.append(
-                Block(id, error & ~ALERT, error >= ALERT, data, len(reply) > start and not good)
-            )
-            crc, since, start = given, end, end + 2
-        return found

@@ -76,6 +76,14 @@ class Counters:
     alerts: int = 0
     strays: int = 0
 
+    def take(self, failure: Failure | None = None, *, error: int = 0, alert: bool = False) -> None:
+        """Count a reply, or why there was none."""
+        self.replies += failure in (None, Failure.REFUSED)
+        self.timeouts += failure is Failure.SILENT
+        self.corrupt += failure is Failure.CORRUPT
+        self.refused += error != 0
+        self.alerts += alert
+
 
 class ServoSilent(DataTimeout):
     """A servo did not answer."""
