@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_driver_ati_netft.clock import BLOCK, ClockFit, lower_envelope
+from crtk_driver_ati_netft.clock import BLOCK, QUICK, ClockFit, WallClock, lower_envelope
 
 
 def arrivals_of(seconds, rate, step=1, seed=1, start=1000.0, base=0.0, bursts=0.01, mean=60e-6):
@@ -154,3 +154,51 @@ def test_the_envelope_is_below_all_points_and_as_near_as_any_line_can_be(some) -
     gaps = [y - base - slope * x for x, y in some]
     assert min(gaps) >= -1e-9
     assert sum(gaps) == pytest.approx(best[0], abs=1e-6)
+
+
+class Clocks:
+    """A monotonic clock and one of the epoch; each reading takes a while, and now and then very long."""
+
+    def __init__(self, ahead: int) -> None:
+        self.now = 5_000_000_000
+        self.ahead = ahead
+        self.pauses: list[int] = []
+
+    def _read(self) -> int:
+        self.now += 200
+        seen = self.now
+        self.now += self.pauses.pop(0) if self.pauses else 0
+        return seen
+
+    def monotonic(self) -> int:
+        return self._read()
+
+    def wall(self) -> int:
+        return self._read() + self.ahead
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 5_000_000), st.integers(0, 5_000_000)), min_size=1, max_size=20
+    )
+)
+def test_the_time_of_the_epoch_does_not_jump_when_the_process_stands_still(pauses) -> None:
+    clocks = Clocks(1_763_709_179_000_000_000)
+    wall = WallClock(clocks.monotonic, clocks.wall)
+    first = wall.offset()
+    assert abs(first - clocks.ahead) < 1000
+    for before, after in pauses:
+        clocks.pauses = [before, after]
+        assert abs(wall.offset() - clocks.ahead) <= QUICK
+
+
+def test_a_clock_that_is_set_or_that_drifts_is_followed() -> None:
+    clocks = Clocks(1_763_709_179_000_000_000)
+    wall = WallClock(clocks.monotonic, clocks.wall)
+    wall.offset()
+    for change in (3_600_000_000_000, -50_000_000, 2_000, -100):
+        clocks.ahead += change
+        assert abs(wall.offset() - clocks.ahead) < 1000
+    clocks.ahead += 1_000_000_000
+    clocks.pauses = [3_000_000]
+    assert abs(wall.offset() - clocks.ahead) <= 3_000_000

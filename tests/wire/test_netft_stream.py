@@ -12,6 +12,7 @@ import pytest
 from netft_peer import Peer, record
 
 from crtk_driver_ati_netft import stream as stream_module
+from crtk_driver_ati_netft.clock import WallClock
 from crtk_driver_ati_netft.profiles import AXIA, NETBOX, ONROBOT, Action, Mode
 from crtk_driver_ati_netft.receiver import (
     MOST,
@@ -136,10 +137,8 @@ def test_a_wall_clock_that_is_set_does_not_move_the_arrivals(monkeypatch, shift)
         receiver = BatchReceiver(here)
         there.sendto(b"x", here.getsockname())
         assert receiver.receive() is not None
-        real = time.time_ns
-        monkeypatch.setattr(
-            "crtk_driver_ati_netft.receiver.time.time_ns", lambda: real() + shift * 10**9
-        )
+        shifted = WallClock(wall=lambda: time.time_ns() + shift * 10**9)
+        monkeypatch.setattr(receiver, "_wall_clock", shifted)
         there.sendto(b"x", here.getsockname())
         before = time.monotonic()
         found = receiver.receive()

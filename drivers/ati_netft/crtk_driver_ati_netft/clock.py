@@ -8,7 +8,9 @@ leave no trace; what the network takes at the least cannot be told from the time
 
 from __future__ import annotations
 
+import time
 from collections import deque
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -17,6 +19,8 @@ from numpy.typing import NDArray
 BLOCK: Final = 0.25
 """Seconds of which the earliest arrival enters the fit."""
 BLOCKS: Final = 40
+QUICK: Final = 10_000
+"""ns between two readings of a clock in which a process that is not interrupted reads another."""
 ASTRAY: Final = 0.05
 """Seconds between the line and a whole block of arrivals at which the line counts as wrong."""
 
@@ -151,3 +155,34 @@ def lower_envelope(points: list[Point]) -> tuple[float, float] | None:
     (ax, ay), (bx, by) = hull[edge], hull[edge + 1]
     slope = (by - ay) / (bx - ax)
     return (ay - slope * ax, slope) if slope > 0.0 else None
+
+
+class WallClock:
+    """From monotonic time to time since the epoch, without the moments in which this process stood still.
+
+    Two clocks cannot be read at once. Between the two readings the process may have to wait, and what they
+    seem to differ by is then wrong by as much: such a reading counts only when it shows that one was set.
+
+    Args:
+        monotonic, wall: the clocks, in ns.
+    """
+
+    def __init__(
+        self,
+        monotonic: Callable[[], int] = time.monotonic_ns,
+        wall: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._monotonic = monotonic
+        self._wall = wall
+        self._offset: int | None = None
+
+    def offset(self) -> int:
+        """Return by how much the time since the epoch is ahead, in ns."""
+        before = self._monotonic()
+        wall = self._wall()
+        after = self._monotonic()
+        offset = wall - (before + after) // 2
+        doubt = max(QUICK, after - before)
+        if self._offset is None or after - before <= QUICK or abs(offset - self._offset) > doubt:
+            self._offset = offset
+        return self._offset

@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from crtk_driver_ati_netft.blocks import MEASUREMENT, Block, BlockReader, BlockRing
+from crtk_driver_ati_netft.clock import WallClock
 from crtk_driver_ati_netft.compensation import (
     GRAVITY,
     NO_LOAD,
@@ -83,6 +84,7 @@ class Pipeline:
         self._rotation_ends = -math.inf
         self._filter: Filter = Mean(1)
         self._record_rate = 0.0
+        self._wall_clock = WallClock()
         self._listeners: tuple[Listener, ...] = ()
 
     # --------------------------------------------------------------------------- settings, any thread
@@ -178,9 +180,8 @@ class Pipeline:
             record_rate: of the measurements in Hz; 0 if unknown.
         """
         compensation = self._present()
-        wall_offset = time.time_ns() - round(time.monotonic() * 1e9)
         block = np.empty(len(batch), MEASUREMENT)
-        block["stamp"] = (batch.times * 1e9).astype(np.int64) + wall_offset
+        block["stamp"] = (batch.times * 1e9).astype(np.int64) + self._wall_clock.offset()
         block["ticks"] = batch.ticks
         block["sequence"] = batch.sequence
         block["status"] = batch.status

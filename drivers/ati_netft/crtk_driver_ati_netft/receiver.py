@@ -20,6 +20,8 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from crtk_driver_ati_netft.clock import WallClock
+
 MOST: Final = 512
 """Datagrams taken at once."""
 SLOT: Final = 1536
@@ -92,6 +94,7 @@ class BatchReceiver:
             ctypes.c_void_p,
         )
         self._address = ctypes.addressof(self._headers)
+        self._wall_clock = WallClock()
         self._wall_offset: int | None = None
         peer.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
 
@@ -110,8 +113,8 @@ class BatchReceiver:
 
     def _arrivals(self, count: int) -> NDArray[np.float64]:
         """Return the kernel's stamps on the monotonic clock; now, where there are none that can be used."""
+        offset = self._wall_clock.offset()
         now = time.monotonic()
-        offset = time.time_ns() - round(now * 1e9)
         before, self._wall_offset = self._wall_offset, offset
         was_set = before is not None and abs(offset - before) > _CLOCK_STEP * 1e9
         if was_set or not self._control_lengths[:count].all():
