@@ -119,7 +119,7 @@ class Readiness:
         self.parent_fd = parent_fd  # becomes readable when the parent has died
 
     def tell(self, **values: Any) -> None:
-        """Tell the parent, once, that all is bound (`host`, `ports`, `ttys` if any), or the `error`."""
+        """Tell the parent, once, that all is bound (`host`, `ports`; `ttys`, `paths`), or the `error`."""
         if self._ready_fd is None:
             return
         with contextlib.suppress(BrokenPipeError):
@@ -138,6 +138,7 @@ class RunningSim:
         host: str,
         ports: Mapping[str, int],
         ttys: Mapping[str, str],
+        paths: Mapping[str, str],
     ) -> None:
         self._process = process
         self._life = life
@@ -145,6 +146,7 @@ class RunningSim:
         self.host = host
         self.ports = dict(ports)
         self.ttys = dict(ttys)
+        self.paths = dict(paths)  # of Unix sockets
 
     @property
     def pid(self) -> int:
@@ -248,8 +250,8 @@ def spawn(module: str, arguments: Sequence[str], timeout: float = 15.0) -> Runni
     finally:
         os.close(ready_read)
     if "host" in answer:
-        ttys = answer.get("ttys", {})
-        return RunningSim(process, life_write, answer["host"], answer["ports"], ttys)
+        ttys, paths = answer.get("ttys", {}), answer.get("paths", {})
+        return RunningSim(process, life_write, answer["host"], answer["ports"], ttys, paths)
     if answer.get("timeout"):
         process.kill()
     code = process.wait()

@@ -14,10 +14,12 @@ from typing import Final, NamedTuple
 
 from crtk_sim_backends.can import frames
 
-_LINE: Final = re.compile(
-    r"\((?P<time>\d{1,12}\.\d{1,9})\)\s+(?P<channel>\S+)\s+"
+_FRAME: Final = re.compile(
     r"(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
-    r"(?:R(?P<length>[0-8])?|(?P<data>(?:[0-9A-Fa-f]{2}){0,8}))(?:\s+[RTrt])?"
+    r"(?:R(?P<length>[0-8])?|(?P<data>(?:[0-9A-Fa-f]{2}){0,8}))"
+)
+_LINE: Final = re.compile(
+    r"\((?P<time>\d{1,12}\.\d{1,9})\)\s+(?P<channel>\S+)\s+(?P<frame>\S+)(?:\s+[RTrt])?"
 )
 
 
@@ -47,15 +49,15 @@ def text(raw: bytes) -> str:
     return f"{number}#{data.hex().upper()}"
 
 
-def parse(line: str) -> Record:
-    """Read one line.
+def parse_frame(frame: str) -> bytes:
+    """Read a frame such as ``123#DEADBEEF``.
 
     Raises:
         LogError: with what was expected.
     """
-    match = _LINE.fullmatch(line.strip())
+    match = _FRAME.fullmatch(frame)
     if match is None:
-        raise LogError(f"expected '(seconds.fraction) interface id#data', not {line.strip()!r:.80}")
+        raise LogError(f"expected a frame such as 123#DEADBEEF, not {frame!r:.80}")
     digits = match["id"]
     can_id = int(digits, 16)
     if can_id & ~(frames.ERROR | frames.EXTENDED_MASK):
@@ -65,10 +67,20 @@ def parse(line: str) -> Record:
     elif len(digits) == 3 and can_id > frames.STANDARD_MASK:
         raise LogError(f"identifier {digits} needs 8 digits")
     if match["data"] is None:
-        raw = frames.pack(can_id | frames.REMOTE, b"", int(match["length"] or 0))
-    else:
-        raw = frames.pack(can_id, bytes.fromhex(match["data"]))
-    return Record(float(match["time"]), match["channel"], raw)
+        return frames.pack(can_id | frames.REMOTE, b"", int(match["length"] or 0))
+    return frames.pack(can_id, bytes.fromhex(match["data"]))
+
+
+def parse(line: str) -> Record:
+    """Read one line.
+
+    Raises:
+        LogError: with what was expected.
+    """
+    match = _LINE.fullmatch(line.strip())
+    if match is None:
+        raise LogError(f"expected '(seconds.fraction) interface id#data', not {line.strip()!r:.80}")
+    return Record(float(match["time"]), match["channel"], parse_frame(match["frame"]))
 
 
 def read(path: Path) -> Iterator[Record]:

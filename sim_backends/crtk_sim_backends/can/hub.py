@@ -44,13 +44,13 @@ from typing import Any, Final, Self, TypeVar
 
 from crtk_sim_backends.can import frames
 from crtk_sim_backends.can.candump import LogWriter
+from crtk_sim_backends.can.injection import FrameHook
 from crtk_sim_backends.can.loop import Loop, Timer
 from crtk_sim_backends.can.medium import Medium
 from crtk_sim_backends.can.native import SocketDoor
 from crtk_sim_backends.can.port import DEAF, REFUSING, Counters, Port, State
 from crtk_sim_backends.can.slcan import SlcanDoor
 from crtk_sim_backends.can.socketcand import SocketcandDoor
-from crtk_sim_backends.wire import Direction, WireHook
 
 DEFAULT_QUEUE: Final = 128
 """Frames of one node that may wait for the bus, as `txqueuelen` of a network interface."""
@@ -141,11 +141,13 @@ class Hub:
         self.nodes: list[Node] = []
         self.frame_count = 0  # that went over the bus
         self.recorder: LogWriter | None = None
-        self.hook: WireHook | None = None
+        self.hook: FrameHook | None = None
         self.state_of: Callable[[str], State] = lambda name: State(0)
+        self.happened: Callable[[str], object] = lambda event: None  # one of `injection.EVENTS`
         self._medium = Medium[Node](bitrate, stuffing) if bitrate else None
         self._pending: deque[tuple[Node, bytes]] = deque()  # at bit rate 0
         self._doors: list[SocketDoor | SocketcandDoor | SlcanDoor] = []
+        self._errors = Node(self, "errors", _Local(lambda can_id, data: None))
         self._numbers: dict[str, int] = {}
         self._stopping = False
         self._wake_read, self._wake_write = os.pipe()
@@ -215,7 +217,7 @@ class Hub:
             return self._queue(node, raw)
         now = time.monotonic()
         result = 0
-        for seconds, piece in self.hook(Direction.IN, raw, now):
+        for seconds, piece in self.hook(node.name, raw, now):
             if seconds > 0.0:
                 self.call_at(now + seconds, partial(self._queue, node, piece))
             else:
@@ -235,14 +237,16 @@ class Hub:
         return 0
 
     def error(self, classes: int, data: bytes = bytes(8), node: Node | None = None) -> None:
-        """Let `node`, or all nodes, receive an error frame (`frames.ERROR_...`)."""
+        """Let `node` receive an error frame (`frames.ERROR_...`), or all nodes, from the bus."""
         raw = frames.error_frame(classes, data)
-        for receiver in self.nodes if node is None else [node]:
-            if not receiver.state & State.DOWN:
-                receiver.counters.received += 1
-                receiver.port.deliver(raw)
-        if self.recorder is not None:
-            self.recorder.write(time.time(), raw)
+        if node is not None:
+            if not node.state & State.DOWN:
+                node.counters.received += 1
+                node.port.deliver(raw)
+        elif self._medium is None:
+            self._pending.append((self._errors, raw))
+        elif self._medium.waiting(self._errors) < self.queue:
+            self._medium.put(self._errors, raw, time.monotonic())
 
     def _move(self) -> None:
         """Deliver what has gone over the bus."""
@@ -250,18 +254,20 @@ class Hub:
             pending = self._pending
             for _ in range(min(len(pending), _FRAMES_PER_ROUND)):
                 sender, raw = pending.popleft()
-                self._deliver(sender, raw)
+                self._deliver(sender, raw, time.monotonic())
             return
         now = time.monotonic()
         for transfer in self._medium.due(now):
             transfer.sender.port.waiting(self._medium.waiting(transfer.sender))
-            self._deliver(transfer.sender, transfer.raw, now - transfer.end)
+            self._deliver(transfer.sender, transfer.raw, transfer.end)
 
-    def _deliver(self, sender: Node, raw: bytes, age: float = 0.0) -> None:
+    def _deliver(self, sender: Node, raw: bytes, at: float) -> None:
         self.frame_count += 1
+        if self.frame_count == 1:
+            self.happened("first_frame")
         sender.counters.sent += 1
         if self.recorder is not None:
-            self.recorder.write(time.time() - age, raw)
+            self.recorder.write(at + time.time() - time.monotonic(), raw)
         for node in self.nodes:
             if node.state & DEAF or (node is sender and not node.echo):
                 continue
@@ -368,6 +374,7 @@ class Hub:
         return {
             "bitrate": self.bitrate,
             "frames": self.frame_count,
+            "error_frames": self._errors.counters.sent,
             "bits": None if medium is None else medium.bits,
             "load": None if medium is None else medium.load.last_second(time.monotonic()),
             "nodes": {

@@ -206,6 +206,7 @@ class SocketDoor:
             return
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         self._clients.append(_Client(self, self._hub, sock))
+        self._hub.happened("client_connected")
 
     def drop(self, client: _Client) -> None:
         """Let go of a client that has gone."""

@@ -202,6 +202,7 @@ class SlcanDoor:
         if self._open or len(line) > 1:
             return REFUSED
         self._open, self._listen_only = True, line == "L"
+        self._hub.happened("client_connected")
         return OK
 
     def _close_channel(self, line: str) -> bytes:

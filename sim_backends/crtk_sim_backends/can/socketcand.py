@@ -204,6 +204,7 @@ class SocketcandDoor:
             sock.close()
             return
         self._clients.append(_Client(self, self._hub, sock))
+        self._hub.happened("client_connected")
 
     def drop(self, client: _Client) -> None:
         """Let go of a client that has gone."""

@@ -1,0 +1,203 @@
+"""A virtual bus with all its doors, faults, log and control socket, ready for clients."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import logging
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from crtk_sim_backends.can import frames
+from crtk_sim_backends.can.candump import LogError, LogWriter, parse_frame
+from crtk_sim_backends.can.config import NONE, SimConfig
+from crtk_sim_backends.can.control_door import ControlDoor
+from crtk_sim_backends.can.effects import BusEffects
+from crtk_sim_backends.can.hub import Hub
+from crtk_sim_backends.can.injection import EVENTS, KINDS, PLACES
+from crtk_sim_backends.can.native import socket_path
+from crtk_sim_backends.can.replay import Replay
+from crtk_sim_backends.control import Handlers
+from crtk_sim_backends.fault_player import FaultPlayer
+from crtk_sim_backends.faults import FaultError, read_faults
+from crtk_sim_backends.process import (
+    AUTO,
+    SimStartError,
+    bind_somewhere,
+    listen,
+    use_realtime_priority,
+)
+
+_FAULT_PERIOD: Final = 0.005  # s between looks at the timeline of faults
+_LOG_PERIOD: Final = 0.5  # s after which a log is on the disk
+_PR_SET_TIMERSLACK: Final = 29
+
+log = logging.getLogger(__name__)
+
+
+class HubServer:
+    """A bus in a process of its own.
+
+    Args:
+        config: its options; everything is bound by the constructor.
+        parent_fd: file descriptor that becomes readable when the process that wants this bus has
+            died, None for none.
+
+    Raises:
+        SimStartError: when something cannot be bound or opened, or a file is wrong.
+    """
+
+    def __init__(self, config: SimConfig, parent_fd: int | None = None) -> None:
+        self.config = config
+        self.hub = Hub(config.bitrate, config.stuffing, echo=config.echo, queue=config.queue)
+        self.paths: dict[str, str] = {}
+        self.ttys: dict[str, str] = {}
+        self.ports: dict[str, int] = {}
+        self._control: ControlDoor | None = None
+        self._replay: Replay | None = None
+        self._epoch = time.monotonic()
+        try:
+            faults = read_faults(Path(config.faults), KINDS, EVENTS) if config.faults else []
+            effects = BusEffects(self.hub)
+            self._faults = FaultPlayer(KINDS, faults, effects.begin, effects.end, PLACES)
+            self.hub.happened = self._event
+            self._open_doors()
+            if config.log:
+                self.hub.recorder = LogWriter(Path(config.log), config.channel)
+            if config.replay:
+                self._start_replay(config.replay, config.replay_speed)
+        except (FaultError, LogError) as error:
+            self.close()
+            raise SimStartError(str(error)) from error
+        except BaseException:
+            self.close()
+            raise
+        if parent_fd is not None:
+            self.hub.loop.watch(parent_fd, lambda _: self.stop())
+
+    def _open_doors(self) -> None:
+        config, hub = self.config, self.hub
+        self.host, _ = bind_somewhere(config.host, self._bind)
+        if config.socket != NONE:
+            name = config.socket
+            if name == AUTO:
+                name = os.path.join(tempfile.gettempdir(), f"crtk-can-{os.getpid()}.sock")
+            self.paths["crtk"] = hub.open_socket(socket_path(name)).path
+        for number in range(1, config.terminals + 1):
+            name = "slcan" if number == 1 else f"slcan-{number}"
+            link = config.link and (config.link if number == 1 else f"{config.link}-{number}")
+            self.ttys[name] = hub.open_slcan(link).tty
+
+    def _bind(self, host: str) -> None:
+        """Open the TCP ports at an address."""
+        listener = listen(host, self.config.control_port, "control")
+        try:
+            door = self.hub.open_socketcand(host, self.config.socketcand_port, self.config.channel)
+        except BaseException:
+            listener.close()
+            raise
+        self.ports = {"control": listener.getsockname()[1], "socketcand": door.port}
+        handlers: Handlers = {
+            "inject": self._inject,
+            "clear": self._clear,
+            "status": self.status,
+            "send": self._send,
+            "replay": self._start_replay,
+        }
+        self._control = ControlDoor(self.hub.loop, listener, handlers)
+
+    def run(self) -> None:
+        """Keep the bus going until `stop`, or until the parent process has died."""
+        _use_exact_timers()
+        if self.config.realtime:
+            use_realtime_priority()
+        gc.collect()
+        gc.freeze()
+        self._epoch = time.monotonic()
+        if self.config.faults:
+            self._play_faults()
+        if self.hub.recorder is not None:
+            self._flush_log()
+        self.hub.run()
+
+    def stop(self) -> None:
+        """Let `run` return; may be called from a signal handler."""
+        self.hub.stop()
+
+    def close(self) -> None:
+        """Close everything; safe to repeat."""
+        if self._control is not None:
+            self._control.close()
+            self._control = None
+        self.hub.close()
+
+    def _play_faults(self) -> None:
+        now = time.monotonic()
+        self._faults.play(now - self._epoch)
+        self.hub.call_at(now + _FAULT_PERIOD, self._play_faults)
+
+    def _flush_log(self) -> None:
+        if self.hub.recorder is not None:
+            self.hub.recorder.flush()
+            self.hub.call_at(time.monotonic() + _LOG_PERIOD, self._flush_log)
+
+    def _event(self, name: str) -> None:
+        self._faults.event(name, time.monotonic() - self._epoch)
+
+    # Requests on the control socket
+
+    def _inject(self, kind: str, parameters: Mapping[str, Any]) -> None:
+        now = time.monotonic()
+        self._faults.inject(kind, parameters, now - self._epoch)
+        duration = parameters.get("duration")
+        if duration is not None:
+            self.hub.call_at(
+                now + duration, lambda: self._faults.play(time.monotonic() - self._epoch)
+            )
+
+    def _clear(self, kind: str | None = None) -> None:
+        self._faults.clear(kind)
+
+    def _send(self, frame: str) -> int:
+        """Send a frame such as ``123#DEADBEEF``, from a node that exists only for it."""
+        raw = parse_frame(frame)
+        fault = frames.fault_of(raw)
+        if fault is not None:
+            raise ValueError(fault)
+        node = self.hub.attach(lambda can_id, data: None, "control")
+        result = self.hub.transmit(node, raw)
+        self.hub.call_at(time.monotonic() + 1.0, node.detach)
+        return result
+
+    def _start_replay(self, path: str, speed: float = 1.0) -> None:
+        if self._replay is not None:
+            self._replay.stop()
+        self._replay = Replay(self.hub, Path(path), speed, lambda: self._event("replay_ended"))
+
+    def status(self) -> dict[str, Any]:
+        """Everything that a test or a person wants to know, ready for JSON."""
+        replay = self._replay
+        return {
+            **self.hub.status(),
+            "host": self.host,
+            "ports": self.ports,
+            "paths": self.paths,
+            "ttys": self.ttys,
+            "time": time.monotonic() - self._epoch,
+            "cpu": time.process_time(),
+            "replay": None if replay is None else {"sent": replay.sent, "error": replay.error},
+            "faults": [{"kind": fault.kind, **fault.parameters} for fault in self._faults.active],
+        }
+
+
+def _use_exact_timers() -> None:
+    """Let this process wake up when it asked for it, and not up to 50 us later (Linux)."""
+    if sys.platform == "linux":
+        libc = ctypes.CDLL(None, use_errno=True)
+        if libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) != 0:
+            log.warning("timers stay coarse: %s", os.strerror(ctypes.get_errno()))
