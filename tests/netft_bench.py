@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from crtk_driver_ati_netft import PLUGIN
+from crtk_driver_ati_netft.blocks import Block
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_drivers.config import from_values, load
@@ -114,17 +115,16 @@ class NetFtBench:
             f"{wanted}, only {self.load()}",
         )
 
-    def record(self, seconds: float) -> Any:
-        """Return every measurement of so many seconds, one array by name."""
-        reader = self.device.blocks()
+    def record(self, seconds: float) -> Block:
+        """Return every measurement of so many seconds."""
         blocks = []
         deadline = time.monotonic() + LONG
-        for block in reader:
-            blocks.append({name: np.array(block[name]) for name in ("stamp", "sequence", "raw")})
-            if block["stamp"][-1] - blocks[0]["stamp"][0] > seconds:
+        for block in self.device.blocks():
+            blocks.append(np.array(block))
+            if block["stamp"][-1] - blocks[0]["stamp"][0] > seconds * 1e9:
                 break
             assert time.monotonic() < deadline
-        return {name: np.concatenate([b[name] for b in blocks]) for name in blocks[0]}
+        return np.concatenate(blocks)
 
 
 @contextmanager
