@@ -18,7 +18,7 @@ import os
 import re
 import traceback
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import Distribution, EntryPoint, PackageNotFoundError, distribution
 from importlib.metadata import entry_points as installed_entry_points
@@ -31,6 +31,7 @@ from crtk_drivers.commands import Command
 from crtk_drivers.config import DeviceConfig, Settings, from_file, from_values, load
 from crtk_drivers.device import Device
 from crtk_drivers.errors import MissingExtra, PluginError
+from crtk_drivers.placed import PlacedDevice
 from crtk_drivers.sims import RunningSim, SimPlugin
 
 DEVICES: Final = "crtk_drivers.devices"
@@ -63,12 +64,14 @@ class Tool:
         run: does it with a configuration (with ``--sim`` one that points at a running simulator) and
             options, writes what people want to know to the terminal, and returns the exit code.
         options: the class of its own options, as for a configuration.
+        check_real: instead of that of the plugin, for a tool that needs less or more.
     """
 
     name: str
     summary: str
     run: Callable[[Any, Any], int]
     options: type[Settings] = Settings
+    check_real: Callable[[Any], None] | None = None
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,7 @@ class DevicePlugin:
         sim_config: the configuration that points at a running simulator.
         sim_options: the options of the simulator that suit a configuration (model, ...).
         tools: commands for people, to look at hardware, scan a bus, calibrate, ...
+        typical: values of a configuration whose CRTK commands are listed where the default has no joints.
     """
 
     name: str
@@ -99,6 +103,22 @@ class DevicePlugin:
     sim_config: Callable[[Any, RunningSim], Any] = _same_config
     sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
     tools: tuple[Tool, ...] = ()
+    typical: Mapping[str, Any] = MappingProxyType({})
+
+    def make(self, config: DeviceConfig) -> Device:
+        """Return the device of a configuration, with the kinematics and the place that it names.
+
+        Raises:
+            ConfigError, MissingExtra: it cannot be made.
+        """
+        device = self.create(config)
+        if config.kinematics is not None:
+            from crtk_drivers.modelled import ModelledDevice  # pinocchio is not needed otherwise
+
+            device = ModelledDevice(device, config.kinematics)
+        if config.base is not None:
+            device = PlacedDevice(device, replace(config.base.pose, frame_id=config.base.frame_id))
+        return device
 
     def load_config(
         self, config: Mapping[str, Any] | str | Path | None, values: Mapping[str, Any]
@@ -340,7 +360,7 @@ def _normal(name: str) -> str:
 
 
 def commands_of(name: str) -> Mapping[str, Command]:
-    """Return the CRTK commands of a device in its default configuration; none if that is not enough.
+    """Return the CRTK commands of a device in its default or typical configuration; none if there is none.
 
     A plugin that is broken, or whose configuration has required keys, offers none that are known here.
     """
@@ -349,6 +369,7 @@ def commands_of(name: str) -> Mapping[str, Command]:
         return MappingProxyType({})
     try:
         plugin: DevicePlugin = entry.plugin
-        return offered(plugin.create(load(plugin.config)).capabilities)
+        config: Any = load(plugin.config, from_values(plugin.typical))
+        return offered(plugin.make(config).capabilities)
     except Exception:  # of a stranger's `create`; whoever asks for the device is told
         return MappingProxyType({})

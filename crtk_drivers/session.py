@@ -5,18 +5,16 @@ Both fronts, plain Python and ROS, stand on a session.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self
 
 from crtk_drivers import plugins
 from crtk_drivers.config import DeviceConfig, from_values
-from crtk_drivers.device import Device
 from crtk_drivers.engine import Engine, EngineOptions
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.limits import LimitPolicy
-from crtk_drivers.placed import PlacedDevice
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.runtime import Runtime
 from crtk_drivers.sims import RunningSim, start
@@ -36,7 +34,7 @@ class Session:
         self.plugin = plugin
         self.config = config
         self.sim = sim
-        device, name = make_device(plugin, config), config.name or plugin.name
+        device, name = plugin.make(config), config.name or plugin.name
         options = engine_options(config)
         self.engine = Engine(device, name, options)
         self.children = {
@@ -73,22 +71,6 @@ class Session:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
-
-
-def make_device(plugin: DevicePlugin, config: DeviceConfig) -> Device:
-    """Return the device of a configuration, with the kinematics and the place that it names.
-
-    Raises:
-        ConfigError, MissingExtra: it cannot be made.
-    """
-    device = plugin.create(config)
-    if config.kinematics is not None:
-        from crtk_drivers.modelled import ModelledDevice  # pinocchio is not needed otherwise
-
-        device = ModelledDevice(device, config.kinematics)
-    if config.base is not None:
-        device = PlacedDevice(device, replace(config.base.pose, frame_id=config.base.frame_id))
-    return device
 
 
 def engine_options(config: DeviceConfig) -> EngineOptions:
@@ -134,15 +116,44 @@ def open_session(
     if not sim:
         plugin.check_real(config)
         return Session(plugin, config)
-    if plugin.sim is None:
-        raise ConfigError(f"{device} has no simulator", remedy="Leave --sim out.")
-    running = start(
-        plugins.simulator(plugin.sim),
-        from_values(plugin.sim_options(config), f"the configuration of {device}"),
-        from_values(sim_options or {}, "the options of the simulator"),
-    )
+    running = _start_sim(plugin, config, sim_options)
     try:
         return Session(plugin, plugin.sim_config(config, running), running)
     except BaseException:
         running.stop()
         raise
+
+
+@contextmanager
+def reached(
+    plugin: DevicePlugin,
+    config: DeviceConfig,
+    *,
+    sim: bool = False,
+    sim_options: Mapping[str, Any] | None = None,
+) -> Iterator[DeviceConfig]:
+    """The configuration that points at the hardware, or at a simulator that runs meanwhile. Makes no device.
+
+    Raises:
+        as `open_session`; what real hardware needs is not checked.
+    """
+    if not sim:
+        yield config
+        return
+    running = _start_sim(plugin, config, sim_options)
+    try:
+        yield plugin.sim_config(config, running)
+    finally:
+        running.stop()
+
+
+def _start_sim(
+    plugin: DevicePlugin, config: DeviceConfig, options: Mapping[str, Any] | None
+) -> RunningSim:
+    if plugin.sim is None:
+        raise ConfigError(f"{plugin.name} has no simulator", remedy="Leave --sim out.")
+    return start(
+        plugins.simulator(plugin.sim),
+        from_values(plugin.sim_options(config), f"the configuration of {plugin.name}"),
+        from_values(options or {}, "the options of the simulator"),
+    )

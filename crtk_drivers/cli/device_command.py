@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from typing import Any
 
 import typer
@@ -92,8 +91,11 @@ def _tool_command(plugin: DevicePlugin, tool: Tool) -> SubCommand:
         set_up_logging(ERR, given["log_level"], given["log_format"])
         launch = launch_of(plugin, given)
         options = load(tool.options, given_settings(tool.options, given, _TOOL_PREFIX))
-        with closing(launch.open()) as session:
-            return tool.run(session.config, options)
+        if not launch.sim:
+            check = plugin.check_real if tool.check_real is None else tool.check_real
+            check(launch.config)
+        with launch.reached() as config:
+            return tool.run(config, options)
 
     parameters = [*own, *launch_options(plugin), *LOG_OPTIONS]
     return SubCommand(tool.name, run, parameters, f"{sentence(tool.summary)} Starts no node.")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,6 +59,16 @@ class Launch:
         return open_session(
             self.plugin.name, self.config, sim=self.sim, sim_options=self.sim_options
         )
+
+    @contextmanager
+    def reached(self) -> Iterator[DeviceConfig]:
+        """The configuration that points at the hardware, or at a simulator that runs meanwhile."""
+        from crtk_drivers.session import reached  # not needed to show a help
+
+        with reached(
+            self.plugin, self.config, sim=self.sim, sim_options=self.sim_options
+        ) as config:
+            yield config
 
 
 def launch_options(plugin: DevicePlugin) -> Parameters:

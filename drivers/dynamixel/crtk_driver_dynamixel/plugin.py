@@ -99,4 +99,5 @@ PLUGIN = DevicePlugin(
     check_real=_require_chain,
     sim_config=_at_sim,
     sim_options=_sim_options,
+    typical={"arm": DEFAULT_ARM},
 )
