@@ -18,7 +18,7 @@ import os
 import re
 import traceback
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import Distribution, EntryPoint, PackageNotFoundError, distribution
 from importlib.metadata import entry_points as installed_entry_points
@@ -103,7 +103,7 @@ class DevicePlugin:
     sim_config: Callable[[Any, RunningSim], Any] = _same_config
     sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
     tools: tuple[Tool, ...] = ()
-    typical: Mapping[str, Any] = MappingProxyType({})
+    typical: Mapping[str, Any] = field(default_factory=dict)
 
     def make(self, config: DeviceConfig) -> Device:
         """Return the device of a configuration, with the kinematics and the place that it names.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.util import find_spec
 from typing import Any
 
 from crtk_driver_dynamixel import arms
 from crtk_driver_dynamixel.config import DynamixelConfig
+from crtk_driver_dynamixel.tools import TOOLS, require_libraries
 from crtk_drivers.device import Device
-from crtk_drivers.errors import ConfigError, MissingExtra
+from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.sims import RunningSim
 
@@ -18,9 +18,7 @@ DEFAULT_ARM = "arm6"
 
 
 def _create(config: DynamixelConfig) -> Device:
-    for module, name in (("serial", "pyserial"), ("dynamixel_easy_sdk", "dynamixel-sdk")):
-        if find_spec(module) is None:
-            raise MissingExtra(name, "dynamixel")
+    require_libraries()
     from crtk_driver_dynamixel.device import make_device
 
     return make_device(config)
@@ -99,5 +97,6 @@ PLUGIN = DevicePlugin(
     check_real=_require_chain,
     sim_config=_at_sim,
     sim_options=_sim_options,
+    tools=TOOLS,
     typical={"arm": DEFAULT_ARM},
 )
