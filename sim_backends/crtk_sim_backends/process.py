@@ -119,7 +119,10 @@ class Readiness:
         self.parent_fd = parent_fd  # becomes readable when the parent has died
 
     def tell(self, **values: Any) -> None:
-        """Tell the parent, once, that all is bound (`host`, `ports`; `ttys`, `paths`), or the `error`."""
+        """Tell the parent, once, that all is bound, or what went wrong.
+
+        `host` and `ports`; if there are any `ttys`, `paths` and `hints`. Or the `error`.
+        """
         if self._ready_fd is None:
             return
         with contextlib.suppress(BrokenPipeError):
@@ -139,6 +142,7 @@ class RunningSim:
         ports: Mapping[str, int],
         ttys: Mapping[str, str],
         paths: Mapping[str, str],
+        hints: Sequence[str],
     ) -> None:
         self._process = process
         self._life = life
@@ -147,6 +151,7 @@ class RunningSim:
         self.ports = dict(ports)
         self.ttys = dict(ttys)
         self.paths = dict(paths)  # of Unix sockets
+        self.hints = tuple(hints)  # for a person: how programs connect, line by line
 
     @property
     def pid(self) -> int:
@@ -250,8 +255,15 @@ def spawn(module: str, arguments: Sequence[str], timeout: float = 15.0) -> Runni
     finally:
         os.close(ready_read)
     if "host" in answer:
-        ttys, paths = answer.get("ttys", {}), answer.get("paths", {})
-        return RunningSim(process, life_write, answer["host"], answer["ports"], ttys, paths)
+        return RunningSim(
+            process,
+            life_write,
+            answer["host"],
+            answer["ports"],
+            answer.get("ttys", {}),
+            answer.get("paths", {}),
+            answer.get("hints", ()),
+        )
     if answer.get("timeout"):
         process.kill()
     code = process.wait()

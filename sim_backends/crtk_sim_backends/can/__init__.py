@@ -70,7 +70,11 @@ class CanSimulator:
         try:
             with stopped_by_signals(server.stop):
                 ready.tell(
-                    host=server.host, ports=server.ports, ttys=server.ttys, paths=server.paths
+                    host=server.host,
+                    ports=server.ports,
+                    ttys=server.ttys,
+                    paths=server.paths,
+                    hints=list(hints(server)),
                 )
                 for line in _banner(server):
                     report(line)
@@ -84,21 +88,26 @@ def _banner(server: HubServer) -> Iterator[str]:
     config = server.config
     pace = f"{config.bitrate} bit/s" if config.bitrate else "no bit rate"
     yield f"virtual CAN bus {config.channel}, {pace}"
+    yield from hints(server)
+    yield f"control socket at {server.host}:{server.ports['control']}"
+    if config.faults:
+        yield f"faults from {config.faults}"
+    yield "stop it with Ctrl-C"
+
+
+def hints(server: HubServer) -> Iterator[str]:
+    """Tell, line by line, how programs connect to a bus."""
     for path in server.paths.values():
         yield f"python-can:  can.Bus(interface='crtk', channel={path!r})"
     yield (
         f"socketcand:  can.Bus(interface='socketcand', host={server.host!r}, "
-        f"port={server.ports['socketcand']}, channel={config.channel!r})"
+        f"port={server.ports['socketcand']}, channel={server.config.channel!r})"
     )
     for tty in server.ttys.values():
         yield (
             f"slcan:       can.Bus(interface='slcan', channel={tty!r}, sleep_after_open=0), "
             f"or slcand -o -s8 {tty}"
         )
-    yield f"control socket at {server.host}:{server.ports['control']}"
-    if config.faults:
-        yield f"faults from {config.faults}"
-    yield "stop it with Ctrl-C"
 
 
 SIM: Final = CanSimulator()

@@ -9,9 +9,9 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from crtk_sim_backends.can import frames
 from crtk_sim_backends.can.candump import LogError, LogWriter, parse_frame
@@ -24,7 +24,7 @@ from crtk_sim_backends.can.native import socket_path
 from crtk_sim_backends.can.replay import Replay
 from crtk_sim_backends.control import Handlers
 from crtk_sim_backends.fault_player import FaultPlayer
-from crtk_sim_backends.faults import FaultError, read_faults
+from crtk_sim_backends.faults import Fault, FaultError, KindTable, read_faults
 from crtk_sim_backends.process import (
     AUTO,
     SimStartError,
@@ -40,11 +40,34 @@ _PR_SET_TIMERSLACK: Final = 29
 log = logging.getLogger(__name__)
 
 
+class Devices(Protocol):
+    """Simulated devices on the bus, in the process of the hub."""
+
+    kinds: KindTable
+    """Their kinds of fault, beside those of the bus."""
+    events: Collection[str]
+    """What fault files can wait for, beside the events of the bus."""
+    places: tuple[str, ...]
+    """Parameters that say where a fault is."""
+    handlers: Handlers
+    """Requests on the control socket, beside those of the bus."""
+
+    def begin(self, fault: Fault) -> None:
+        """Let a fault of theirs begin."""
+
+    def end(self, fault: Fault) -> None:
+        """Let it end."""
+
+    def status(self) -> Mapping[str, Any]:
+        """What the status of the simulator says about them, ready for JSON."""
+
+
 class HubServer:
-    """A bus in a process of its own.
+    """A bus in a process of its own, with simulated devices or without.
 
     Args:
         config: its options; everything is bound by the constructor.
+        devices: makes the devices, which attach themselves to the hub.
         parent_fd: file descriptor that becomes readable when the process that wants this bus has
             died, None for none.
 
@@ -52,7 +75,12 @@ class HubServer:
         SimStartError: when something cannot be bound or opened, or a file is wrong.
     """
 
-    def __init__(self, config: SimConfig, parent_fd: int | None = None) -> None:
+    def __init__(
+        self,
+        config: SimConfig,
+        parent_fd: int | None = None,
+        devices: Callable[[Hub], Devices] | None = None,
+    ) -> None:
         self.config = config
         self.hub = Hub(config.bitrate, config.stuffing, echo=config.echo, queue=config.queue)
         self.paths: dict[str, str] = {}
@@ -62,10 +90,10 @@ class HubServer:
         self._replay: Replay | None = None
         self._epoch = time.monotonic()
         try:
-            faults = read_faults(Path(config.faults), KINDS, EVENTS) if config.faults else []
-            effects = BusEffects(self.hub)
-            self._faults = FaultPlayer(KINDS, faults, effects.begin, effects.end, PLACES)
-            self.hub.happened = self._event
+            self._effects = BusEffects(self.hub)
+            self._devices = None if devices is None else devices(self.hub)
+            self._faults = self._fault_player(self._devices)
+            self.hub.happened = self.event
             self._open_doors()
             if config.log:
                 self.hub.recorder = LogWriter(Path(config.log), config.channel)
@@ -79,6 +107,28 @@ class HubServer:
             raise
         if parent_fd is not None:
             self.hub.loop.watch(parent_fd, lambda _: self.stop())
+
+    def _fault_player(self, devices: Devices | None) -> FaultPlayer:
+        kinds, events = {**KINDS}, [*EVENTS]
+        places: tuple[str, ...] = PLACES
+        if devices is not None:
+            kinds.update(devices.kinds)
+            events += devices.events
+            places += tuple(name for name in devices.places if name not in PLACES)
+        path = self.config.faults
+        faults = read_faults(Path(path), kinds, events) if path else []
+        return FaultPlayer(kinds, faults, self._begin, self._end, places)
+
+    def _begin(self, fault: Fault) -> None:
+        (self._effects if fault.kind in KINDS else self._devices_there).begin(fault)
+
+    def _end(self, fault: Fault) -> None:
+        (self._effects if fault.kind in KINDS else self._devices_there).end(fault)
+
+    @property
+    def _devices_there(self) -> Devices:
+        assert self._devices is not None  # only they have other kinds
+        return self._devices
 
     def _open_doors(self) -> None:
         config, hub = self.config, self.hub
@@ -108,6 +158,7 @@ class HubServer:
             "status": self.status,
             "send": self._send,
             "replay": self._start_replay,
+            **({} if self._devices is None else self._devices.handlers),
         }
         self._control = ControlDoor(self.hub.loop, listener, handlers)
 
@@ -146,7 +197,8 @@ class HubServer:
             self.hub.recorder.flush()
             self.hub.call_at(time.monotonic() + _LOG_PERIOD, self._flush_log)
 
-    def _event(self, name: str) -> None:
+    def event(self, name: str) -> None:
+        """Tell the timeline of faults that something has happened."""
         self._faults.event(name, time.monotonic() - self._epoch)
 
     # Requests on the control socket
@@ -177,13 +229,14 @@ class HubServer:
     def _start_replay(self, path: str, speed: float = 1.0) -> None:
         if self._replay is not None:
             self._replay.stop()
-        self._replay = Replay(self.hub, Path(path), speed, lambda: self._event("replay_ended"))
+        self._replay = Replay(self.hub, Path(path), speed, lambda: self.event("replay_ended"))
 
     def status(self) -> dict[str, Any]:
         """Everything that a test or a person wants to know, ready for JSON."""
         replay = self._replay
         return {
             **self.hub.status(),
+            **({} if self._devices is None else self._devices.status()),
             "host": self.host,
             "ports": self.ports,
             "paths": self.paths,
