@@ -85,12 +85,14 @@ class Bus:
 
     Args:
         servos: all of them.
-        silent: tells of each servo whether a fault has taken it off the bus.
+
+    Attributes:
+        deaf: ids of servos that a fault has taken off the bus.
     """
 
-    def __init__(self, servos: Sequence[Servo], silent: Callable[[Servo], bool]) -> None:
+    def __init__(self, servos: Sequence[Servo]) -> None:
         self.servos = list(servos)
-        self._silent = silent
+        self.deaf: frozenset[int] = frozenset()
         self._groups: dict[int, Callable[[Instruction, float, list[Servo]], list[Reply]]] = {
             Code.SYNC_READ: self._group_read,
             Code.BULK_READ: self._group_read,
@@ -107,7 +109,7 @@ class Bus:
             for servo in self.servos
             if servo.protocol == instruction.protocol
             and servo.listens(time)
-            and not self._silent(servo)
+            and servo.number not in self.deaf
             and abs(servo.baud - baud) <= _RATE_TOLERANCE * baud
         ]
         if not instruction.intact:
@@ -184,10 +186,13 @@ class Bus:
     def _group_write(
         self, instruction: Instruction, time: float, heard: list[Servo]
     ) -> list[Reply]:
+        by_number: dict[int | None, list[Servo]] = {}
+        for servo in heard:
+            by_number.setdefault(servo.number, []).append(servo)
+            by_number.setdefault(servo.secondary, []).append(servo)
         for number, address, data in write_items(instruction):
-            for servo in heard:
-                if number in (servo.number, servo.secondary):
-                    servo.write(address, data, time)
+            for servo in by_number.get(number, ()):
+                servo.write(address, data, time)
         return []
 
 

@@ -78,6 +78,9 @@ class Drive:
         self.joint.actuators.append(self)
         self._ramp_from = 0.0
         self._strained_since: float | None = None
+        self.damping = self.model.torque / self.model.speed  # slope of the line, N·m·s/rad
+        self.positions = False  # in one of the position modes
+        self.deadline = math.inf
 
     @property
     def angle(self) -> float:
@@ -89,17 +92,12 @@ class Drive:
         """Of the horn, rad/s."""
         return self.mount * self.joint.velocity
 
-    @property
-    def damping(self) -> float:
-        """Slope of the motor's line, N·m·s/rad."""
-        return self.model.torque / self.model.speed
-
     def trajectory(self, time: float) -> tuple[float, float, float]:
         """Where the firmware wants to be: rad, rad/s, rad/s²."""
         if self.mode is Mode.VELOCITY:
             velocity, acceleration = self._ramp(time)
             return self.angle, velocity, acceleration
-        if self.mode in POSITION_MODES:
+        if self.positions:
             return self.profile.at(time - self.since)
         return self.angle, 0.0, 0.0
 
@@ -122,10 +120,21 @@ class Drive:
     def switch(self, mode: Mode | None, time: float) -> None:
         """Go over to a mode, or to no torque (None), at rest where it is."""
         self.mode = mode
+        self.positions = mode in POSITION_MODES
         self.goal = self.slope = self._ramp_from = 0.0
         self.profile, self.since = rest(self.angle), time
-        self._strained_since = None
+        self._strain(None)
         self.joint.wake()
+
+    def set_alarm(self, time: float) -> None:
+        """Set the end of the bus watchdog; infinity turns it off."""
+        self.alarm = time
+        self._strain(self._strained_since)
+
+    def _strain(self, since: float | None) -> None:
+        self._strained_since = since
+        end = math.inf if since is None else since + STRAIN_LIMIT
+        self.deadline = min(self.alarm, end)
 
     def _ramp(self, time: float) -> tuple[float, float]:
         change = self.goal - self._ramp_from
@@ -134,27 +143,20 @@ class Drive:
             return self.goal, 0.0
         return self._ramp_from + math.copysign(passed, change), math.copysign(self.slope, change)
 
-    def until(self, time: float) -> float:
-        """See `Actuator`."""
-        strained = self._strained_since
-        if strained is None:
-            return self.alarm
-        return min(self.alarm, max(strained + STRAIN_LIMIT, time + 1e-9))
-
     def reach(self, time: float) -> None:
         """See `Actuator`: counts what the servo then acts upon."""
         if time >= self.alarm:
-            self.alarm = math.inf
+            self.set_alarm(math.inf)
             self.alarms += 1
             self.stand(time)
         strained = self._strained_since
         if strained is not None and time >= strained + STRAIN_LIMIT:
-            self._strained_since = None
+            self._strain(None)
             self.overloads += 1
 
     def stand(self, time: float) -> None:
         """Stop at once where it is, with torque."""
-        if self.mode in POSITION_MODES:
+        if self.positions:
             self.follow(rest(self.angle), time)
         else:
             self.turn(0.0, 0.0, time)
@@ -163,7 +165,7 @@ class Drive:
     def settled(self) -> bool:
         """See `Actuator`."""
         time = self.joint.time
-        if self.mode in POSITION_MODES:
+        if self.positions:
             return time >= self.since + self.profile.duration
         return self.mode is not Mode.VELOCITY or self._ramp(time)[1] == 0.0
 
@@ -189,9 +191,10 @@ class Drive:
         self.applied = allowed
         self.output = (allowed + drop) / stall if stall > 0.0 else 0.0
         if abs(allowed) < _STRAIN * stall:
-            self._strained_since = None
+            if self._strained_since is not None:
+                self._strain(None)
         elif self._strained_since is None:
-            self._strained_since = time
+            self._strain(time)
         return mount * allowed
 
     def _wanted(self, angle: float, velocity: float, load: float, time: float) -> float:

@@ -43,16 +43,12 @@ class LegacyServo(Servo):
         self._errors = 0
         self.started(joint.time)
 
-    @property
-    def protocol(self) -> int:
+    def derive(self) -> None:
         """See the base class."""
-        return 1
-
-    @property
-    def baud(self) -> int:
-        """See the base class."""
+        super().derive()
+        self.protocol = 1
         value = self["baud_rate"]
-        return FASTER.get(value) or STANDARD.get(value) or 2_000_000 // (value + 1)
+        self.baud = FASTER.get(value) or STANDARD.get(value) or 2_000_000 // (value + 1)
 
     @property
     def error_bits(self) -> int:
@@ -73,18 +69,10 @@ class LegacyServo(Servo):
 
     # Measured values
 
-    def refresh(self, time: float) -> None:
+    def refresh(self, time: float, start: int = 0, end: int = 65536) -> None:
         """See the base class."""
         drive, units = self.drive, self.model.units
-        self.joint.advance(time)
-        self.warm(time)
-        if drive.overloads:
-            drive.overloads = 0
-            self.force_error(OVERLOAD)
-        if not self["min_voltage_limit"] <= round(10.0 * self.volts) <= self["max_voltage_limit"]:
-            self.force_error(VOLTAGE)
-        if self.temperature > self["temperature_limit"]:
-            self.force_error(OVERHEAT)
+        self.advance(time)
         self["present_position"] = self._present_position()
         self["present_speed"] = _signed_10(drive.velocity / units.velocity)
         share = drive.applied / self.model.torque
@@ -101,6 +89,18 @@ class LegacyServo(Servo):
             self["realtime_tick"] = int(time * 1000.0) % 32768
         if self.stuffing is not None:
             self["present_position"] = next(self.stuffing)[2] & 0x7FFF
+
+    def acted(self, watchdog: bool, overload: bool) -> None:
+        """See the base class."""
+        if overload:
+            self.force_error(OVERLOAD)
+
+    def watch_limits(self) -> None:
+        """See the base class."""
+        if not self["min_voltage_limit"] <= round(10.0 * self.volts) <= self["max_voltage_limit"]:
+            self.force_error(VOLTAGE)
+        if self.temperature > self["temperature_limit"]:
+            self.force_error(OVERHEAT)
 
     def _present_position(self) -> int:
         count = round(self._count(self.drive.angle))

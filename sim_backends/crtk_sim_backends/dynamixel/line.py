@@ -28,7 +28,6 @@ GAP: Final = 0.1  # s between two bytes after which servos forget an unfinished 
 _TURN: Final = 0.001  # s that servos give a missing one before they go on
 _LUMP: Final = 0.001  # s of received bytes that an adapter hands over at once, while more come
 _TOLERANCE: Final = 100e-6  # s by which a client may be ahead of the wire without a collision
-_LEAD: Final = 30e-6  # s by which this process wakes up, and its bytes reach the client, too late
 
 
 @dataclass
@@ -74,7 +73,7 @@ class Line:
         name: of the bus.
         port: where the client is.
         servos: on it.
-        timed: whether bytes take time.
+        lead: s by which a line that is timed is ahead of its time, see `wake_up`; None: bytes take no time.
         latency: of the adapter, s.
         chain: "stalls" or "goes_on".
         seed: of what faults do at random.
@@ -87,7 +86,7 @@ class Line:
         port: Tty,
         servos: list[Servo],
         *,
-        timed: bool,
+        lead: float | None,
         latency: float,
         chain: str,
         seed: int,
@@ -95,10 +94,11 @@ class Line:
     ) -> None:
         self.name = name
         self.port = port
-        self.bus = Bus(servos, lambda servo: self._silences(servo.number) is not None)
+        self.bus = Bus(servos)
         self.statistics = LineStatistics()
         self.faults: dict[tuple[str, int], ActiveFault] = {}
-        self._timed = timed
+        self._timed = lead is not None
+        self._lead = lead or 0.0
         self._latency = latency
         self._chain = chain
         self._generator = random.Random(seed)
@@ -115,10 +115,16 @@ class Line:
     def begin(self, fault: Fault) -> None:
         """Let a fault of the wire begin; it takes the place of one of its kind and id."""
         self.faults[fault.kind, fault.parameters.get("id", ALL)] = ActiveFault(fault)
+        self._deafen()
 
     def end(self, fault: Fault) -> None:
         """Let it end."""
         self.faults.pop((fault.kind, fault.parameters.get("id", ALL)), None)
+        self._deafen()
+
+    def _deafen(self) -> None:
+        numbers = [servo.number for servo in self.bus.servos]
+        self.bus.deaf = frozenset(n for n in numbers if self._silences(n) is not None)
 
     def _of_kind(self, kind: str) -> list[ActiveFault]:
         if not self.faults:
@@ -147,7 +153,7 @@ class Line:
             self._forget_packet()
         self._received = now
         byte = BITS / baud if self._timed and baud > 0 else 0.0
-        start = max(now - _LEAD, self._free) if self._timed else now
+        start = max(now - self._lead, self._free) if self._timed else now
         self._free = start + len(data) * byte
         if self._of_kind("echo"):
             self._put(self._free, self._free, data)

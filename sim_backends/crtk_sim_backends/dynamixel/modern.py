@@ -40,8 +40,10 @@ MULTI_TURN_CLEAR: Final = bytes((0x01, 0x44, 0x58, 0x4C, 0x22))
 STORE: Final = bytes((0x01, 0x43, 0x54, 0x52, 0x4C))
 RESTORE: Final = bytes((0x02, 0x43, 0x54, 0x52, 0x4C))
 
-_PRESENT: Final = struct.Struct("<HBBhhiiiiHB")  # 120 Realtime Tick ... 146 Present Temperature
-_MEASURED: Final = struct.Struct("<hii")  # 126 Present Current ... 135
+_PRESENT_AT: Final = 120  # from Realtime Tick to Present Temperature
+_PRESENT: Final = struct.Struct("<HBBhhiiiiHB")
+_MEASURED_AT: Final = 126  # Present Current, Velocity and Position, which are what is read most
+_MEASURED: Final = struct.Struct("<hii")
 _WATCHDOG_UNIT: Final = 0.020  # s
 _TRIPPED: Final = -1
 _TICKS: Final = 32768
@@ -50,6 +52,11 @@ _HOMING_LIMIT: Final = 1024  # counts, in position mode
 _FOLLOWING_ERROR: Final = math.radians(5.0)
 _IN_POSITION: Final = math.radians(1.0)
 _GOALS: Final = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
+_LIMITS: Final = {
+    "goal_velocity": "velocity_limit",
+    "goal_current": "current_limit",
+    "goal_pwm": "pwm_limit",
+}
 _GOAL_OF: Final[Mapping[Mode, str]] = {
     Mode.CURRENT: "goal_current",
     Mode.VELOCITY: "goal_velocity",
@@ -92,21 +99,24 @@ class ModernServo(Servo):
 
     # Identity and communication
 
-    @property
-    def protocol(self) -> int:
-        """See the base class."""
-        return 1 if self["protocol_type"] == 1 else 2
+    measured = frozenset(
+        {"realtime_tick", "moving", "moving_status", "present_pwm", "present_current"}
+        | {"present_load", "present_velocity", "present_position", "velocity_trajectory"}
+        | {"position_trajectory", "present_input_voltage", "present_temperature"}
+    )
 
-    @property
-    def baud(self) -> int:
-        """See the base class."""
-        return BAUD_RATES[self["baud_rate"]]
+    mode: Mode
 
-    @property
-    def secondary(self) -> int | None:
+    def derive(self) -> None:
         """See the base class."""
-        number = self["secondary_id"]
-        return number if number <= 252 else None
+        super().derive()
+        self.protocol = 1 if self["protocol_type"] == 1 else 2
+        self.baud = BAUD_RATES[self["baud_rate"]]
+        shadowed = self["secondary_id"]
+        self.secondary = shadowed if shadowed <= 252 else None
+        self.mode = Mode(self["operating_mode"])
+        self._way = -1 if self["drive_mode"] & REVERSE else 1
+        self._homing = self._homing_in_force()
 
     @property
     def error_bits(self) -> int:
@@ -124,19 +134,9 @@ class ModernServo(Servo):
         since = FAST_READ_SINCE.get(self.model.series)
         return since is not None and self.firmware >= since
 
-    @property
-    def mode(self) -> Mode:
-        """Operating Mode (11)."""
-        return Mode(self["operating_mode"])
-
     # Between counts and the horn
 
-    @property
-    def _way(self) -> int:
-        return -1 if self["drive_mode"] & REVERSE else 1
-
-    @property
-    def _homing(self) -> int:
+    def _homing_in_force(self) -> int:
         """Homing Offset (20): in position mode only what lies within a quarter turn counts."""
         offset = self["homing_offset"]
         limited = self.mode is Mode.POSITION and self.model.series is not Series.P
@@ -162,42 +162,33 @@ class ModernServo(Servo):
 
     # Measured values
 
-    def refresh(self, time: float) -> None:
+    def refresh(self, time: float, start: int = 0, end: int = 65536) -> None:
         """See the base class."""
         drive, units, offset = self.drive, self.model.units, self._offset
-        self.joint.advance(time)
-        self.warm(time)
-        if drive.alarms:
-            drive.alarms = 0
-            self["bus_watchdog"] = _TRIPPED
-            for name in ("profile_velocity", "profile_acceleration"):
-                self[name] = 0
-        if drive.overloads:
-            drive.overloads = 0
-            self.force_error(OVERLOAD)
-        self._watch_limits()
-        way, angle, velocity = self._way, drive.angle, drive.velocity
+        self.advance(time)
+        way, angle = self._way, drive.angle
+        velocity = way * drive.velocity / units.velocity
+        if self.stuffing is not None:
+            measured = next(self.stuffing)
+        else:
+            measured = self._effort(way), _wide(velocity), _wide(self._count(angle))
+        if start >= _MEASURED_AT + offset and end <= _MEASURED_AT + _MEASURED.size + offset:
+            _MEASURED.pack_into(self.memory, _MEASURED_AT + offset, *measured)
+            return
         aim, aim_velocity, _ = drive.trajectory(time)
-        present = way * velocity / units.velocity
-        moving = abs(present) > self["moving_threshold"]
-        position = round(self._count(angle))
         _PRESENT.pack_into(
             self.memory,
-            120 + offset,
+            _PRESENT_AT + offset,
             int(time * 1000.0) % _TICKS,
-            moving,
+            abs(velocity) > self["moving_threshold"],
             self._moving_status(time),
             _small(way * drive.output * units.full_pwm),
-            self._effort(way),
-            _wide(present),
-            _wide(position),
+            *measured,
             _wide(way * aim_velocity / units.velocity),
             _wide(self._count(aim)),
             round(self.volts * 10.0),
             max(0, min(255, round(self.temperature))),
         )
-        if self.stuffing is not None:
-            _MEASURED.pack_into(self.memory, 126 + offset, *next(self.stuffing))
 
     def _effort(self, way: int) -> int:
         """Present Current, or Present Load where there is none."""
@@ -209,7 +200,7 @@ class ModernServo(Servo):
 
     def _moving_status(self, time: float) -> int:
         drive = self.drive
-        if drive.mode not in POSITION_MODES:
+        if not drive.positions:
             return 0
         passed = time - drive.since
         aim = drive.profile.at(passed)[0]
@@ -222,7 +213,17 @@ class ModernServo(Servo):
             status |= 0x08
         return status
 
-    def _watch_limits(self) -> None:
+    def acted(self, watchdog: bool, overload: bool) -> None:
+        """See the base class."""
+        if watchdog:
+            self["bus_watchdog"] = _TRIPPED
+            for name in ("profile_velocity", "profile_acceleration"):
+                self[name] = 0
+        if overload:
+            self.force_error(OVERLOAD)
+
+    def watch_limits(self) -> None:
+        """See the base class."""
         volts = round(10.0 * self.volts)
         if not self["min_voltage_limit"] <= volts <= self["max_voltage_limit"]:
             self.force_error(VOLTAGE)
@@ -248,11 +249,7 @@ class ModernServo(Servo):
             if self.model.series is Series.P:
                 modes -= {Mode.CURRENT_BASED_POSITION}
             return Error.NONE if value in modes else Error.RANGE
-        limit = {
-            "goal_velocity": "velocity_limit",
-            "goal_current": "current_limit",
-            "goal_pwm": "pwm_limit",
-        }.get(name)
+        limit = _LIMITS.get(name)
         if limit is not None and abs(value) > self[limit]:
             return Error.LIMIT
         if name == "goal_position":
@@ -280,7 +277,8 @@ class ModernServo(Servo):
                 self["torque_enable"] = 1
                 self._torque(time)
             elif self.drive.mode is not None:
-                self._set_limits(time)
+                if name in ("goal_pwm", "goal_current"):
+                    self._set_limits(time)
                 if name == _GOAL_OF[self.drive.mode]:
                     self._pursue(time)
 
@@ -291,7 +289,7 @@ class ModernServo(Servo):
         if not self.torque_enabled or self._shut_down:
             self["torque_enable"] = 0
             self.drive.switch(None, time)
-            self.drive.alarm = math.inf
+            self.drive.set_alarm(math.inf)
             return
         if self.drive.mode is self.mode:
             return
@@ -305,7 +303,7 @@ class ModernServo(Servo):
     def _pursue(self, time: float) -> None:
         """Go for the goal of the present mode."""
         drive, units, way, mode = self.drive, self.model.units, self._way, self.mode
-        if mode in POSITION_MODES:
+        if drive.positions:
             drive.follow(self._profile(self._angle(self["goal_position"]), time), time)
         elif mode is Mode.VELOCITY:
             acceleration = self["profile_acceleration"]
@@ -373,18 +371,17 @@ class ModernServo(Servo):
     def heard(self, time: float) -> None:
         """See the base class."""
         if self.drive.alarm < math.inf:
-            self.joint.advance(time)
-            if not self.drive.alarms:
-                self._feed_watchdog(time)
+            self.advance(time)
+            self._feed_watchdog(time)
 
     def _arm_watchdog(self, time: float) -> None:
-        self.drive.alarm = math.inf
+        self.drive.set_alarm(math.inf)
         self._feed_watchdog(time)
 
     def _feed_watchdog(self, time: float) -> None:
         value = self["bus_watchdog"]
         if value > 0 and self.torque_enabled:
-            self.drive.alarm = time + value * _WATCHDOG_UNIT
+            self.drive.set_alarm(time + value * _WATCHDOG_UNIT)
 
     # Other instructions
 
@@ -409,7 +406,7 @@ class ModernServo(Servo):
         if self.drive.velocity != 0.0:
             return Error.RESULT_FAIL
         self._forget_turns()
-        if self.drive.mode in POSITION_MODES:
+        if self.drive.positions:
             self["goal_position"] = _wide(self._count(self.drive.angle))
             self.drive.stand(time)
         return Error.NONE

@@ -31,8 +31,8 @@ class Actuator(Protocol):
     def settled(self) -> bool:
         """Whether the torque cannot change while the joint stands still and nobody writes."""
 
-    def until(self, time: float) -> float:
-        """The next moment after `time` at which the actuator changes by itself; infinity if none."""
+    deadline: float
+    """The next moment at which it changes by itself; infinity if none."""
 
     def reach(self, time: float) -> None:
         """Do what is due at `time`."""
@@ -62,15 +62,12 @@ class Joint:
     def __post_init__(self) -> None:
         self.actuators: list[Actuator] = []
         self._asleep = False
-
-    @property
-    def inertia(self) -> float:
-        """kg·m², chosen to suit the motors."""
-        return self.stall / _STALL_ACCELERATION + self.gravity / 40.0
+        self.add_motor(0.0)
 
     def add_motor(self, stall: float) -> None:
-        """Let another motor turn it too."""
+        """Let another motor turn it too; the inertia is one that suits them."""
         self.stall += stall
+        self.inertia = self.stall / _STALL_ACCELERATION + self.gravity / 40.0
 
     def wake(self) -> None:
         """Something has changed: the next `advance` integrates again."""
@@ -85,10 +82,14 @@ class Joint:
         if time <= self.time:
             return
         while self.time < time:
-            until = min([time, *(actuator.until(self.time) for actuator in self.actuators)])
+            until = time
+            for actuator in self.actuators:
+                if actuator.deadline < until:
+                    until = max(self.time, actuator.deadline)
             self._integrate(until)
             for actuator in self.actuators:
-                actuator.reach(until)
+                if actuator.deadline <= until:
+                    actuator.reach(until)
 
     def _integrate(self, until: float) -> None:
         if self._asleep:

@@ -7,7 +7,7 @@ tables are rows of plain data; a model adds its own values (`crtk_sim_backends.d
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, Final
 
@@ -25,7 +25,14 @@ class Access(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One register; `low` and `high` are the values that a write may have."""
+    """One register.
+
+    Attributes:
+        low, high: the values that a write may have.
+        end: address of the byte behind it.
+        fixed: nobody may write it; locked: not while torque is on.
+        shapes: it is one of those that say what a servo is: settings, and how much it answers.
+    """
 
     address: int
     size: int
@@ -35,6 +42,20 @@ class Register:
     low: int
     high: int
     signed: bool = False
+    end: int = field(init=False)
+    fixed: bool = field(init=False)
+    locked: bool = field(init=False)
+    shapes: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        derived = {
+            "end": self.address + self.size,
+            "fixed": self.access is Access.READ,
+            "locked": self.access in (Access.EEPROM, Access.LOCKED),
+            "shapes": self.access is Access.EEPROM or self.name == "status_return_level",
+        }
+        for name, value in derived.items():
+            object.__setattr__(self, name, value)
 
     def encode(self, value: int) -> bytes:
         """Bytes of a value."""
@@ -62,6 +83,7 @@ class Table:
         self.by_name = {register.name: register for register in registers}
         ends = [register.address + register.size for register in self.by_name.values()]
         self.size = max([*ends, *(block.data + block.count for block in blocks)])
+        self.indirect_from = min((block.data for block in blocks), default=self.size)
         self.at: list[Register | None] = [None] * self.size
         for register in self.by_name.values():
             for address in range(register.address, register.address + register.size):

@@ -6,7 +6,6 @@ rest.
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import gc
 import logging
@@ -19,11 +18,14 @@ import sys
 import tempfile
 import time
 from collections import deque
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from crtk_sim_backends import wire
 from crtk_sim_backends.control import ControlSession
+from crtk_sim_backends.dynamixel import wake_up
 from crtk_sim_backends.dynamixel.bus import make_servos
 from crtk_sim_backends.dynamixel.config import SimConfig
 from crtk_sim_backends.dynamixel.effects import FaultEffects
@@ -60,6 +62,7 @@ class DynamixelServer:
     def __init__(self, config: SimConfig, parent_fd: int | None = None) -> None:
         self.config = config
         self._parent_fd = parent_fd
+        _use_exact_timers()
         self._stopping = False
         self._epoch = time.monotonic()
         self._folder: Path | None = None
@@ -69,6 +72,9 @@ class DynamixelServer:
         self._busy = 0.0
         self._wake_ups = 0
         self._lines: list[Line] = []
+        self._sources: dict[int, Callable[[], None]] = {}
+        self._watched: list[int] = []
+        self._changed = True  # ttys or connections came or went
         self.host, self._listener = bind_somewhere(config.host, self._bind)
         try:
             self._plug_in()
@@ -92,13 +98,14 @@ class DynamixelServer:
 
     def _plug_in(self) -> None:
         config = self.config
+        lead = wake_up.measure() if config.timing == "wire" else None
         for number, specs in enumerate(config.buses, start=1):
             name = f"bus{number}"
             line = Line(
                 name,
                 Tty(self._link(number, name)),
                 make_servos(specs, config.baud, config.return_delay),
-                timed=config.timing == "wire",
+                lead=lead,
                 latency=config.adapter_latency * 1e-3,
                 chain=config.chain,
                 seed=config.seed + number,
@@ -150,7 +157,6 @@ class DynamixelServer:
 
     def run(self) -> None:
         """Run until :meth:`stop`, or until the parent process has died."""
-        _use_exact_timers()
         gc.collect()
         gc.freeze()
         self._epoch = time.monotonic()
@@ -175,40 +181,42 @@ class DynamixelServer:
 
     def _wait(self, until: float) -> None:
         """Take what arrives until a deadline; at least look once."""
-        ports = {line.port.fileno(): line for line in self._lines if line.port.plugged}
-        watched: list[Any] = [
-            *ports,
-            self._listener,
-            *(connection for connection, _ in self._clients),
-        ]
-        if self._parent_fd is not None:
-            watched.append(self._parent_fd)
-        ready, _, _ = select.select(watched, (), (), max(0.0, until - time.monotonic()))
+        if self._changed:
+            self._watch()
+        ready, _, _ = select.select(self._watched, (), (), max(0.0, until - time.monotonic()))
         for source in ready:
-            if source in ports:
-                self._receive(ports[source])
-            elif source is self._listener:
-                self._accept()
-            elif source == self._parent_fd:
-                log.info("the process that started this simulator has ended")
-                self.stop()
-            else:
-                self._serve(source)
+            self._sources[source]()
+
+    def _watch(self) -> None:
+        """Collect what is waited for, and who takes it."""
+        self._changed = False
+        self._sources = {self._listener.fileno(): self._accept}
+        for line in self._lines:
+            if line.port.plugged:
+                self._sources[line.port.fileno()] = partial(self._receive, line)
+        for connection, session in self._clients:
+            self._sources[connection.fileno()] = partial(self._serve, connection, session)
+        if self._parent_fd is not None:
+            self._sources[self._parent_fd] = self._parent_died
+        self._watched = list(self._sources)
+
+    def _parent_died(self) -> None:
+        log.info("the process that started this simulator has ended")
+        self.stop()
 
     def _receive(self, line: Line) -> None:
-        if not line.port.plugged:
-            return
         now = time.monotonic()
-        data = line.port.read()
-        if data:
-            line.receive(data, now, self._plant_time(now), line.port.baud)
+        if line.port.plugged:  # it may have been unplugged since
+            data = line.port.read()
+            if data:
+                line.receive(data, now, self._plant_time(now), line.port.baud)
 
     def _plant_time(self, now: float) -> float:
         return (now - self._epoch) * self.config.speed
 
     def _tick(self, now: float) -> None:
         """Look after what happens by itself."""
-        self._faults.play(now - self._epoch)
+        self._changed |= self._faults.play(now - self._epoch)
         plant_time = self._plant_time(now)
         for servo in self._servos:
             servo.refresh(plant_time)
@@ -249,31 +257,37 @@ class DynamixelServer:
                 "place": self._place,
             }
         )
-        with contextlib.suppress(OSError):
-            self._clients.append((wire.Connection(sock, _BACKLOG_LIMIT), session))
+        try:
+            connection = wire.Connection(sock, _BACKLOG_LIMIT)
+        except OSError as error:
+            log.info("a client of the control port was gone at once: %s", error)
+            sock.close()
             return
-        sock.close()
+        self._clients.append((connection, session))
+        self._changed = True
 
-    def _serve(self, connection: wire.Connection) -> None:
+    def _serve(self, connection: wire.Connection, session: ControlSession) -> None:
         now = time.monotonic()
         connection.read(now)
-        session = next(session for other, session in self._clients if other is connection)
         for data in connection.take(now):
             connection.send(session.receive(data), now)
         connection.flush(now)
         if connection.ended:
             connection.close()
-            self._clients = [entry for entry in self._clients if entry[0] is not connection]
+            self._clients.remove((connection, session))
+            self._changed = True
 
     def _inject(self, kind: str, parameters: dict[str, Any]) -> None:
         self._effects.check(check_fault(KINDS, kind, parameters, "inject"))
         self._refresh()
         self._faults.inject(kind, parameters, time.monotonic() - self._epoch)
+        self._changed = True
         self._refresh()
 
     def _clear(self, kind: str | None = None) -> None:
         self._refresh()
         self._faults.clear(kind)
+        self._changed = True
 
     def _refresh(self) -> None:
         plant_time = self._plant_time(time.monotonic())

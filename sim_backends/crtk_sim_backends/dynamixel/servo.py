@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from typing import Final
+from typing import ClassVar, Final
 
 from crtk_sim_backends.dynamixel.drive import Drive
 from crtk_sim_backends.dynamixel.models import Model
@@ -21,6 +21,8 @@ from crtk_sim_backends.dynamixel.registers import Access, Register
 BOOT: Final = 0.25  # s for which a servo is silent after a reboot
 AMBIENT: Final = 28.0  # °C
 
+_SOON: Final = 0.0005  # s for which goals need not wait for the mechanics
+_LOOKS: Final = 0.01  # s between looks at voltage and temperature
 _HEATING: Final = 120.0  # K at stall current, in the end
 _HEAT_TIME: Final = 150.0  # s, time constant
 
@@ -56,19 +58,31 @@ class Servo(ABC):
         self._backup: bytes | None = None
         self._heated_at = joint.time
         self._turns = 0  # counts that full turns add to the position
+        self._values: dict[str, int] = {}
+        self._looked_at = -math.inf
         for register in self.table:
-            self[register.name] = register.default
+            self._put(register, register.default)
+        self.derive()
 
     # Memory
 
     def __getitem__(self, name: str) -> int:
+        value = self._values.get(name)
+        if value is not None:
+            return value
         register = self.table.by_name[name]
-        address = register.address
-        return register.decode(self.memory[address : address + register.size])
+        return register.decode(self.memory[register.address : register.end])
 
     def __setitem__(self, name: str, value: int) -> None:
         register = self.table.by_name[name]
-        self.memory[register.address : register.address + register.size] = register.encode(value)
+        self._put(register, value)
+        if register.shapes:
+            self.derive()
+
+    def _put(self, register: Register, value: int) -> None:
+        self.memory[register.address : register.end] = register.encode(value)
+        if register.name not in self.measured:
+            self._values[register.name] = value
 
     def get(self, name: str, default: int = 0) -> int:
         """Value of a register, `default` if this model has none of that name."""
@@ -80,8 +94,11 @@ class Servo(ABC):
             return Error.LENGTH, b""
         if address + length > self.table.size:
             return Error.ACCESS, b""
-        self.refresh(time)
-        data = self.memory[address : address + length]
+        end = address + length
+        self.refresh(time, address, end)
+        data = self.memory[address:end]
+        if not self._reaches_indirect(address, end):
+            return Error.NONE, bytes(data)
         for block in self.table.blocks:
             if address < block.data + block.count and address + length > block.data:
                 for n in range(
@@ -89,6 +106,11 @@ class Servo(ABC):
                 ):
                     data[n - address] = self.memory[self._resolve(n)]
         return Error.NONE, bytes(data)
+
+    def _reaches_indirect(self, start: int, end: int) -> bool:
+        return end > self.table.indirect_from and any(
+            start < block.data + block.count and end > block.data for block in self.table.blocks
+        )
 
     def _resolve(self, address: int) -> int:
         """Where a byte really lies: indirect data is somewhere else."""
@@ -101,8 +123,7 @@ class Servo(ABC):
 
     def _runs(self, address: int, data: bytes) -> Run:
         """Cut data for an address into runs for consecutive addresses, after indirection."""
-        blocks = self.table.blocks
-        if not any(address < b.data + b.count and address + len(data) > b.data for b in blocks):
+        if not self._reaches_indirect(address, address + len(data)):
             return [(address, data)]
         runs: list[tuple[int, bytearray]] = []
         for n, byte in enumerate(data):
@@ -115,7 +136,8 @@ class Servo(ABC):
 
     def write(self, address: int, data: bytes, time: float) -> Error:
         """Write memory: everything or, with an error, nothing."""
-        self.refresh(time)
+        if time > self.joint.time + _SOON:
+            self.advance(time)
         runs = self._runs(address, data)
         error, registers = self._check(runs)
         if error:
@@ -126,6 +148,13 @@ class Servo(ABC):
     def _store(self, runs: Run, registers: list[Register], time: float) -> None:
         for at, piece in runs:
             self.memory[at : at + len(piece)] = piece
+        shapes = False
+        for register in registers:
+            data = self.memory[register.address : register.end]
+            self._values[register.name] = register.decode(data)
+            shapes |= register.shapes
+        if shapes:
+            self.derive()
         for register in registers:
             self.written(register.name, time)
         self.joint.wake()
@@ -142,20 +171,20 @@ class Servo(ABC):
             at = address
             while at < end:
                 register = self.table.at[at]
-                if register is None or register.access is Access.READ:
+                if register is None or register.fixed:
                     return Error.ACCESS, []
-                if register.address != at or at + register.size > end:
+                if register.address != at or register.end > end:
                     return Error.LENGTH, []
-                if register.access is not Access.RAM and self.torque_enabled:
+                if register.locked and self.torque_enabled:
                     return Error.ACCESS, []
-                value = register.decode(data[at - address : at - address + register.size])
+                value = register.decode(data[at - address : register.end - address])
                 if not register.low <= value <= register.high:
                     return Error.RANGE, []
                 error = self.refused(register.name, value)
                 if error:
                     return error, []
                 registers.append(register)
-                at += register.size
+                at = register.end
         return Error.NONE, registers
 
     # Instructions
@@ -194,7 +223,7 @@ class Servo(ABC):
         return bytes((*self.memory[0:2], self.firmware))
 
     def _register(self, address: int, data: bytes, time: float) -> Error:
-        self.refresh(time)
+        self.advance(time)
         runs = self._runs(address, data)
         error, _ = self._check(runs)
         if not error:
@@ -207,7 +236,7 @@ class Servo(ABC):
             return Error.INSTRUCTION
         runs, self._registered = self._registered, None
         self._set_registered(False)
-        self.refresh(time)
+        self.advance(time)
         error, registers = self._check(runs)
         if not error:
             self._store(runs, registers, time)
@@ -224,7 +253,7 @@ class Servo(ABC):
             return Error.RANGE
         values = {name: self[name] for name in kept[key]}
         for register in self.table:
-            self[register.name] = values.get(register.name, register.default)
+            self._put(register, values.get(register.name, register.default))
         self._backup = None
         self.reboot(time)
         return Error.NONE
@@ -235,57 +264,43 @@ class Servo(ABC):
         self.reboots += 1
         self.silent_until = time + BOOT
         self._registered = None
-        self.drive.alarm = math.inf
+        self.drive.set_alarm(math.inf)
         self.drive.alarms = self.drive.overloads = 0
         self.drive.switch(None, time)
         for register in self.table:
-            if register.access in (Access.RAM, Access.LOCKED) or register.name in self._volatile:
-                self[register.name] = register.default
+            if register.access in (Access.RAM, Access.LOCKED):
+                self._put(register, register.default)
+        self.derive()
+        self._looked_at = -math.inf
         self.started(time)
 
-    _volatile: frozenset[str] = frozenset()
+    measured: ClassVar[frozenset[str]] = frozenset()
+    """Registers that `refresh` packs into memory."""
 
     # What a servo is at present
 
-    @property
-    @abstractmethod
-    def protocol(self) -> int:
-        """That it speaks now."""
+    number: int
+    protocol: int
+    baud: int  # bits a second
+    return_delay: float  # s from the end of an instruction to the beginning of the status
+    status_level: int  # 0: answers pings, 1: reads too, 2: everything
+    secondary: int | None = None  # another id, whose instructions it obeys without an answer
 
-    @property
-    @abstractmethod
-    def baud(self) -> int:
-        """Bits a second."""
+    def derive(self) -> None:
+        """Take over what registers that `Register.shapes` say."""
+        self.number = self["id"]
+        self.return_delay = 2e-6 * self["return_delay_time"]
+        self.status_level = self["status_return_level"]
 
     @property
     @abstractmethod
     def error_bits(self) -> int:
-        """What every status reports besides the outcome: ALERT (2.0), or the bits of present errors (1.0)."""
+        """What every status reports besides the outcome: ALERT (2.0), or bits of present errors (1.0)."""
 
     @property
     def legacy_bits(self) -> int:
         """Bits of present errors in a status of protocol 1.0."""
         return self.error_bits
-
-    @property
-    def number(self) -> int:
-        """Its id."""
-        return self["id"]
-
-    @property
-    def secondary(self) -> int | None:
-        """Another id to whose instructions it obeys without an answer; None if it has none."""
-        return None
-
-    @property
-    def return_delay(self) -> float:
-        """From the end of an instruction to the beginning of the status, s."""
-        return 2e-6 * self["return_delay_time"]
-
-    @property
-    def status_level(self) -> int:
-        """0: answers pings, 1: reads too, 2: everything."""
-        return self["status_return_level"]
 
     @property
     def torque_enabled(self) -> bool:
@@ -299,8 +314,28 @@ class Servo(ABC):
     # What registers mean
 
     @abstractmethod
-    def refresh(self, time: float) -> None:
-        """Advance to `time` and put what is measured into memory."""
+    def refresh(self, time: float, start: int = 0, end: int = 65536) -> None:
+        """Advance to `time` and put what is measured into memory, at least from `start` to `end`."""
+
+    def advance(self, time: float) -> None:
+        """Let the mechanics go on to `time`, and errors happen."""
+        self.joint.advance(time)
+        drive = self.drive
+        if drive.alarms or drive.overloads:
+            self.acted(drive.alarms > 0, drive.overloads > 0)
+            drive.alarms = drive.overloads = 0
+        if time > self._looked_at + _LOOKS or time < self._looked_at:
+            self._looked_at = time
+            self.warm(time)
+            self.watch_limits()
+
+    @abstractmethod
+    def acted(self, watchdog: bool, overload: bool) -> None:
+        """The drive has stopped for want of instructions, or strained itself for too long."""
+
+    @abstractmethod
+    def watch_limits(self) -> None:
+        """Look at voltage and temperature."""
 
     @abstractmethod
     def refused(self, name: str, value: int) -> Error:
