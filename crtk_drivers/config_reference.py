@@ -90,6 +90,8 @@ def _rows(table: Schema, definitions: Schema, prefix: str) -> Iterator[Row]:
         )
         if inner:
             yield from _rows(inner, definitions, f"{prefix}{name}.")
+        for table_of_each, below in _tables_in(schema, definitions):
+            yield from _rows(table_of_each, definitions, f"{prefix}{name}{below}.")
 
 
 def _resolved(schema: Schema, definitions: Schema) -> Schema:
@@ -109,6 +111,20 @@ def _table_of(schema: Schema, definitions: Schema) -> Schema | None:
         if "properties" in part:
             return part
     return None
+
+
+def _tables_in(schema: Schema, definitions: Schema) -> Iterator[tuple[Schema, str]]:
+    """Yield the tables that a table by names, or a list, holds, and how their keys are told."""
+    for part in _alternatives(schema, definitions):
+        for key, below in (("additionalProperties", ".NAME"), ("items", "[]")):
+            items = part.get(key)
+            inner = (
+                _table_of(_resolved(items, definitions), definitions)
+                if isinstance(items, dict)
+                else None
+            )
+            if inner is not None:
+                yield inner, below
 
 
 def _type(schema: Schema, definitions: Schema) -> str:

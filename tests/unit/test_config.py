@@ -324,6 +324,19 @@ def test_any_text_is_read_or_refused(text: str) -> None:
         assert all(1 <= line <= lines for line in content.lines.values())
 
 
+def test_tables_by_name_and_in_lists_are_told_with_their_keys() -> None:
+    class Wall(Settings):
+        stiffness: float = Field(description="In N/m.")
+
+    class Room(Settings):
+        walls: tuple[Wall, ...] = Field(default=(), description="What there is.")
+        doors: dict[str, Wall] = Field(default={}, description="By name.")
+        names: dict[str, int] = Field(default={}, description="No tables.")
+
+    keys = [row.key for row in rows(Room.model_json_schema())]
+    assert keys == ["walls", "walls[].stiffness", "doors", "doors.NAME.stiffness", "names"]
+
+
 def test_the_schema_names_every_key_and_is_json() -> None:
     schema = json.loads(json.dumps(with_node(ArmConfig).model_json_schema()))
     keys = [row.key for row in rows(schema)]
