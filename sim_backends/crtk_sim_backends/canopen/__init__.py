@@ -1,0 +1,1 @@
+"""Simulated CANopen drives (CiA 301, CiA 402), at the level of CAN frames."""

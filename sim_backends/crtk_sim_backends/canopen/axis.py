@@ -1,0 +1,558 @@
+"""One axis of a drive: state machine, modes, controller, supervision, and the objects that show them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from crtk_sim_backends.canopen.aborts import Abort, SdoAbort
+from crtk_sim_backends.canopen.dictionary import DataType, ObjectDictionary
+from crtk_sim_backends.canopen.emcy import Emergency
+from crtk_sim_backends.canopen.homing import METHODS, Homing, Switch
+from crtk_sim_backends.canopen.machine import (
+    POWERED,
+    RAMPS,
+    Command,
+    Machine,
+    Ramp,
+    State,
+)
+from crtk_sim_backends.canopen.modes import (
+    HALT,
+    TARGET_REACHED,
+    Control,
+    CyclicPosition,
+    CyclicTorque,
+    CyclicVelocity,
+    InterpolatedPosition,
+    Mode,
+    ProfilePosition,
+    ProfileTorque,
+    ProfileVelocity,
+    Setpoint,
+    Window,
+)
+from crtk_sim_backends.canopen.objects import AXIS_STRIDE
+from crtk_sim_backends.canopen.plant import Motor
+from crtk_sim_backends.canopen.units import SCALING, Units
+
+# Error codes of CiA 402-2, table 6
+UNDERVOLTAGE: Final = 0x3220
+MOTOR_BLOCKED: Final = 0x7121
+FOLLOWING_ERROR: Final = 0x8611
+REFERENCE_LIMIT: Final = 0x8612
+SYNC_LOST: Final = 0x8700
+SAFE_TORQUE_OFF: Final = 0xFF01  # of the vendor
+
+_VOLTAGE: Final = 0x0010  # bits of the statusword
+_WARNING: Final = 0x0080
+_REMOTE: Final = 0x0200
+_INTERNAL_LIMIT: Final = 0x0800
+_INTERLOCK: Final = 1 << 3  # of the digital inputs 60FD
+
+_TARGETS: Final = (0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60FF)
+_DECELERATION: Final = {Ramp.SLOW: 0x6084, Ramp.QUICK: 0x6085, Ramp.LIMIT: 0x60C6}
+_CYCLIC: Final = (CyclicPosition, CyclicVelocity, CyclicTorque)
+_NO_WINDOW: Final = 0xFFFF_FFFF
+
+_POSITION_GAIN: Final = 60.0  # 1/s
+_VELOCITY_GAIN: Final = 500.0  # 1/s, of the inertia
+_INTEGRAL_GAIN: Final = 20_000.0  # 1/s², of the inertia
+_AT_REST: Final = 0.05  # rad/s at which a ramp down has ended
+_RAMP_GRACE: Final = 0.5  # s after the ramp at which it has ended although the motor still turns
+_BLOCKED_TIME: Final = 1.0  # s at the torque limit without motion
+_DC_LINK: Final = 48_000  # mV
+
+
+class Axis:
+    """One axis.
+
+    Args:
+        number: 0, 1, ...; its objects lie 0x800 above those of the axis before.
+        dictionary: of the node.
+        emergency: of the node.
+        motor: what it drives.
+    """
+
+    def __init__(
+        self, number: int, dictionary: ObjectDictionary, emergency: Emergency, motor: Motor
+    ) -> None:
+        self.number = number
+        self.motor = motor
+        self._dictionary = dictionary
+        self._offset = AXIS_STRIDE * number
+        self._emergency = emergency
+        self.units = Units(self.value)
+        self.machine = Machine(self.value, self._permitted)
+        self.setpoint = Setpoint()
+        self.position = 0.0  # position units
+        self.velocity = 0.0  # position units a second
+        self.limited = False  # the target is outside of what is permitted
+        self.saturated = False  # the torque is at its limit
+        self.supply = True
+        self.safe_torque_off = False
+        self.local = False  # somebody at the drive controls it: bit 9 of the statusword is 0
+        self._held = False  # a limit or switch holds the velocity back
+        self._zero = 0.0  # revolutions at which the position is 0
+        self._torque = 0.0  # N·m
+        self._integral = 0.0  # N·m
+        self._last_velocity = 0.0  # of the setpoint, for the feed-forward
+        self._ramp_rest = 0.0  # s since the setpoint of a ramp stands
+        self._controlword = 0
+        self._received = self._targeted = False
+        self._persisting: set[int] = set()  # errors whose cause is there still
+        self._outside, self._blocked = Window(), Window()
+        self._homing = Homing(self)
+        modes = (Mode(self), ProfilePosition(self), ProfileVelocity(self), ProfileTorque(self),
+                 self._homing, InterpolatedPosition(self), *(kind(self) for kind in _CYCLIC))  # fmt: skip
+        self._modes: dict[int, Mode] = {mode.number: mode for mode in modes}
+        self._mode = self._modes[0]
+        self._connect()
+        self.reset()
+
+    # The dictionary
+
+    def _connect(self) -> None:
+        od, offset = self._dictionary, self._offset
+        for index in SCALING:
+            od.written[index + offset] = lambda _: self._rescale()
+        for index in _TARGETS:
+            od.written[index + offset] = lambda _: self._note_target()
+        od.written[0x6040 + offset] = lambda _: self._note_controlword()
+        od.guards[0x6040 + offset] = lambda _, __: self._guard_controlword()
+        od.guards[0x6060 + offset] = lambda _, mode: _require(mode in self._modes)
+        od.guards[0x6098 + offset] = lambda _, method: _require(method in METHODS)
+        od.guards[0x607D + offset] = self._guard_limits
+        shown: dict[int, Callable[[], int]] = {
+            0x6041: self.statusword,
+            0x6061: lambda: self._mode.number,
+            0x6062: lambda: _wrapped(self._demand()),
+            0x6063: lambda: _wrapped(self.motor.revolutions * self.units.increments),
+            0x6064: lambda: _wrapped(self.position),
+            0x6069: lambda: _i32(self.velocity * self.units.velocity),
+            0x606B: lambda: _i32(self.setpoint.velocity * self.units.velocity),
+            0x606C: lambda: _i32(self.velocity * self.units.velocity),
+            0x6074: self._torque_permille,
+            0x6077: self._torque_permille,
+            0x6078: self._torque_permille,
+            0x6079: lambda: _DC_LINK if self.supply else 0,
+            0x60F4: lambda: _i32(self._demand() - self.position),
+            0x60FA: lambda: _i32(self._reference_velocity() * self.units.velocity),
+            0x60FC: self._demand_increments,
+            0x60FD: self._inputs,
+        }
+        for index, read in shown.items():
+            od.live[index + offset, 0] = read
+
+    def value(self, index: int, sub: int = 0) -> int:
+        """Value of an object of the axis."""
+        return self._dictionary[index + self._offset, sub]
+
+    def speed(self, index: int) -> float:
+        """Value of a velocity object in position units a second."""
+        return self.value(index) / self.units.velocity
+
+    @property
+    def period(self) -> float:
+        """Interpolation time period, s."""
+        return float(self.value(0x60C2, 1) * 10.0 ** self.value(0x60C2, 2))
+
+    def _note_target(self) -> None:
+        self._targeted = True
+
+    def _note_controlword(self) -> None:
+        self._received = True
+
+    def _guard_controlword(self) -> None:
+        if self.local:
+            raise SdoAbort(Abort.LOCAL_CONTROL)
+
+    def _guard_limits(self, sub: int, value: int) -> None:
+        low, high = (value if sub == n else self.value(0x607D, n) for n in (1, 2))
+        if low > high:
+            raise SdoAbort(Abort.MAX_BELOW_MIN)
+
+    def _rescale(self) -> None:
+        self.units.update()
+        self._measure()
+        self._align()
+
+    def _demand(self) -> float:
+        following = self.setpoint.control is Control.POSITION and self.powered
+        return self.setpoint.position if following else self.position
+
+    def _demand_increments(self) -> int:
+        revolutions = self._demand() / self.units.per_revolution + self._zero
+        return _wrapped(revolutions * self.units.increments)
+
+    def _torque_permille(self) -> int:
+        permille = 1000 * self._torque / (self.value(0x6076) * 1e-3)
+        return max(-0x8000, min(0x7FFF, round(permille))) * self.forward
+
+    def _inputs(self) -> int:
+        switches = sum(1 << switch.value for switch in Switch if self.switch(switch))
+        return switches | (_INTERLOCK if self.safe_torque_off else 0)
+
+    # What modes and homing see
+
+    @property
+    def powered(self) -> bool:
+        """Whether the motor has current."""
+        return self.machine.state in POWERED
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing changes with time."""
+        return not self.powered and self.motor.at_rest
+
+    @property
+    def revolutions(self) -> float:
+        """Position of the motor, revolutions."""
+        return self.motor.revolutions
+
+    @property
+    def forward(self) -> int:
+        """1, or -1 when the polarity turns the motor round."""
+        return 1 if self.units.per_revolution > 0 else -1
+
+    def switch(self, switch: Switch) -> bool:
+        """Whether a switch is active; limit switches by the direction of the axis."""
+        if switch is Switch.HOME:
+            return self.motor.home
+        positive = (switch is Switch.POSITIVE) == (self.forward > 0)
+        return self.motor.positive_limit if positive else self.motor.negative_limit
+
+    def edge_between(self, switch: Switch, first: float, last: float) -> float:
+        """Where between two positions (revolutions) a switch has its edge; `last` if it has none."""
+        config = self.motor.config
+        edges = config.home
+        if switch is not Switch.HOME:
+            edges = (config.negative_limit, config.positive_limit)
+        low, high = min(first, last), max(first, last)
+        return next((edge for edge in edges if low <= edge <= high), last)
+
+    def set_home(self, revolutions: float) -> None:
+        """Let the position be the home offset 607C where the motor stood at `revolutions`."""
+        before = self._zero
+        self._zero = revolutions - self.value(0x607C) / self.units.per_revolution
+        self.setpoint.position -= (self._zero - before) * self.units.per_revolution
+        self._measure()
+
+    def within_limits(self, position: float) -> float:
+        """Bring a position within the software limits; sets `limited` when it was not."""
+        inside = min(max(position, self.value(0x607D, 1)), self.value(0x607D, 2))
+        self.limited = inside != position
+        return inside
+
+    @property
+    def following_error(self) -> bool:
+        """Whether the position is out of the following error window."""
+        window = self.value(0x6065)
+        if window == _NO_WINDOW or self._homing.searches_stop:
+            return False
+        return abs(self._demand() - self.position) > window
+
+    # Commands
+
+    def reset(self) -> None:
+        """Begin anew, as a reset of the node does; the motor keeps what motion it has."""
+        self.machine.reset()
+        self._mode = self._modes[0]
+        self._controlword = 0
+        self._received = self._targeted = False
+        self._zero = 0.0
+        self._torque = 0.0
+        self.units.update()
+        self._measure()
+        self._align()
+
+    def process(self) -> None:
+        """Do what has been written since the last call: mode, controlword, targets."""
+        mode = self._modes[self.value(0x6060)]
+        if mode is not self._mode:
+            self._measure()
+            if self.setpoint.control is not Control.POSITION:
+                self._align()
+            self._mode = mode
+            self._enter_mode()
+        if self._received:
+            self._received = False
+            self._control(self.value(0x6040))
+        if self._targeted:
+            self._targeted = False
+            self.use_targets()
+
+    def use_targets(self) -> None:
+        """Follow the targets in the dictionary: they are new, or SYNC has come."""
+        if self.machine.state is State.OPERATION_ENABLED and self.machine.ramp is None:
+            self._mode.targets()
+
+    def _control(self, word: int) -> None:
+        before, self._controlword = self._controlword, word
+        was = self.machine.state
+        self.machine.control(word, fault_present=bool(self._persisting))
+        state = self.machine.state
+        if was is State.FAULT and state is not State.FAULT:
+            self._set_error(0)
+            self._emergency.ends_of(self.number)
+        if state is State.OPERATION_ENABLED and was is not State.OPERATION_ENABLED:
+            self._align()
+            self._enter_mode()
+            before &= ~0x7F  # a bit that was set before counts as an edge now
+        if state is State.OPERATION_ENABLED:
+            if word & HALT and not before & HALT and self._mode is self._homing:
+                self._homing.halt()
+            self._mode.control(word, before)
+
+    def _enter_mode(self) -> None:
+        self.limited = False
+        self._outside, self._blocked = Window(), Window()
+        self._mode.enter()
+
+    def _permitted(self, transition: int) -> bool:
+        if transition == 2:
+            return not self.safe_torque_off
+        if transition in (3, 4):
+            return self.supply and not self.safe_torque_off
+        return True
+
+    # Errors
+
+    def _set_error(self, code: int) -> None:
+        self._dictionary[0x603F + self._offset, 0] = code
+
+    def fault(self, code: int, vendor: bytes = b"", *, persists: bool = False) -> None:
+        """Have an error: EMCY, error code 603F, and the fault reaction.
+
+        Args:
+            code: error code.
+            vendor: up to 5 bytes of the manufacturer.
+            persists: it cannot be reset until `recovered` is called with the code.
+        """
+        if persists:
+            self._persisting.add(code)
+        self._set_error(code)
+        self._emergency.begin(code, vendor, self.number)
+        self.machine.fault()
+
+    def recovered(self, code: int) -> None:
+        """The cause of an error is gone, so that the fault can be reset."""
+        self._persisting.discard(code)
+
+    def set_supply(self, on: bool) -> None:
+        """Switch the power supply of the motor; that of the electronics stays."""
+        self.supply = on
+        if on:
+            self.recovered(UNDERVOLTAGE)
+        elif self.powered:
+            self.fault(UNDERVOLTAGE, persists=True)
+            self.machine.cut_power(fault=True)
+        elif self.machine.state is State.SWITCHED_ON:
+            self.machine.cut_power(fault=False)
+
+    def set_safe_torque_off(self, active: bool) -> None:
+        """Activate or release the STO inputs."""
+        self.safe_torque_off = active
+        if not active:
+            self.recovered(SAFE_TORQUE_OFF)
+            if self.machine.state is not State.FAULT:
+                self._emergency.end(SAFE_TORQUE_OFF, self.number)
+            return
+        if self.powered:
+            self.fault(SAFE_TORQUE_OFF, persists=True)
+            self.machine.cut_power(fault=True)
+            return
+        self._emergency.begin(SAFE_TORQUE_OFF, b"", self.number)
+        if self.machine.state in (State.READY_TO_SWITCH_ON, State.SWITCHED_ON):
+            self.machine.cut_power(fault=False)
+
+    def connection_lost(self, code: int) -> None:
+        """Do what 6007 asks for when the master is gone or has stopped the node."""
+        match self.value(0x6007):
+            case 1:
+                self.fault(code)
+            case 2:
+                self.machine.control(Command.DISABLE_VOLTAGE.value[1], fault_present=True)
+            case 3:
+                self.machine.quick_stop()
+
+    def sync_lost(self) -> None:
+        """Fault when the mode needs SYNC."""
+        if self.machine.state is State.OPERATION_ENABLED and isinstance(self._mode, _CYCLIC):
+            self.fault(SYNC_LOST)
+
+    @property
+    def needs_sync(self) -> bool:
+        """Whether it follows targets that come with SYNC."""
+        return self.machine.state is State.OPERATION_ENABLED and isinstance(self._mode, _CYCLIC)
+
+    # Time
+
+    def step(self, dt: float) -> None:
+        """Advance by one control period."""
+        if not self.powered:
+            self._torque = 0.0
+            self.motor.step(0.0, dt, powered=False)
+            self._measure()
+            self._align()
+            return
+        self._held = False
+        ramp = self._present_ramp()
+        if ramp is None:
+            self._ramp_rest = 0.0
+            self._mode.step(dt)
+        else:
+            self._brake(ramp, dt)
+        self._torque = self._regulate(dt)
+        self.motor.step(self._torque, dt, powered=True)
+        self._measure()
+        self._supervise(dt)
+
+    def _present_ramp(self) -> Ramp | None:
+        if self.machine.ramp is not None:
+            return self.machine.ramp
+        return RAMPS[0x605D][self.value(0x605D)] if self._halted else None
+
+    @property
+    def _halted(self) -> bool:
+        return bool(self._controlword & HALT) and self._mode.halts
+
+    def _brake(self, ramp: Ramp, dt: float) -> None:
+        """Ramp down whatever the mode does, and stay there."""
+        setpoint = self.setpoint
+        if setpoint.control is not Control.POSITION:
+            if setpoint.control is Control.TORQUE:
+                setpoint.velocity = self.velocity
+            setpoint.position = self.position
+            setpoint.control = Control.POSITION
+        setpoint.torque = 0.0
+        change = self.value(_DECELERATION[ramp]) * dt
+        setpoint.velocity = math.copysign(
+            max(0.0, abs(setpoint.velocity) - change), setpoint.velocity
+        )
+        setpoint.position += setpoint.velocity * dt
+        if setpoint.velocity:
+            self._ramp_rest = 0.0
+            return
+        self._ramp_rest += dt
+        if abs(self.motor.velocity) < _AT_REST or self._ramp_rest > _RAMP_GRACE:
+            self.machine.rested()
+
+    def _reference_velocity(self) -> float:
+        """What the velocity loop follows, position units a second."""
+        setpoint = self.setpoint
+        if setpoint.control is Control.POSITION:
+            return setpoint.velocity + _POSITION_GAIN * (setpoint.position - self.position)
+        return setpoint.velocity
+
+    def _regulate(self, dt: float) -> float:
+        """Torque of the motor, N·m: position, velocity and torque loop with their limits."""
+        setpoint, motor, scale = self.setpoint, self.motor, self.units.per_radian
+        permille = self.value(0x6076) * 1e-6  # N·m
+        inertia = motor.config.inertia
+        most = min(self.value(0x6072), self.value(0x6073))
+        up = min(most, self.value(0x60E0)) * permille
+        down = min(most, self.value(0x60E1)) * permille
+        if self.forward < 0:
+            up, down = down, up
+        slowest, fastest = self._velocity_range()
+        if setpoint.control is Control.TORQUE:
+            torque = setpoint.torque * permille * self.forward
+            most_up = inertia * _VELOCITY_GAIN * (fastest - motor.velocity) + motor.load()
+            most_down = inertia * _VELOCITY_GAIN * (slowest - motor.velocity) + motor.load()
+            self._integral = self._last_velocity = 0.0
+            wanted = min(max(torque, most_down), most_up)
+            self._held |= wanted != torque
+        else:
+            reference = self._reference_velocity() / scale
+            held = min(max(reference, slowest), fastest)
+            self._held |= setpoint.control is Control.VELOCITY and held != reference
+            error = held - motor.velocity
+            feed = (setpoint.velocity - self._last_velocity) / scale / dt
+            self._last_velocity = setpoint.velocity
+            wanted = inertia * (_VELOCITY_GAIN * error + feed) + self._integral
+            wanted += setpoint.torque * permille * self.forward
+            if -down < wanted < up:
+                self._integral += inertia * _INTEGRAL_GAIN * error * dt
+        torque = min(max(wanted, -down), up)
+        self.saturated = torque != wanted
+        return torque
+
+    def _velocity_range(self) -> tuple[float, float]:
+        """Velocities of the motor that are permitted here, rad/s: least and greatest."""
+        fastest = self.value(0x6080) * 2 * math.pi / 60
+        if self.setpoint.control is Control.POSITION:
+            return -fastest, fastest
+        deceleration = self.value(0x6085)
+        low, high = self.value(0x607D, 1), self.value(0x607D, 2)
+        scale = abs(self.units.per_radian)
+        up = math.sqrt(2 * deceleration * max(0.0, high - self.position)) / scale
+        down = math.sqrt(2 * deceleration * max(0.0, self.position - low)) / scale
+        up = 0.0 if self.switch(Switch.POSITIVE) else min(up, fastest)
+        down = 0.0 if self.switch(Switch.NEGATIVE) else min(down, fastest)
+        return (-down, up) if self.forward > 0 else (-up, down)
+
+    def _supervise(self, dt: float) -> None:
+        """Look for what is an error in operation."""
+        if self.machine.state is not State.OPERATION_ENABLED:
+            return
+        setpoint = self.setpoint
+        if setpoint.control is Control.POSITION:
+            self._outside.hold(self.following_error, dt)
+            if self._outside.seconds and self._outside.lasted(self.value(0x6066)):
+                self.fault(FOLLOWING_ERROR)
+            runs_out = (setpoint.velocity > 0 and self.switch(Switch.POSITIVE)) or (
+                setpoint.velocity < 0 and self.switch(Switch.NEGATIVE)
+            )
+            if runs_out and self._mode is not self._homing:
+                self.fault(REFERENCE_LIMIT)
+        elif setpoint.control is Control.VELOCITY:
+            self._blocked.hold(self.saturated and abs(self.motor.velocity) < _AT_REST, dt)
+            if self._blocked.seconds >= _BLOCKED_TIME:
+                self.fault(MOTOR_BLOCKED)
+
+    def _measure(self) -> None:
+        scale = self.units.per_revolution
+        self.position = (self.motor.revolutions - self._zero) * scale
+        self.velocity = self.motor.velocity * self.units.per_radian
+
+    def _align(self) -> None:
+        """Let the setpoint stand where the axis is."""
+        self.setpoint.control = Control.POSITION
+        self.setpoint.position = self.position
+        self.setpoint.velocity = self.velocity if self.powered else 0.0
+        self.setpoint.torque = 0.0
+        self._integral = 0.0
+        self._last_velocity = self.setpoint.velocity
+        self._ramp_rest = 0.0
+
+    def statusword(self) -> int:
+        """Object 6041."""
+        state = self.machine.state
+        word = state.value
+        word |= _VOLTAGE if self.supply else 0
+        word |= _WARNING if self.safe_torque_off else 0
+        word |= 0 if self.local else _REMOTE
+        if self.powered and (self.limited or self.saturated or self._held):
+            word |= _INTERNAL_LIMIT
+        if state is State.OPERATION_ENABLED:
+            word |= self._mode.status(self._halted)
+        elif state is State.QUICK_STOP_ACTIVE and not self.setpoint.velocity:
+            word |= TARGET_REACHED
+        return word
+
+
+def _require(condition: bool) -> None:
+    if not condition:
+        raise SdoAbort(Abort.VALUE)
+
+
+def _i32(value: float) -> int:
+    low, high = DataType.I32.limits
+    return max(low, min(high, round(value)))
+
+
+def _wrapped(value: float) -> int:
+    """Position as 32-bit number, which wraps as the counter of a drive does."""
+    return (round(value) + 0x8000_0000 & 0xFFFF_FFFF) - 0x8000_0000

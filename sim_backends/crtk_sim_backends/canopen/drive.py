@@ -1,0 +1,386 @@
+"""A simulated CANopen drive: frames in, frames out, no I/O and no clock of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Final, TypeAlias
+
+from crtk_sim_backends.canopen.aborts import Abort, SdoAbort
+from crtk_sim_backends.canopen.axis import Axis
+from crtk_sim_backends.canopen.dictionary import Key, Object, ObjectDictionary
+from crtk_sim_backends.canopen.eds import electronic_data_sheet
+from crtk_sim_backends.canopen.emcy import Emergency
+from crtk_sim_backends.canopen.machine import State
+from crtk_sim_backends.canopen.nmt import ENTERS, Command, Heartbeats, NmtState, command_for
+from crtk_sim_backends.canopen.objects import (
+    LOAD,
+    MOST_AXES,
+    SAVE,
+    SYNC_TIMEOUT,
+    axis,
+    communication,
+)
+from crtk_sim_backends.canopen.pdo import ProcessData
+from crtk_sim_backends.canopen.personality import (
+    PERSONALITIES,
+    PRODUCT,
+    REVISION,
+    Personality,
+)
+from crtk_sim_backends.canopen.plant import Motor, MotorConfig
+from crtk_sim_backends.canopen.sdo import SdoServer
+
+Frame: TypeAlias = tuple[int, bytes]  # 11-bit identifier, up to 8 bytes
+
+HEARTBEAT_LOST: Final = 0x8130
+
+_CONTROL_PERIOD: Final = 0.001  # s
+_TICK: Final = 0.004  # s between calls of `on_timer` while an axis moves or is powered
+_LONGEST_GAP: Final = 0.25  # s; what a longer pause brings is left out
+_NOT_STORED: Final = (0x1003, 0x1010, 0x1011, 0x2000)
+_COMMANDS: Final = (0x6040, 0x6060)  # which no drive stores
+_NEVER: Final = float("inf")
+
+
+@dataclass(frozen=True)
+class DriveConfig:
+    """What a simulated drive is.
+
+    Attributes:
+        motors: what its axes move, one entry for each axis.
+        serial: serial number in 1018, None for the node-ID.
+        personality: make of the drive.
+    """
+
+    motors: tuple[MotorConfig, ...] = (MotorConfig(),)
+    serial: int | None = None
+    personality: Personality = PERSONALITIES["standard"]
+
+
+@dataclass
+class DriveFaults:
+    """What is wrong with the drive on the bus; changed while it runs.
+
+    Attributes:
+        silent: it neither hears nor says anything, as with its cable pulled out; it runs on.
+        off: its electronics have no power.
+        no_sdo: SDO requests are not answered.
+        no_heartbeat: heartbeats are not sent.
+        no_tpdo: TPDOs are not sent.
+        tpdo_delay: TPDOs are sent so many seconds late.
+        sdo_delay: SDO answers are sent so many seconds late.
+        sdo_aborts: objects whose accesses are refused: their abort codes.
+    """
+
+    silent: bool = False
+    off: bool = False
+    no_sdo: bool = False
+    no_heartbeat: bool = False
+    no_tpdo: bool = False
+    tpdo_delay: float = 0.0
+    sdo_delay: float = 0.0
+    sdo_aborts: dict[Key, int] = field(default_factory=dict)
+
+
+def drive_objects(config: DriveConfig, node_id: int) -> list[Object]:
+    """Objects of a drive, with the defaults of its personality."""
+    personality = config.personality
+    serial = node_id if config.serial is None else config.serial
+    axes = len(config.motors)
+    objects = list(
+        communication(axes, personality.vendor, PRODUCT, REVISION, serial,
+                      personality.device.encode(), b"1.0", b"1.0")
+    )  # fmt: skip
+    for number in range(axes):
+        objects += axis(number)
+    for place, entry in enumerate(objects):
+        for index, sub, value in personality.defaults:
+            if entry.index == index:
+                changed = replace(entry.entries[sub], default=value)
+                objects[place] = replace(entry, entries={**entry.entries, sub: changed})
+    return objects
+
+
+def eds_of(config: DriveConfig) -> str:
+    """EDS of the drives with this configuration, the same for all node-IDs."""
+    objects = drive_objects(replace(config, serial=0), 0)
+    personality = config.personality
+    return electronic_data_sheet(objects, personality.vendor, PRODUCT, REVISION, personality.device)
+
+
+class Drive:
+    """One node. Give it every frame of the bus and a call when its timer is due.
+
+    Its boot-up message comes from the first call. All times are those of one monotonic clock, s.
+
+    Args:
+        node_id: 1 to 127.
+        config: what it is.
+    """
+
+    def __init__(self, node_id: int, config: DriveConfig | None = None) -> None:
+        self.config = config or DriveConfig()
+        if not 1 <= node_id <= 127 or not 1 <= len(self.config.motors) <= MOST_AXES:
+            raise ValueError(f"no drive: node-ID {node_id}, {len(self.config.motors)} axes")
+        self.node_id = node_id
+        self.faults = DriveFaults()
+        self.state = NmtState.INITIALISING
+        self.next_timer = 0.0
+        self.dictionary = ObjectDictionary(drive_objects(self.config, node_id), node_id)
+        self.dictionary.ignored.update(self.config.personality.ignores)
+        self.emergency = Emergency(self.dictionary)
+        self.heartbeats = Heartbeats(self.dictionary, self._heartbeat_lost, self._heartbeat_back)
+        self.pdos = ProcessData(
+            self.dictionary, self.emergency, lambda: self.state is NmtState.OPERATIONAL
+        )
+        self.axes = [
+            Axis(number, self.dictionary, self.emergency, Motor(motor))
+            for number, motor in enumerate(self.config.motors)
+        ]
+        self._sdo = SdoServer(
+            self.dictionary,
+            refuse=self._refuse,
+            block=0 if self.config.personality.no_block else 127,
+        )
+        self._time: float | None = None  # until which the axes have been computed
+        self._boot_at = 0.0
+        self._last_sync: float | None = None
+        self._late: list[tuple[float, Frame]] = []  # frames that wait for their time
+        self._connect()
+
+    def _connect(self) -> None:
+        od = self.dictionary
+        od.guards[0x1010] = self._guard_store
+        od.guards[0x1011] = self._guard_restore
+        od.written[0x1010] = lambda _: self._store()
+        od.written[0x1011] = lambda _: self._restore()
+        od.values[0x1021, 0] = b""
+        od.live[0x1021, 0] = lambda: eds_of(self.config).encode()
+
+    # Calls from the bus
+
+    def on_frame(self, identifier: int, data: bytes, now: float) -> list[Frame]:
+        """Hear a frame of the bus; the frames that the drive sends because of it, or until now."""
+        frames = self._advance(now)
+        if self.faults.silent or self.faults.off or self.state is NmtState.INITIALISING:
+            return self._leave(frames, now)
+        od = self.dictionary
+        if identifier == od[0x1005, 0] & 0x7FF:
+            frames += self._on_sync(data, now)
+        elif identifier in self.pdos.receiving:
+            if self.state is NmtState.OPERATIONAL:
+                pdo = self.pdos.receiving[identifier]
+                if self.pdos.on_rpdo(pdo, data, now):
+                    self._process()
+        elif identifier == 0x600 + self.node_id:
+            if self.state is not NmtState.STOPPED and not self.faults.no_sdo:
+                answers = self._sdo.on_request(data, now)
+                frames += [(0x580 + self.node_id, answer) for answer in answers]
+                self._process()
+        elif identifier == 0:
+            if command := command_for(data, self.node_id):
+                frames += self._on_command(command, now)
+        elif 0x700 < identifier <= 0x77F:
+            self.heartbeats.on_heartbeat(identifier - 0x700, now)
+        return self._leave(frames + self._events(now), now)
+
+    def on_timer(self, now: float) -> list[Frame]:
+        """Do what is due; the frames that the drive sends."""
+        frames = self._advance(now)
+        if self.state is not NmtState.INITIALISING and not self.faults.off:
+            answers = self._sdo.expire(now)
+            frames += [(0x580 + self.node_id, answer) for answer in answers]
+            self.heartbeats.check(now)
+            self.pdos.check_deadlines(now)
+            frames += self._events(now)
+        return self._leave(frames, now)
+
+    def reset(self, now: float) -> None:
+        """Lose everything and boot again, as after a short loss of the electronics' power."""
+        self._begin_boot(now, self.dictionary.variables)
+
+    # Network management
+
+    def _on_command(self, command: Command, now: float) -> list[Frame]:
+        if command is Command.RESET_NODE:
+            self._begin_boot(now, self.dictionary.variables)
+        elif command is Command.RESET_COMMUNICATION:
+            for unit in self.axes:
+                unit.connection_lost(HEARTBEAT_LOST)
+            self._begin_boot(now, self.dictionary.keys_within(0x1000, 0x1FFF), whole=False)
+        else:
+            self._enter(ENTERS[command])
+        return []
+
+    def _begin_boot(self, now: float, keys: Iterable[Key], *, whole: bool = True) -> None:
+        self.state = NmtState.INITIALISING
+        self._boot_at = now + self.config.personality.boot
+        self._sdo.reset()
+        self._last_sync = None
+        self._late.clear()
+        if whole:
+            self.emergency.reset()
+        self.dictionary.reset(keys)
+        if whole:
+            for unit in self.axes:
+                unit.reset()
+        self.pdos.rebuild()
+        self.heartbeats.reset(self._boot_at)
+
+    def _enter(self, state: NmtState) -> None:
+        if state is self.state:
+            return
+        self.state = state
+        self._last_sync = None
+        if state is NmtState.OPERATIONAL:
+            self.pdos.begin()
+        elif state is NmtState.STOPPED:
+            self._sdo.reset()
+            for unit in self.axes:
+                unit.connection_lost(HEARTBEAT_LOST)
+            self.emergency.drop()
+
+    def _heartbeat_lost(self, node: int) -> None:
+        self.emergency.begin(HEARTBEAT_LOST, bytes((node,)), 0x700 + node)
+        for unit in self.axes:
+            unit.connection_lost(HEARTBEAT_LOST)
+        behaviour = self.dictionary[0x1029, 1]
+        if behaviour == 0 and self.state is NmtState.OPERATIONAL:
+            self._enter(NmtState.PRE_OPERATIONAL)
+        elif behaviour == 2:
+            self._enter(NmtState.STOPPED)
+
+    def _heartbeat_back(self, node: int) -> None:
+        self.emergency.end(HEARTBEAT_LOST, 0x700 + node)
+
+    # Process data
+
+    def _on_sync(self, data: bytes, now: float) -> list[Frame]:
+        if self.state is not NmtState.OPERATIONAL or not self.pdos.check_sync(data):
+            return []
+        self._last_sync = now
+        frames = self.pdos.on_sync(data[0] if data else None)
+        self.pdos.apply_received()
+        self._process()
+        for unit in self.axes:
+            unit.use_targets()
+        return frames
+
+    def _process(self) -> None:
+        for unit in self.axes:
+            unit.process()
+
+    def _check_sync(self, now: float) -> None:
+        timeout = self.dictionary[SYNC_TIMEOUT] / 1000
+        if self._last_sync is not None and timeout and now - self._last_sync > timeout:
+            self._last_sync = None
+            for unit in self.axes:
+                unit.sync_lost()
+
+    # Parameters in non-volatile memory
+
+    def _guard_store(self, sub: int, value: int) -> None:
+        if value != SAVE:
+            raise SdoAbort(Abort.STORE)
+        if any(unit.powered for unit in self.axes):
+            raise SdoAbort(Abort.DEVICE_STATE)
+
+    def _guard_restore(self, sub: int, value: int) -> None:
+        if value != LOAD:
+            raise SdoAbort(Abort.STORE)
+
+    def _store(self) -> None:
+        od = self.dictionary
+        od[0x1010, 1] = 1
+        od.stored = {
+            key: od.values[key]
+            for key, variable in od.variables.items()
+            if variable.access == "rw"
+            and key[0] not in _NOT_STORED
+            and not (key[0] >= 0x6000 and 0x6000 + key[0] % 0x800 in _COMMANDS)
+        }
+
+    def _restore(self) -> None:
+        self.dictionary[0x1011, 1] = 1
+        self.dictionary.stored = {}  # the defaults come back with the next reset
+
+    def _refuse(self, key: Key, access: str) -> None:
+        code = self.faults.sdo_aborts.get(key)
+        if code is not None:
+            raise SdoAbort(code)
+
+    # Time
+
+    def _advance(self, now: float) -> list[Frame]:
+        """Compute the axes until now; the boot-up message when its time has come."""
+        if self._time is None:
+            self._begin_boot(now - self.config.personality.boot, ())
+            self._time = now
+        self._time = max(self._time, now - _LONGEST_GAP)
+        if all(unit.idle for unit in self.axes):
+            self._time = max(self._time, now - _CONTROL_PERIOD)
+        while self._time + _CONTROL_PERIOD <= now + 1e-9:
+            self._time += _CONTROL_PERIOD
+            for unit in self.axes:
+                if not unit.idle:
+                    unit.step(_CONTROL_PERIOD)
+        self._check_sync(now)
+        if self.state is NmtState.INITIALISING and now >= self._boot_at and not self.faults.off:
+            self.state = NmtState.PRE_OPERATIONAL
+            return [(0x700 + self.node_id, b"\0")]
+        return []
+
+    def _events(self, now: float) -> list[Frame]:
+        """Heartbeat, event-driven TPDOs and EMCY that are due."""
+        frames: list[Frame] = []
+        if self.state is NmtState.INITIALISING:
+            return frames
+        if self.state is not NmtState.STOPPED:
+            frames += self.emergency.take(now)
+        if self.state is NmtState.OPERATIONAL:
+            frames += self.pdos.on_events(now)
+        if self.heartbeats.produce(now) and not self.faults.no_heartbeat:
+            frames.append((0x700 + self.node_id, bytes((self.state,))))
+        return frames
+
+    def _leave(self, frames: list[Frame], now: float) -> list[Frame]:
+        """Send what may leave now: everything, unless there are faults."""
+        faults = self.faults
+        if faults.tpdo_delay or faults.sdo_delay or faults.no_tpdo or self._late:
+            frames = self._held_back(frames, now)
+        self.next_timer = self._next_timer(now)
+        return [] if faults.silent or faults.off else frames
+
+    def _held_back(self, frames: list[Frame], now: float) -> list[Frame]:
+        tpdos = {pdo.identifier for pdo in self.pdos.transmitting}
+        for identifier, data in frames:
+            delay = 0.0
+            if identifier in tpdos:
+                if self.faults.no_tpdo:
+                    continue
+                delay = self.faults.tpdo_delay
+            elif identifier == 0x580 + self.node_id:
+                delay = self.faults.sdo_delay
+            self._late.append((now + delay, (identifier, data)))
+        due = [frame for time, frame in self._late if time <= now]
+        self._late = [entry for entry in self._late if entry[0] > now]
+        return due
+
+    def _next_timer(self, now: float) -> float:
+        if self.faults.off:
+            return _NEVER
+        if self.state is NmtState.INITIALISING:
+            return self._boot_at
+        times = [self.heartbeats.next_timer, self._sdo.deadline, self.pdos.next_timer]
+        if self.state is not NmtState.STOPPED:
+            times.append(self.emergency.next_timer)
+        times += [time for time, _ in self._late]
+        if not all(unit.idle for unit in self.axes):
+            times.append(now + _TICK)
+        return min((time for time in times if time is not None), default=_NEVER)
+
+    @property
+    def faulted(self) -> bool:
+        """Whether an axis is in FAULT."""
+        return any(unit.machine.state is State.FAULT for unit in self.axes)
