@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -9,20 +10,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from netft_peer import Peer
 from ros_rig import serve
 
 import crtk_drivers.client
-from crtk_driver_ati_netft import PLUGIN
+from crtk_driver_ati_netft import PLUGIN, tools
 from crtk_driver_ati_netft.config import NetFtConfig
+from crtk_driver_ati_netft.tools import CalibrateOptions
 from crtk_driver_virtual import PLUGIN as VIRTUAL
 from crtk_drivers.config import from_values, load
-from crtk_drivers.errors import DataTimeout
+from crtk_drivers.errors import ConnectionFailed, DataTimeout
+from crtk_drivers.front import LocalDevice
 from crtk_drivers.geometry import matrix_from_quaternion
 
 LONG = 20.0
 ARM, SENSOR = "/test_netft_arm", "/test_netft_sensor"
 MASS = 2.0
+CENTER = np.array([0.01, -0.02, 0.06])
+BIAS = np.array([1, -2, 3, 0.1, 0.2, -0.3])
 VALUES = {
     "http": False,
     "profile": "netbox",
@@ -98,3 +104,53 @@ def test_the_load_is_valid_while_the_arm_tells_its_pose_and_at_no_other_time(sen
             eventually(weightless, "the weight is taken off")
         eventually(lambda: known(sensor) is None, "the load is not valid any more")
         assert sensor.raw.measured_cf(wait=LONG).force.any()
+
+
+class Operator(io.StringIO):
+    """Moves the arm to the next pose each time that Enter is waited for; the tool hangs as it must."""
+
+    def __init__(self, arm: Any, peer: Peer, goals: list[list[float]]) -> None:
+        super().__init__()
+        self._arm = arm
+        self._peer = peer
+        self._goals = iter(goals)
+
+    def readline(self, *_: Any) -> str:
+        arm = self._arm
+        arm.move_jp(next(self._goals)).wait(LONG)
+        turned = matrix_from_quaternion(arm.measured_cp().orientation)
+        pull = turned.T @ [0, 0, -9.80665 * MASS]
+        torque = np.cross(CENTER, pull)
+        load = np.concatenate((pull, torque)) + BIAS
+        self._peer.counts = tuple(round(value * 1e6) for value in load.tolist())
+        return "\n"
+
+
+def test_the_command_that_calibrates_takes_the_orientations_of_the_arm(
+    peer, monkeypatch, tmp_path, capfd
+) -> None:
+    with Peer() as other, carrier() as (session, _), LocalDevice(session) as arm:
+        other.rate = 1000.0
+        values = {**VALUES, "tool": None, "host": other.host, "rdt_port": other.port}
+        config = load(NetFtConfig, from_values(values))
+        eventually(lambda: session.engine.has_sample, "the arm")
+        arm.enable()
+        start = arm.measured_jp()
+        turns = [[0, 0, 0], [0, -1.2, 0.4], [1.2, -0.3, -0.6], [-1.2, -0.9, 1.0]]
+        goals = [(start + np.concatenate((np.zeros(3), turn))).tolist() for turn in turns]
+        monkeypatch.setattr("sys.stdin", Operator(arm, other, goals))
+        result = tmp_path / "tool.yaml"
+        options = CalibrateOptions(seconds=0.2, count=4, output=str(result))
+        assert tools.calibrate(config, options) == 0
+    assert "pose 4 of 4: as the arm holds it" in capfd.readouterr().out
+    found = yaml.safe_load(result.read_text())
+    assert found["tool"]["mass"] == pytest.approx(MASS, rel=1e-2)
+    assert found["tool"]["center_of_mass"] == pytest.approx(CENTER.tolist(), abs=2e-3)
+    assert found["bias"] == pytest.approx(BIAS.tolist(), abs=0.1)
+
+
+def test_the_command_that_calibrates_says_when_there_is_no_arm(peer) -> None:
+    values = {**VALUES, "tool": None, "host": peer.host, "rdt_port": peer.port}
+    values |= {"arm": "/test_netft_nobody", "open_timeout": 1.0}
+    with pytest.raises(ConnectionFailed, match="the orientation of the sensor is not known"):
+        tools.calibrate(load(NetFtConfig, from_values(values)), CalibrateOptions(ask=False))

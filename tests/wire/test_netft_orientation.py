@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import time
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -226,8 +228,11 @@ def test_an_arm_is_followed_again_after_the_sensor_was_away(make) -> None:
     rig.until_weightless()
 
 
-def test_a_calibration_with_an_arm_needs_no_other_orientation(make) -> None:
-    rig, arm = make(tool=None), Carrier()
+@pytest.mark.parametrize("folder", ["", "drawn", "missing"])
+def test_a_calibration_with_an_arm_needs_no_other_orientation(make, tmp_path, folder) -> None:
+    (tmp_path / "drawn").mkdir()
+    recordings = str(tmp_path / folder) if folder else ""
+    rig, arm = make(tool=None, recordings=recordings), Carrier()
     rig.device.follow(arm)
     for rotvec in [(0, 0, 0), (1.5, 0, 0), (0, 1.5, 0), (3, 0, 0)]:
         arm.quaternion = quaternion_from_rotvec(vector(rotvec))
@@ -243,8 +248,17 @@ def test_a_calibration_with_an_arm_needs_no_other_orientation(make) -> None:
 
         eventually(followed, "the orientation")
         rig.front.calibration_add()
-    assert "mass 2.0000 kg" in rig.front.calibration_finish()
+    told = rig.front.calibration_finish()
+    assert "mass 2.0000 kg" in told
+    assert re.search(r"in each pose \S+, \S+, \S+, \S+ N", told)
     rig.until_weightless()
+    pictures = list((tmp_path / "drawn").glob("netft-*.svg"))
+    assert len(pictures) == (folder == "drawn")
+    if folder == "drawn":
+        assert str(pictures[0]) in told
+        drawn = ElementTree.fromstring(pictures[0].read_text())
+        assert len(drawn.findall(".//{*}rect")) == 1 + 4 * 6
+    assert ("No picture" in told) == (folder == "missing")
 
 
 @pytest.mark.parametrize(

@@ -119,6 +119,13 @@ class ToolFit:
         """The same of the torque vector, in N·m."""
         return float(np.sqrt((self.residuals[:, 3:] ** 2).sum(axis=1).mean()))
 
+    @property
+    def summary(self) -> str:
+        """Mass and residuals, for people."""
+        return (
+            f"{self.tool.mass:.4f} kg, {self.force_residual:.3g} N, {self.torque_residual:.3g} N·m"
+        )
+
 
 LEAST_SPREAD = 0.2
 """Of the directions of gravity in the sensor's frame, across the line that fits them best; at most 0.7."""

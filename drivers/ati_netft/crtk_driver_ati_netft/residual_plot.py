@@ -10,10 +10,13 @@ import numpy as np
 from crtk_driver_ati_netft.compensation import ToolFit
 from crtk_drivers.samples import Array
 
-WIDTH: Final = 720
+WIDTH: Final = 800
 PANEL: Final = 180
-MARGIN: Final = 64
-COLORS: Final = ("#c0392b", "#27ae60", "#2980b9")
+MARGIN: Final = 96
+MOST_NAMED: Final = 12
+"""Poses below whose bars there is room for more than a number."""
+COLORS: Final = ("#d55e00", "#009e73", "#0072b2")
+"""That people who see few colours can tell apart, too (Okabe and Ito)."""
 
 
 def residual_plot(fit: ToolFit, title: str) -> str:
@@ -23,7 +26,7 @@ def residual_plot(fit: ToolFit, title: str) -> str:
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{height}" '
         f'viewBox="0 0 {WIDTH} {height}" font-family="sans-serif" font-size="12">',
         f'<rect width="{WIDTH}" height="{height}" fill="white"/>',
-        f'<text x="{MARGIN}" y="24" font-size="14">{escape(title)}</text>',
+        f'<text x="{MARGIN}" y="36" font-size="14">{escape(title)}</text>',
         *_panel(fit.residuals[:, :3], MARGIN, "N", ("Fx", "Fy", "Fz")),
         *_panel(fit.residuals[:, 3:], 2 * MARGIN + PANEL, "N·m", ("Tx", "Ty", "Tz")),
         "</svg>",
@@ -48,11 +51,13 @@ def _panel(values: Array, top: float, unit: str, axes: tuple[str, str, str]) -> 
     for axis, (name, color) in enumerate(zip(axes, COLORS, strict=True)):
         legend = WIDTH - MARGIN - 40 * (3 - axis)
         parts.append(f'<text x="{legend}" y="{top - 8}" fill="{color}">{name}</text>')
+    word = "pose " if len(values) <= MOST_NAMED else ""
     for pose, row in enumerate(values.tolist()):
         left = MARGIN + pose * group
         center = left + group / 2
         parts.append(
-            f'<text x="{center:.1f}" y="{top + PANEL + 16:.1f}" text-anchor="middle">{pose + 1}</text>'
+            f'<text x="{center:.1f}" y="{top + PANEL + 16:.1f}" text-anchor="middle">'
+            f"{word}{pose + 1}</text>"
         )
         for axis, value in enumerate(row):
             x, size = left + bar / 2 + axis * bar, abs(value) * scale

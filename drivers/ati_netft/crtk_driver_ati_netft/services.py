@@ -20,6 +20,7 @@ from crtk_driver_ati_netft.averaging import Average
 from crtk_driver_ati_netft.compensation import NO_LOAD, ToolFit, fit_tool
 from crtk_driver_ati_netft.profiles import Action
 from crtk_driver_ati_netft.recording import default_name
+from crtk_driver_ati_netft.residual_plot import residual_plot
 from crtk_drivers.device import Answer, Service, Severity
 from crtk_drivers.errors import CommandRefused, Reason, TransitionFailed
 from crtk_drivers.samples import Array, Vector, Wrench, vector
@@ -33,6 +34,8 @@ CHECKED: Final = 0.1
 """Seconds of measurements by which it is checked."""
 POSE: Final = 0.5
 """Seconds of measurements in each pose of a calibration."""
+TURNED: Final = 2e-3
+"""By how much the entries of a rotation may change while a load is measured."""
 SURE: Final = 6.0
 """Standard errors by which two means may differ."""
 DRIFT: Final = 0.005
@@ -215,7 +218,7 @@ class SensorServices:
     def _add_pose(self) -> Answer:
         rotation = self._known_rotation("calibration_add")
         average = yield from self._average(POSE)
-        if not np.allclose(rotation, self._known_rotation("calibration_add"), atol=2e-3):
+        if not np.allclose(rotation, self._known_rotation("calibration_add"), atol=TURNED):
             raise TransitionFailed(
                 "the sensor was turned while it was measuring; the pose does not count",
                 where=self._device.address,
@@ -245,12 +248,27 @@ class SensorServices:
         pipeline.set_bias(fit.bias)
         self._poses.clear()
         self._trust()
+        drawn = yield from self._draw(fit)
         center = ", ".join(f"{value * 1e3:.2f}" for value in fit.tool.center.tolist())
         return (
             f"mass {fit.tool.mass:.4f} kg (± {fit.mass_error:.4f}), centre of mass {center} mm "
             f"(± {np.max(fit.center_error) * 1e3:.2f}), bias {_text(fit.bias)}; "
-            f"residuals {fit.force_residual:.3g} N, {fit.torque_residual:.3g} N·m"
+            f"residuals {fit.force_residual:.3g} N, {fit.torque_residual:.3g} N·m, in each pose "
+            f"{', '.join(f'{left:.3g}' for left in np.linalg.norm(fit.residuals[:, :3], axis=1))} N{drawn}"
         )
+
+    def _draw(self, fit: ToolFit) -> Generator[None, None, str]:
+        """Draw the residuals where recordings go; return what to add to the answer."""
+        config = self._device.config
+        if not config.recordings:
+            return ""
+        path = Path(config.recordings, default_name(config)).with_suffix(".svg")
+        picture = residual_plot(fit, f"Residuals of {len(fit.residuals)} poses, {fit.summary}")
+        try:
+            yield from self._in_background(lambda: path.write_text(picture, encoding="utf-8"))
+        except OSError as error:
+            return f". No picture: {path} cannot be written: {error.strerror}"
+        return f", drawn in {path}"
 
     def _clear_poses(self) -> Answer:
         self._poses.clear()

@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -14,7 +15,7 @@ import numpy as np
 import yaml
 from pydantic import Field
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from crtk_driver_ati_netft import connecting, settings
@@ -26,6 +27,7 @@ from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_driver_ati_netft.profiles import PROFILES, Profile, detect
 from crtk_driver_ati_netft.recording import Recorder, default_name
 from crtk_driver_ati_netft.residual_plot import residual_plot
+from crtk_driver_ati_netft.services import TURNED
 from crtk_driver_ati_netft.web import WebPages
 from crtk_drivers.config import Settings
 from crtk_drivers.errors import (
@@ -123,8 +125,10 @@ class CalibrateOptions(Settings):
     poses: str | None = Field(
         default=None,
         description="File with an orientation of the sensor on each line: a quaternion x y z w in a "
-        "frame whose z axis points up. Otherwise each axis of the sensor is turned upwards once.",
+        "frame whose z axis points up. Otherwise each axis of the sensor is turned upwards once, or with "
+        "an `arm` it is asked for each orientation.",
     )
+    count: int = Field(default=6, ge=3, le=1000, description="Poses, with an `arm`.")
     ask: bool = Field(
         default=True, description="Wait for Enter before each pose; if not, begin at once."
     )
@@ -138,28 +142,33 @@ class CalibrateOptions(Settings):
 
 def calibrate(config: NetFtConfig, options: CalibrateOptions) -> int:
     """Measure in several poses, find tool and bias, and print what is left over."""
-    poses = _poses_of(options.poses) if options.poses else UPWARDS
-    averages: list[Average] = []
+    poses: dict[str, Array | None] = dict(UPWARDS)
+    wording = "the sensor's {} axis upwards"
+    if options.poses:
+        poses, wording = dict(_poses_of(options.poses)), "{}"
+    elif config.arm:
+        poses = {f"{number}": None for number in range(1, options.count + 1)}
+        wording = "as the arm holds it"
+    loads, rotations = [], []
     with _opened(config) as device:
-        for number, name in enumerate(poses, start=1):
-            what = name if options.poses else f"the sensor's {name} axis upwards"
-            heading = f"pose {number} of {len(poses)}: {what}"
+        for number, (name, rotation) in enumerate(poses.items(), start=1):
+            heading = f"pose {number} of {len(poses)}: {wording.format(name)}"
             if options.ask:
                 _OUT.input(f"{heading}. Hold it still and press Enter ")
+            known = _arm_rotation(device) if rotation is None else rotation
             with Progress(console=_OUT) as progress:
                 task = progress.add_task(heading, total=1.0)
-                averages.append(
-                    _measure(
-                        device,
-                        options.seconds,
-                        lambda share, task=task, progress=progress: progress.update(  # type: ignore[misc]
-                            task, completed=share
-                        ),
-                    )
+                tell = partial(_tell, progress, task)
+                loads.append(_measure(device, options.seconds, tell).mean)
+            if rotation is None and not np.allclose(known, _arm_rotation(device), atol=TURNED):
+                raise DeviceFault(
+                    "the arm moved while the load was measured",
+                    where=f"ati-netft {device.address}",
+                    remedy="Hold it still, and begin anew.",
                 )
-    loads = np.array([average.mean for average in averages])
+            rotations.append(known)
     try:
-        fit = fit_tool(loads, np.array(list(poses.values())), vector(config.gravity))
+        fit = fit_tool(np.array(loads), np.array(rotations), vector(config.gravity))
     except ValueError as error:
         raise ConfigError(
             f"no tool can be found: {error}",
@@ -169,7 +178,7 @@ def calibrate(config: NetFtConfig, options: CalibrateOptions) -> int:
     _OUT.print(_residuals(fit, list(poses)))
     _OUT.print(_result(fit))
     _write(options.output, yaml.safe_dump(_as_configuration(fit), sort_keys=False))
-    _write(options.plot, residual_plot(fit, f"Residuals of {len(poses)} poses, {_summary(fit)}"))
+    _write(options.plot, residual_plot(fit, f"Residuals of {len(poses)} poses, {fit.summary}"))
     return 0
 
 
@@ -279,6 +288,28 @@ def _opened(config: NetFtConfig) -> Iterator[NetFtDevice]:
         device.close()
 
 
+def _arm_rotation(device: NetFtDevice) -> Array:
+    """Return the rotation that the arm gives the sensor, waiting for it.
+
+    Raises:
+        ConnectionFailed: there is none.
+    """
+    deadline = time.monotonic() + device.config.open_timeout
+    while (rotation := device.pipeline.rotation) is None:
+        if time.monotonic() > deadline:
+            raise ConnectionFailed(
+                f"the orientation of the sensor is not known: {device.orientation_problem}",
+                where=f"ati-netft {device.address}",
+                remedy=f"Does {device.config.arm} publish measured_cp?",
+            )
+        device.read(time.monotonic() + TOLD)
+    return rotation
+
+
+def _tell(progress: Progress, task: TaskID, share: float) -> None:
+    progress.update(task, completed=share)
+
+
 def _measure(device: NetFtDevice, seconds: float, tell: Callable[[float], None]) -> Average:
     averaging = device.begin_average(seconds)
     begin = time.monotonic()
@@ -382,10 +413,6 @@ def _result(fit: ToolFit) -> Table:
             ]
         )
     )
-
-
-def _summary(fit: ToolFit) -> str:
-    return f"{fit.tool.mass:.4f} kg, {fit.force_residual:.3g} N, {fit.torque_residual:.3g} N·m"
 
 
 def _as_configuration(fit: ToolFit) -> dict[str, object]:
