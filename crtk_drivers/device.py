@@ -142,6 +142,8 @@ class Capabilities:
         has_free: `free` is implemented.
         has_gravity_compensation: `use_gravity_compensation` is implemented.
         needs_homing: is_homed is true only after `home`; otherwise it is always true.
+        integrates_twists: twists are carried out as joint positions, though the joints take velocities: where
+            the unit of these is too coarse for a straight way of the tool.
         stops_between_modes: the hardware comes to rest before it follows a setpoint of another mode.
         rate: of the I/O cycle, in Hz.
         paced_by_stream: `read` waits for the hardware's own clock; otherwise the runtime keeps time.
@@ -162,6 +164,7 @@ class Capabilities:
     has_free: bool = False
     has_gravity_compensation: bool = False
     needs_homing: bool = False
+    integrates_twists: bool = False
     stops_between_modes: bool = False
     rate: float = 100.0
     paced_by_stream: bool = False

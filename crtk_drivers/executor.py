@@ -226,7 +226,8 @@ class MotionExecutor:
         in_joints, in_space = STREAM_MODES[kind]
         if command.space is Space.CARTESIAN and in_space in modes:
             return in_space
-        is_integrated = kind is Kind.VELOCITY and in_joints not in modes
+        by_twists = command.space is Space.CARTESIAN and self._capabilities.integrates_twists
+        is_integrated = kind is Kind.VELOCITY and (by_twists or in_joints not in modes)
         return Mode.JOINT_POSITION if is_integrated else in_joints
 
     def _end_for(self, order: Order, now: float) -> None:

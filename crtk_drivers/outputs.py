@@ -105,7 +105,8 @@ class TwistOutput:
         self._feedback = feedback
         self._cycle = 1.0 / capabilities.rate
         self._takes_twists = Mode.CARTESIAN_VELOCITY in capabilities.modes
-        self._takes_velocities = Mode.JOINT_VELOCITY in capabilities.modes
+        takes_velocities = Mode.JOINT_VELOCITY in capabilities.modes
+        self._takes_velocities = takes_velocities and not capabilities.integrates_twists
         limits = capabilities.cartesian_limits
         self._rates = ResolvedRate(capabilities.limits, limits, self._cycle)
         _, self._velocity, _ = feedback.motion(now)

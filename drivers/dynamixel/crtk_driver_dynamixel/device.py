@@ -226,6 +226,7 @@ class _ChainDevice(Device):
             limits=limits,
             modes=frozenset(modes),
             has_free=True,
+            integrates_twists=True,
             stops_between_modes=True,
             rate=self._config.rate,
             stop=StopPolicy(timeout, f"each servo {what} when it hears nothing"),
