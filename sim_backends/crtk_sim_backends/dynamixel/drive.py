@@ -203,6 +203,8 @@ class Drive:
         if self.mode is Mode.VELOCITY:
             aim, acceleration = self._ramp(time)
             wanted = acceleration + _BANDWIDTH * (aim - velocity)
+            if aim:  # what the integral gain comes to
+                wanted += math.copysign(self.joint.friction / self.joint.inertia, aim)
         else:
             position, aim, acceleration = self.profile.at(time - self.since)
             error = position - angle

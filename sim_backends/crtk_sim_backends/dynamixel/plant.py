@@ -69,6 +69,11 @@ class Joint:
         self.stall += stall
         self.inertia = self.stall / _STALL_ACCELERATION + self.gravity / 40.0
 
+    @property
+    def friction(self) -> float:
+        """Torque against every motion, N·m."""
+        return _FRICTION * self.stall
+
     def wake(self) -> None:
         """Something has changed: the next `advance` integrates again."""
         self._asleep = False
@@ -115,7 +120,7 @@ class Joint:
             self.velocity = 0.0
         else:
             velocity = before + torque * step / inertia
-            held = _FRICTION * self.stall * step / inertia
+            held = self.friction * step / inertia
             if abs(velocity) <= held:
                 velocity = 0.0
             else:
