@@ -354,6 +354,7 @@ class ChainLink:
         stamp = Stamp(time.time_ns() - round((ended - middle) * 1e9), middle)
         seen = np.where(valid, middle, before.seen)
         self.frame = Frame(stamp, **columns, seen=seen, valid=valid)
+        self.cycles += 1
         if ended >= self._slow_due:
             self._read_slow(ended)
         return self.frame

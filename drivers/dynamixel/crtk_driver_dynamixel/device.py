@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from abc import abstractmethod
@@ -31,8 +32,11 @@ from crtk_drivers.device import (
     Steps,
     StopPolicy,
 )
+from crtk_drivers.errors import ConnectionLost
 from crtk_drivers.samples import JointState, Sample, Value, Vector, vector
 from crtk_drivers.state import OperatingState
+
+logger = logging.getLogger(__name__)
 
 __all__ = ["ArmDevice", "GripperDevice", "make_device"]
 
@@ -104,6 +108,8 @@ class _ChainDevice(Device):
         self._is_open = False
         try:
             self.part.leave()
+        except ConnectionLost as error:
+            logger.info("%s: the servos stop by their own watchdogs: %s", self.address, error)
         finally:
             self.link.close()
 
@@ -219,8 +225,9 @@ class _ChainDevice(Device):
             modes.add(Mode.JOINT_VELOCITY)
         if has_efforts:
             modes.add(Mode.JOINT_EFFORT)
-        timeout = self._config.watchdog
-        what = "stops by itself" if timeout else "goes on to the last goal, for its watchdog is off"
+        has_watchdog = all(servo.protocol == 2 for servo in servos)
+        timeout = self._config.watchdog if has_watchdog else 0.0
+        what = "stops by itself" if timeout else "goes on to its last goal"
         return Capabilities(
             joints=joints,
             limits=limits,

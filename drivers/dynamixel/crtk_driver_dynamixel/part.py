@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
@@ -44,7 +44,7 @@ MODES: Final[Mapping[Kind, OperatingMode]] = {
 }
 """Operating mode of each kind; that of positions is a matter of configuration."""
 
-ATTEMPTS: Final = 4
+ATTEMPTS: Final = 10
 """Times that registers are written until they hold what they should."""
 REBOOT_TIME: Final = 3.0
 """Seconds in which a restarted servo answers again."""
@@ -101,6 +101,7 @@ class Part:
         self._work: Steps | None = None
         self._pending: _Pending | None = None
         self._fault = ""
+        self._is_free = False
         self._stop = threading.Event()
 
     @property
@@ -122,10 +123,15 @@ class Part:
 
     def found(self) -> None:
         """The chain was opened: take the servos as they are, holding in some mode or without torque."""
+        self._forget()
+        self.kind = None
+
+    def _forget(self) -> None:
+        """Forget what was under way, and what was wrong."""
         self._work = self._pending = None
         self._fault = ""
+        self._is_free = False
         self._stop.clear()
-        self.kind = None
 
     def has_company(self, frame: Frame, now: float) -> bool:
         """Whether other servos of the chain still answer."""
@@ -146,7 +152,7 @@ class Part:
             health = self._link.health[place]
             if health.error_text:
                 found.append(f"{self._name(place)}: {health.error_text}")
-            elif self.kind is None or self._work is not None:
+            elif self.kind is None or self._is_free or self._work is not None:
                 continue
             elif health.tripped:
                 found.append(f"{self._name(place)}: its bus watchdog has stopped it")
@@ -192,12 +198,12 @@ class Part:
 
     def stop_now(self) -> None:
         """End all motion in this call, as far as that is possible: nobody will call `step` any more."""
+        self._stop.clear()
         if self.kind is Kind.VELOCITY:
-            self._write_goals(Kind.VELOCITY, np.zeros(len(self.places), dtype=np.int64))
-        elif self.kind is Kind.EFFORT:
+            self._stand_still()
+        elif self.kind is Kind.EFFORT or self._is_free:
             for _ in self._switch(Kind.POSITION):
                 self._link.exchange()
-        self._stop.clear()
 
     def _send_pending(self) -> None:
         pending, self._pending = self._pending, None
@@ -206,25 +212,41 @@ class Part:
         self.send(*pending)
 
     def _begin_stop(self) -> None:
+        if self.kind is Kind.VELOCITY and self._is_troubled():
+            # A change of mode would take the torque away, and may not come to its end.
+            self._stand_still()
+        else:
+            self._work = self._rest()
+
+    def _is_troubled(self) -> bool:
+        return bool(self.trouble(self._frame, time.monotonic()))
+
+    def _rest(self) -> Steps:
+        """Bring the servos to rest, and hold them there by position; those that still do what they are told.
+
+        Raises:
+            DeviceFault: one does not.
+        """
         if self.kind is Kind.VELOCITY:
-            self._write_goals(Kind.VELOCITY, np.zeros(len(self.places), dtype=np.int64))
-            self._work = self._settle()
-        elif self.kind is Kind.EFFORT or (self.kind is Kind.POSITION and self._is_limp()):
-            self._work = self._switch(Kind.POSITION)
+            self._stand_still()
+            end = time.monotonic() + SETTLE_TIME
+            while time.monotonic() < end:
+                yield
+                frame = self._frame
+                speeds = self.own(frame.velocity)[self.own(frame.valid)]
+                if np.abs(speeds).max(initial=0) <= STANDING:
+                    break
+        if self._is_free or self.kind in (Kind.VELOCITY, Kind.EFFORT):
+            frame, now = self._frame, time.monotonic()
+            gone = {*self.silent(frame, now), *self._broken()}
+            yield from self._switch(Kind.POSITION, [p for p in self.places if p not in gone])
+            self._is_free = False
 
-    def _settle(self) -> Steps:
-        """Wait until the servos stand, and hold them there."""
-        end = time.monotonic() + SETTLE_TIME
-        while time.monotonic() < end:
-            yield
-            frame = self._frame
-            speeds = self.own(frame.velocity)[self.own(frame.valid)]
-            if np.abs(speeds).max(initial=0) <= STANDING:
-                break
-        yield from self._switch(Kind.POSITION)
+    def _broken(self) -> list[int]:
+        return [place for place in self.places if self._link.health[place].error_text]
 
-    def _is_limp(self) -> bool:
-        return any(self._link.health[place].torque is False for place in self.places)
+    def _stand_still(self) -> None:
+        self._write_goals(Kind.VELOCITY, np.zeros(len(self.places), dtype=np.int64))
 
     def _write_goals(self, kind: Kind, counts: Counts) -> None:
         self._link.send(GOALS[kind], self._goal_places, counts[self._commanded])
@@ -244,9 +266,7 @@ class Part:
             TransitionFailed: with what is in the way.
             DeviceFault: servos do not do what they are told.
         """
-        self._work = self._pending = None
-        self._fault = ""
-        self._stop.clear()
+        self._forget()
         yield from self._recover()
         yield from self._set_up()
         self._link.write_values(self._each({"bus_watchdog": 0}))
@@ -262,16 +282,26 @@ class Part:
             DeviceFault: a servo keeps its torque.
         """
         self._work = self._pending = None
-        self._link.write_values(self._each({"bus_watchdog": 0}))
+        self._stop.clear()
         if self._config.disable == "torque_off":
-            yield from self._make_sure(self._each({"torque_enable": 0}))
+            if self.kind is Kind.VELOCITY:
+                self._stand_still()
             self.kind = None
+            self._is_free = False
+            yield from self._make_sure(self._each({"bus_watchdog": 0, "torque_enable": 0}))
+        else:
+            yield from self._rest()
+            yield from self._make_sure(self._each({"bus_watchdog": 0}))
         self._link.read_health(self.places)
 
     def free(self) -> Steps:
-        """Take the torque away, so that the joints can be moved by hand, until `ask_to_stop`."""
+        """Take the torque away, so that the joints can be moved by hand, until `ask_to_stop`.
+
+        Raises:
+            DeviceFault: a servo keeps its torque.
+        """
+        self._is_free = True
         yield from self._make_sure(self._each({"torque_enable": 0}))
-        self._link.read_health(self.places)
         while True:
             yield
 
@@ -279,9 +309,15 @@ class Part:
         """Take the torque away, without waiting whether it is done."""
         self._link.write_values(self._each({"torque_enable": 0}))
         self.kind = self._work = self._pending = None
+        self._is_free = False
 
     def leave(self) -> None:
-        """End motion, and have the servos hold on though nobody will talk to them any more."""
+        """End motion, and have the servos hold on though nobody will talk to them any more.
+
+        Raises:
+            ConnectionLost: the adapter is gone; the servos' own watchdogs end motion then.
+            DeviceFault: servos do not do what they are told.
+        """
         if self._stop.is_set():
             self.stop_now()
         self._link.write_values(self._each({"bus_watchdog": 0}))
@@ -386,37 +422,41 @@ class Part:
 
     # --------------------------------------------------------------------------------------- modes
 
-    def _switch(self, kind: Kind) -> Steps:
-        """Bring the servos into a mode, holding still, with torque.
+    def _switch(self, kind: Kind, places: Sequence[int] | None = None) -> Steps:
+        """Bring servos, all unless told otherwise, into a mode, holding still, with torque.
 
         Raises:
             DeviceFault: they do not do what they are told.
         """
-        link = self._link
+        link, places = self._link, self.places if places is None else places
         changing = {
             place: {"operating_mode": self._mode(place, kind)}
-            for place in self.places
+            for place in places
             if link.states[place].values.get("operating_mode", self._mode(place, kind))
             != self._mode(place, kind)
         }
+        self.kind = None
         if changing:
-            self.kind = None
-            link.write_values(self._each({"torque_enable": 0}))
+            yield from self._make_sure({place: {"torque_enable": 0} for place in changing})
             yield from self._make_sure(changing)
+        waiting, wrong = list(places), dict[int, list[str]]()
         for _ in range(ATTEMPTS):
-            wanted = {place: self._still(place, kind) for place in self.places}
+            wanted = {p: self._still(p, kind) for p in waiting if self._frame.valid[p]}
             link.write_values(wanted)
-            if not self._wrong(wanted):
+            wrong = self._wrong(wanted)
+            held = [place for place in wanted if place not in wrong]
+            # Only now: with another goal they would jump.
+            link.write_values({place: {"torque_enable": 1} for place in held})
+            waiting = [place for place in waiting if place not in held]
+            if not waiting:
                 break
             yield
         else:
-            raise self._stubborn(self._wrong(wanted))
-        # Only now: with another goal it would jump.
-        link.write_values(self._each({"torque_enable": 1}))
+            raise self._stubborn({place: wrong.get(place, ["no answer"]) for place in waiting})
         yield
-        yield from self._make_sure(self._each({"torque_enable": 1}), written=True)
+        yield from self._make_sure({p: {"torque_enable": 1} for p in places}, written=True)
         self.kind = kind
-        for place in self.places:
+        for place in places:
             link.health[place].torque = True
 
     def _mode(self, place: int, kind: Kind) -> int:
@@ -467,6 +507,7 @@ class Part:
             for place, values in wanted.items()
             if (known := {n: v for n, v in values.items() if self._link.states[place].has(n)})
         }
+        wrong: dict[int, list[str]] = {}
         for attempt in range(ATTEMPTS):
             if attempt or not written:
                 self._link.write_values(wanted)
@@ -474,6 +515,7 @@ class Part:
             wrong = self._wrong(wanted)
             if not wrong:
                 return
+            wanted = {place: wanted[place] for place in wrong}
         raise self._stubborn(wrong)
 
     def _wrong(self, wanted: Mapping[int, Values]) -> dict[int, list[str]]:
