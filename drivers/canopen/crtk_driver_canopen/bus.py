@@ -1,0 +1,339 @@
+"""One CAN bus through python-can: opened, sent to, received from, with typed errors.
+
+It belongs to one thread, the one that opens it: that one sends and receives. Others hand over frames
+with `post`; they are sent by that thread, some in each cycle, so that they never delay it.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from crtk_driver_canopen.bus_state import (
+    FATAL,
+    BusCounters,
+    Condition,
+    bus_lost,
+    condition_of_error,
+    conditions_of_frame,
+)
+from crtk_drivers.errors import ConfigError, ConnectionFailed, MissingExtra
+
+try:
+    import can
+except ImportError as error:  # pragma: no cover - the extra is installed where tests run
+    raise MissingExtra("python-can", "canopen") from error
+
+__all__ = ["BusAddress", "CanLink", "Handler"]
+
+Handler = Callable[[bytes, float], None]
+"""Takes the data of a frame, and when it was received in monotonic seconds."""
+
+FULL_LIMIT: Final = 2
+"""Cycles in a row in which there may be no room to send."""
+
+_SLICE: Final = 0.05
+"""Longest wait for a frame at once, in s: python-can itself counts on the clock of the day."""
+
+_POSTED_AT_ONCE: Final = 4
+"""Frames of other threads that are sent at once."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class BusAddress:
+    """Which bus: what python-can's `can.Bus` takes.
+
+    Attributes:
+        bitrate: in bit/s. Where the kernel sets it (socketcan) it is only reckoned with.
+        options: further arguments of the interface, for example ``host`` and ``port`` of socketcand.
+    """
+
+    interface: str
+    channel: str
+    bitrate: int
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return f"{self.interface} {self.channel}".strip()
+
+
+_KERNEL_SETS_BITRATE: Final = frozenset({"socketcan", "socketcand", "virtual", "udp_multicast"})
+
+
+class CanLink:
+    """Frames of one bus.
+
+    Args:
+        address: which bus.
+        record: called with every frame that is sent or received; see `crtk_driver_canopen.candump`.
+
+    Attributes:
+        counters: see `BusCounters`.
+        condition: what is known of the controller.
+    """
+
+    def __init__(
+        self, address: BusAddress, record: Callable[[can.Message], None] | None = None
+    ) -> None:
+        self.address = address
+        self.counters = BusCounters()
+        self.condition = Condition.GOOD
+        self._record = record
+        self._bus: can.BusABC | None = None
+        self._thread = 0
+        self._handlers: dict[int, Handler] = {}
+        self._posted: deque[can.Message] = deque(maxlen=1024)
+        self._full = 0
+
+    @property
+    def where(self) -> str:
+        """The bus, for errors."""
+        return f"canopen {self.address}"
+
+    @property
+    def bus(self) -> can.BusABC:
+        """python-can's bus.
+
+        Raises:
+            BusLost: it is not open.
+        """
+        if self._bus is None:
+            raise bus_lost(Condition.GONE, "it is not open", self.where)
+        return self._bus
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the bus is open."""
+        return self._bus is not None
+
+    @property
+    def owned(self) -> bool:
+        """Whether this is the thread that sends and receives."""
+        return self._thread == threading.get_ident()
+
+    # Opening and closing
+
+    def open(self) -> None:
+        """Open the bus; this thread then owns it.
+
+        Raises:
+            ConfigError: python-can knows no such interface, or it refuses the options.
+            ConnectionFailed: the bus cannot be opened.
+        """
+        self.close()
+        address = self.address
+        options = dict(address.options)
+        if address.interface not in _KERNEL_SETS_BITRATE:
+            options.setdefault("bitrate", address.bitrate)
+        try:
+            self._bus = can.Bus(interface=address.interface, channel=address.channel, **options)
+        except (can.CanInterfaceNotImplementedError, TypeError, ValueError) as error:
+            raise ConfigError(
+                f"python-can cannot use it: {_reason(error)}",
+                where=self.where,
+                remedy="Check `bus.interface` and `bus.options`; interfaces: "
+                f"{', '.join(sorted(can.VALID_INTERFACES))}",
+            ) from error
+        except (can.CanError, OSError) as error:
+            raise ConnectionFailed(
+                f"cannot be opened: {_reason(error)}",
+                where=self.where,
+                remedy="Check that the adapter is plugged in and the interface is up "
+                "(ip link show), or that the server of the bus is running.",
+            ) from error
+        self._thread = threading.get_ident()
+        self._full = 0
+        self._posted.clear()
+        self.condition = Condition.GOOD
+
+    def close(self) -> None:
+        """Close the bus; does nothing if it is not open."""
+        bus, self._bus = self._bus, None
+        if bus is None:
+            return
+        try:
+            bus.shutdown()
+        except (can.CanError, OSError) as error:
+            logger.warning("%s: closing: %s", self.where, error)
+
+    # Sending
+
+    def send(self, message: can.Message) -> bool:
+        """Send a frame; return whether there was room for it.
+
+        Raises:
+            BusLost: the bus cannot be used, or has had no room for more than `FULL_LIMIT` cycles.
+        """
+        try:
+            self.bus.send(message)
+        except (can.CanError, OSError) as error:
+            condition = condition_of_error(error)
+            if condition is not Condition.FULL:
+                self._lose(condition, _reason(error), error)
+            self.counters.full += 1
+            return False
+        self.counters.sent += 1
+        if self._record is not None:
+            self._record(_stamped(message))
+        return True
+
+    def end_cycle(self, complete: bool) -> None:
+        """Take note of whether all frames of a cycle could be sent.
+
+        Raises:
+            BusLost: there was no room for more than `FULL_LIMIT` cycles in a row.
+        """
+        self._full = 0 if complete else self._full + 1
+        if self._full > FULL_LIMIT:
+            # A controller that went off the bus often only shows that its queue stays full.
+            condition = self.condition if self.condition in FATAL else Condition.FULL
+            self._lose(condition, f"for {self._full} cycles in a row", None)
+
+    def send_data(self, cob_id: int, data: bytes) -> bool:
+        """Send one frame; see `send`."""
+        return self.send(frame(cob_id, data))
+
+    def post(self, cob_id: int, data: bytes) -> None:
+        """Have a frame sent, from any thread.
+
+        Raises:
+            BusLost: the bus is not open, or cannot be used.
+        """
+        message = frame(cob_id, data)
+        if not self.owned:
+            _ = self.bus
+            self._posted.append(message)
+        elif not self.send(message):
+            self._retry(message)
+
+    def _retry(self, message: can.Message) -> None:
+        """Wait a little for room, in the owning thread and outside of a cycle."""
+        for _ in range(20):
+            time.sleep(0.001)
+            if self.send(message):
+                return
+        self._lose(Condition.FULL, "for 20 ms", None)
+
+    def send_posted(self) -> None:
+        """Send some of what other threads have handed over.
+
+        Raises:
+            BusLost: the bus cannot be used.
+        """
+        posted = self._posted
+        for _ in range(min(len(posted), _POSTED_AT_ONCE)):
+            message = posted.popleft()
+            if not self.send(message):
+                posted.appendleft(message)
+                return
+
+    # Receiving
+
+    def subscribe(self, cob_id: int, handler: Handler) -> None:
+        """Have `handler` called for the frames of a COB-ID, in the owning thread."""
+        self._handlers[cob_id] = handler
+
+    def unsubscribe(self, cob_id: int) -> None:
+        """Forget the handler of a COB-ID."""
+        self._handlers.pop(cob_id, None)
+
+    def receive(self, timeout: float) -> can.Message | None:
+        """Return the next data frame, None when none came in time.
+
+        Args:
+            timeout: seconds; 0 or less: one that is there already.
+
+        Raises:
+            BusLost: the bus cannot be used.
+        """
+        try:
+            message = self.bus.recv(max(0.0, timeout))
+        except (can.CanError, OSError) as error:
+            self._lose(condition_of_error(error), _reason(error), error)
+        if message is None:
+            return None
+        if self._record is not None:
+            self._record(message)
+        if message.is_error_frame:
+            self._take_error(message)
+            return None
+        if message.is_remote_frame or message.is_extended_id:
+            self.counters.unknown += 1
+            return None
+        self.counters.received += 1
+        return message
+
+    def dispatch(self, message: can.Message, now: float) -> None:
+        """Give a frame to the handler of its COB-ID."""
+        handler = self._handlers.get(message.arbitration_id)
+        if handler is None:
+            self.counters.unknown += 1
+        else:
+            handler(bytes(message.data), now)
+
+    def poll(self, until: float, done: Callable[[], bool] | None = None) -> bool:
+        """Receive and dispatch, and send what others posted, until a time or until `done`.
+
+        Args:
+            until: monotonic seconds.
+            done: asked after each frame.
+
+        Returns:
+            Whether `done` was so.
+
+        Raises:
+            BusLost: the bus cannot be used.
+        """
+        while True:
+            self.send_posted()
+            if done is not None and done():
+                return True
+            now = time.monotonic()
+            message = self.receive(min(until - now, _SLICE if done is None else 0.002))
+            if message is not None:
+                self.dispatch(message, time.monotonic())
+            elif now >= until:
+                return False
+
+    def _take_error(self, message: can.Message) -> None:
+        self.counters.error_frames += 1
+        for condition in conditions_of_frame(message.arbitration_id, bytes(message.data)):
+            if condition is Condition.OVERRUN:
+                self.counters.overruns += 1
+                continue
+            self.counters.passive += condition is Condition.PASSIVE
+            self.counters.bus_off += condition is Condition.BUS_OFF
+            self.condition = condition
+            if condition in FATAL:
+                self._lose(condition, "told by the controller", None)
+
+    def _lose(self, condition: Condition, text: str, error: Exception | None) -> None:
+        self.condition = condition
+        raise bus_lost(condition, text, self.where) from error
+
+
+def frame(cob_id: int, data: bytes) -> can.Message:
+    """Return a frame with an 11-bit identifier."""
+    return can.Message(arbitration_id=cob_id, data=data, is_extended_id=False, is_rx=False)
+
+
+def _stamped(message: can.Message) -> can.Message:
+    """Return a copy of a sent frame, with the time of day: the frame itself is used again."""
+    return can.Message(
+        timestamp=time.time(),
+        arbitration_id=message.arbitration_id,
+        data=bytes(message.data),
+        is_extended_id=False,
+        is_rx=False,
+    )
+
+
+def _reason(error: Exception) -> str:
+    return str(error).strip() or type(error).__name__

@@ -1,0 +1,95 @@
+"""A log of all frames in the format of candump, written by a thread of its own."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TextIO
+
+import can
+
+from crtk_drivers.errors import ConfigError
+
+__all__ = ["CandumpLog", "candump_line"]
+
+_ERROR_FRAME = 0x20000000
+
+
+def candump_line(message: can.Message, channel: str) -> str:
+    """Return a frame as ``candump -L`` writes it: ``(seconds) can0 181#3702...``."""
+    if message.is_error_frame:
+        identifier = f"{message.arbitration_id | _ERROR_FRAME:08X}"
+    else:
+        identifier = f"{message.arbitration_id:0{8 if message.is_extended_id else 3}X}"
+    data = "R" if message.is_remote_frame else bytes(message.data).hex().upper()
+    return f"({message.timestamp or time.time():.6f}) {channel} {identifier}#{data}\n"
+
+
+class CandumpLog:
+    """Writes frames to a file until it is closed.
+
+    Args:
+        path: is written anew.
+        channel: name of the bus in the file.
+
+    Attributes:
+        lost: frames that could not be written in time.
+    """
+
+    def __init__(self, path: Path, channel: str = "can0") -> None:
+        self.path = path
+        self.lost = 0
+        self._channel = channel.replace(" ", "_") or "can0"
+        self._frames: queue.Queue[can.Message | None] = queue.Queue(100_000)
+        self._thread: threading.Thread | None = None
+
+    def open(self) -> None:
+        """Begin.
+
+        Raises:
+            ConfigError: the file cannot be written.
+        """
+        try:
+            file = self.path.open("w", encoding="ascii")
+        except OSError as error:
+            raise ConfigError(
+                f"the log of frames cannot be written: {error}",
+                where=str(self.path),
+                remedy="Give another file, or leave it out.",
+            ) from error
+        self._thread = threading.Thread(target=self._run, args=(file,), name="candump", daemon=True)
+        self._thread.start()
+
+    def put(self, message: can.Message) -> None:
+        """Take a frame; never waits."""
+        try:
+            self._frames.put_nowait(message)
+        except queue.Full:
+            self.lost += 1
+
+    def close(self) -> None:
+        """Write what is left, and close the file."""
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            self._frames.put(None)
+            thread.join()
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _run(self, file: TextIO) -> None:
+        with file:
+            while (message := self._frames.get()) is not None:
+                file.write(candump_line(message, self._channel))
