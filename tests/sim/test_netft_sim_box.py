@@ -369,6 +369,16 @@ def test_power_up_begins_anew():
     assert found[0].counts == tuple(count // 2 for count in COUNTS)
 
 
+def test_a_drifting_clock_is_faster():
+    box = VirtualBox(rdt_rate=0)
+    box.ask(2)
+    box.run(1.0)
+    box.box.sensor.trouble.drift = 0.01
+    box.box.changed()
+    box.box.settle(box.now)
+    assert len(box.run(1.0)) == pytest.approx(7070, abs=2)
+
+
 # Options.
 
 
