@@ -226,9 +226,9 @@ class GroupRead:
 
     def _note(self, replies: Sequence[Reply]) -> None:
         if self._absences.note(replies):
-            self._asked = self._split(
-                [i for i in self.items if i.id not in self._absences.left_out]
-            )
+            left_out = self._absences.left_out
+            self._present = [item for item in self.items if item.id not in left_out]
+            self._asked = self._split(self._present)
             self._fast_again = self._cycle
 
     def _split(self, items: Sequence[Item]) -> list[_Plan]:

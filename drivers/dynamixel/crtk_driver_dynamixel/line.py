@@ -287,6 +287,8 @@ class Line:
     ) -> list[Reply]:
         """Find the replies among whatever else has arrived and arrives.
 
+        Replies that come before there was time for any do not show that those before them are missing.
+
         Args:
             received: so far.
             deadline: of the next reply.
@@ -297,8 +299,9 @@ class Line:
         parser.longest = max(len(request), *(slot.size + slot.length // 3 for slot in slots))
         echoes = parser.echoes
         matcher = Matcher(slots)
-        earliest = self._free_at + self.port.wire_time(min(slot.size for slot in slots))
-        certain = False
+        first_due = deadline
+        earliest = self._free_at + self.port.wire_time(slots[0].size)
+        is_early = certain = False
         statuses = parser.feed(received)
         while True:
             at = matcher.at
@@ -307,11 +310,18 @@ class Line:
                     self._stray([status])
                     continue
                 certain = True
-                self._stray_ids(matcher.place(status, early=self._clock() < earliest))
-            if matcher.done:
+                self._stray_ids(matcher.place(status))
+            if matcher.complete:
                 break
-            if matcher.at != at:
-                deadline = self._clock() + slots[matcher.at].time
+            now = self._clock()
+            is_early = is_early or (now < earliest and matcher.at != at)
+            if matcher.done:
+                # Not the end, if nobody can have answered yet: it was left over from before.
+                if not is_early:
+                    break
+                deadline = first_due
+            elif matcher.at != at:
+                deadline = now + slots[matcher.at].time
             data = b"" if over else self.port.read(deadline)
             over = not data
             statuses = parser.finish() if over else parser.feed(data)

@@ -51,18 +51,20 @@ class Matcher:
         return self.at == len(self._slots)
 
     @property
+    def complete(self) -> bool:
+        """Whether every slot is answered."""
+        return None not in self._found
+
+    @property
     def answered(self) -> int:
         """One more than the index of the last slot that is answered."""
         return next((i + 1 for i in range(self.at - 1, -1, -1) if self._found[i]), 0)
 
-    def place(self, status: Status, *, early: bool = False) -> list[int]:
+    def place(self, status: Status) -> list[int]:
         """Take a status and return the ids of replies that turn out not to belong here, its own among them.
 
         A reply of a servo that was passed over shows that those taken since were not the ones asked for. Of
         two replies of one servo the later counts.
-
-        Args:
-            early: it came before the servo can have answered, if it had to wait for those before it.
         """
         index = self._index.get(status.id)
         if index is None:
@@ -71,7 +73,7 @@ class Matcher:
         has_data = len(status.params) == slot.length and (
             not status.error or (slot.keeps_data and slot.length > 0)
         )
-        if not (has_data or status.error) or (early and index > self.at):
+        if not (has_data or status.error):
             return [status.id]
         strays = [status.id] if self._found[index] else []
         if index < self.at and not strays:
