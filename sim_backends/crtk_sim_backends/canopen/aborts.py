@@ -40,7 +40,7 @@ class Abort(IntEnum):
     NO_DATA = 0x0800_0024
 
 
-class SdoAbort(Exception):
+class SdoAbort(ValueError):
     """An access to the object dictionary is refused.
 
     Args:

@@ -11,7 +11,6 @@ from crtk_sim_backends.canopen.axis import Axis
 from crtk_sim_backends.canopen.dictionary import Key, Object, ObjectDictionary
 from crtk_sim_backends.canopen.eds import electronic_data_sheet
 from crtk_sim_backends.canopen.emcy import Emergency
-from crtk_sim_backends.canopen.machine import State
 from crtk_sim_backends.canopen.nmt import ENTERS, Command, Heartbeats, NmtState, command_for
 from crtk_sim_backends.canopen.objects import (
     LOAD,
@@ -147,6 +146,8 @@ class Drive:
         self._boot_at = 0.0
         self._last_sync: float | None = None
         self._late: list[tuple[float, Frame]] = []  # frames that wait for their time
+        self.interests: frozenset[int] = frozenset()
+        self._note_interests()
         self._connect()
 
     def _connect(self) -> None:
@@ -161,7 +162,10 @@ class Drive:
     # Calls from the bus
 
     def on_frame(self, identifier: int, data: bytes, now: float) -> list[Frame]:
-        """Hear a frame of the bus; the frames that the drive sends because of it, or until now."""
+        """Hear a frame of the bus; the frames that the drive sends because of it, or until now.
+
+        Frames whose identifier is not in `interests` need not be given to it.
+        """
         frames = self._advance(now)
         if self.faults.silent or self.faults.off or self.state is NmtState.INITIALISING:
             return self._leave(frames, now)
@@ -178,6 +182,7 @@ class Drive:
                 answers = self._sdo.on_request(data, now)
                 frames += [(0x580 + self.node_id, answer) for answer in answers]
                 self._process()
+                self._note_interests()
         elif identifier == 0:
             if command := command_for(data, self.node_id):
                 frames += self._on_command(command, now)
@@ -199,6 +204,17 @@ class Drive:
     def reset(self, now: float) -> None:
         """Lose everything and boot again, as after a short loss of the electronics' power."""
         self._begin_boot(now, self.dictionary.variables)
+
+    def switch(self, *, on: bool, now: float) -> None:
+        """Switch the power of the electronics; with it the drive boots."""
+        self.faults.off = not on
+        self.reset(now)
+
+    def _note_interests(self) -> None:
+        """Collect the identifiers that mean something to this node."""
+        self.interests = frozenset(
+            (0, self.dictionary[0x1005, 0] & 0x7FF, 0x600 + self.node_id)
+        ).union(self.pdos.receiving, self.heartbeats.monitored)
 
     # Network management
 
@@ -227,6 +243,7 @@ class Drive:
                 unit.reset()
         self.pdos.rebuild()
         self.heartbeats.reset(self._boot_at)
+        self._note_interests()
 
     def _enter(self, state: NmtState) -> None:
         if state is self.state:
@@ -379,8 +396,3 @@ class Drive:
         if not all(unit.idle for unit in self.axes):
             times.append(now + _TICK)
         return min((time for time in times if time is not None), default=_NEVER)
-
-    @property
-    def faulted(self) -> bool:
-        """Whether an axis is in FAULT."""
-        return any(unit.machine.state is State.FAULT for unit in self.axes)

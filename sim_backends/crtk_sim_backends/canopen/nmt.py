@@ -96,6 +96,11 @@ class Heartbeats:
         self._deadlines = {node: t for node, t in self._deadlines.items() if node in self._times}
         self._missing &= self._times.keys()
 
+    @property
+    def monitored(self) -> list[int]:
+        """Identifiers of the heartbeats that are expected."""
+        return [0x700 + node for node in self._times]
+
     def on_heartbeat(self, node: int, now: float) -> None:
         """Note the heartbeat or boot-up message of another node."""
         if node not in self._times:

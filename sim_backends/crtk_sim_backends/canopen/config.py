@@ -1,0 +1,161 @@
+"""Configuration of the simulated drives and of the bus on which they are."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from crtk_sim_backends.can.config import ConfigError
+from crtk_sim_backends.can.config import SimConfig as BusConfig
+from crtk_sim_backends.canopen.drive import DriveConfig
+from crtk_sim_backends.canopen.objects import MOST_AXES
+from crtk_sim_backends.canopen.personality import PERSONALITIES
+from crtk_sim_backends.canopen.plant import MotorConfig
+from crtk_sim_backends.faults import FaultError, Parameter, unknown
+
+_HIGHEST_NODE: Final = 127
+
+
+def _option(default: Any, help_text: str, choices: tuple[str, ...] = ()) -> Any:
+    return dataclasses.field(default=default, metadata={"help": help_text, "choices": choices})
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimConfig(BusConfig):
+    """Options of simulated drives; the `help` of each field says what it is for.
+
+    Raises:
+        ConfigError: from the constructor, naming the option and what can be given instead.
+    """
+
+    nodes: int = _option(6, "how many drives there are")
+    first_node: int = _option(1, "node-ID of the first drive; the others follow")
+    axes: int = _option(1, "axes of each drive (CiA 402-2: objects of axis n at +0x800 n)")
+    personality: str = _option("standard", "make of the drives", tuple(PERSONALITIES))
+    drives: str = _option("", "file (YAML) with motors and makes of single drives, by node-ID")
+    eds: str = _option("", "where to write the EDS of the drives")
+    socketcand_port: int = _option(0, "TCP port of the socketcand server; 0: any free one")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.axes <= MOST_AXES:
+            raise ConfigError(f"axes must lie in [1, {MOST_AXES}], not {self.axes}")
+        if self.personality not in PERSONALITIES:
+            make = unknown("make", self.personality, PERSONALITIES)
+            raise ConfigError(f"personality: {make}")
+        if not 1 <= self.first_node <= _HIGHEST_NODE or self.nodes < 0:
+            raise ConfigError(
+                f"first_node must lie in [1, {_HIGHEST_NODE}] and nodes be at least 0, "
+                f"not {self.first_node} and {self.nodes}"
+            )
+        if self.first_node + self.nodes - 1 > _HIGHEST_NODE:
+            raise ConfigError(
+                f"nodes: {self.nodes} from node-ID {self.first_node} on go beyond {_HIGHEST_NODE}"
+            )
+        if self.drives and not Path(self.drives).is_file():
+            raise ConfigError(f"drives: there is no file {self.drives}")
+
+    @property
+    def common(self) -> DriveConfig:
+        """What each drive is for which the file says nothing else."""
+        motors = (MotorConfig(),) * self.axes
+        return DriveConfig(motors, personality=PERSONALITIES[self.personality])
+
+
+def make_config(config: SimConfig | None = None, **options: Any) -> SimConfig:
+    """Make a configuration from another one and options that replace its values.
+
+    Raises:
+        ConfigError: for an unknown option (with a suggestion) or a wrong value.
+    """
+    names = {entry.name for entry in dataclasses.fields(SimConfig)}
+    for name in options:
+        if name not in names:
+            raise ConfigError(unknown("simulator option", name, names))
+    return dataclasses.replace(config or SimConfig(), **options)
+
+
+def drive_configs(config: SimConfig) -> dict[int, DriveConfig]:
+    """Return the drives by node-ID: the common ones, changed or added to by the file `drives`.
+
+    The file is a mapping; each entry may have `personality`, `serial` and `motors`, a list with
+    one mapping of fields of :class:`MotorConfig` for each axis::
+
+        3: {personality: plain, motors: [{pendulum: 0.2, gear: 100, home: [0.4, 0.6]}]}
+
+    Raises:
+        ConfigError: the file is wrong, with the node-ID and the field.
+    """
+    last = config.first_node + config.nodes
+    result = dict.fromkeys(range(config.first_node, last), config.common)
+    if not config.drives:
+        return result
+    try:
+        entries = yaml.safe_load(Path(config.drives).read_text()) or {}
+    except (OSError, yaml.YAMLError) as error:
+        raise ConfigError(f"drives: cannot read {config.drives}: {error}") from error
+    if not isinstance(entries, Mapping):
+        raise ConfigError(f"{config.drives}: expected a mapping of node-IDs")
+    for node, entry in entries.items():
+        where = f"{config.drives}: node {node}"
+        if not isinstance(node, int) or not 1 <= node <= _HIGHEST_NODE:
+            raise ConfigError(f"{where}: a node-ID lies in [1, {_HIGHEST_NODE}]")
+        if not isinstance(entry, Mapping):
+            raise ConfigError(f"{where}: expected a mapping")
+        result[node] = _drive(where, entry, result.get(node, config.common))
+    return result
+
+
+def _drive(where: str, entry: Mapping[str, Any], base: DriveConfig) -> DriveConfig:
+    for name in entry:
+        if name not in ("personality", "serial", "motors"):
+            raise ConfigError(
+                f"{where}: {unknown('key', name, ('personality', 'serial', 'motors'))}"
+            )
+    make = entry.get("personality", base.personality.name)
+    if make not in PERSONALITIES:
+        raise ConfigError(f"{where}: {unknown('make', make, PERSONALITIES)}")
+    serial = entry.get("serial", base.serial)
+    if serial is not None and not (isinstance(serial, int) and 0 <= serial < 1 << 32):
+        raise ConfigError(f"{where}: serial must be a number of 32 bits, not {serial!r}")
+    motors = base.motors
+    if "motors" in entry:
+        given = entry["motors"]
+        if not isinstance(given, list) or not 1 <= len(given) <= MOST_AXES:
+            raise ConfigError(f"{where}: motors must be a list of 1 to {MOST_AXES}")
+        motors = tuple(_motor(f"{where}, motor {n}", motor) for n, motor in enumerate(given))
+    return DriveConfig(motors, serial, PERSONALITIES[make])
+
+
+_MOTOR: Final[dict[str, Parameter]] = {
+    "inertia": Parameter(float, minimum=1e-7, maximum=1.0),
+    "viscous": Parameter(float, minimum=0.0, maximum=1.0),
+    "coulomb": Parameter(float, minimum=0.0, maximum=100.0),
+    "gravity": Parameter(float, minimum=-100.0, maximum=100.0),
+    "pendulum": Parameter(float, minimum=-100.0, maximum=100.0),
+    "gear": Parameter(float, minimum=0.01, maximum=10_000.0),
+    "brake": Parameter(bool),
+    "negative_limit": Parameter(float, minimum=-30_000.0, maximum=30_000.0),
+    "positive_limit": Parameter(float, minimum=-30_000.0, maximum=30_000.0),
+    "home": Parameter(list, minimum=-30_000.0, maximum=30_000.0, length=2),
+    "stops": Parameter(list, minimum=-30_000.0, maximum=30_000.0, length=2),
+    "start": Parameter(float, minimum=-30_000.0, maximum=30_000.0),
+}
+
+
+def _motor(where: str, entry: object) -> MotorConfig:
+    if not isinstance(entry, Mapping):
+        raise ConfigError(f"{where}: expected a mapping")
+    for name in entry:
+        if name not in _MOTOR:
+            raise ConfigError(f"{where}: {unknown('field', name, _MOTOR)}")
+    try:
+        fields = {name: _MOTOR[name].check(where, name, value) for name, value in entry.items()}
+    except FaultError as error:
+        raise ConfigError(str(error)) from error
+    return MotorConfig(**fields)

@@ -1,0 +1,174 @@
+"""Drives on a virtual bus: each is a node of it, woken by frames and by its timer."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+from crtk_sim_backends.can.hub import Hub
+from crtk_sim_backends.can.loop import Timer
+from crtk_sim_backends.canopen import injection
+from crtk_sim_backends.canopen.drive import Drive, DriveConfig, Frame
+from crtk_sim_backends.canopen.machine import POWERED, State
+from crtk_sim_backends.canopen.nmt import NmtState
+from crtk_sim_backends.control import Handlers
+from crtk_sim_backends.faults import Fault, KindTable
+
+_IDENTIFIER = 0x1FFF_FFFF  # of a CAN-ID with the flags of linux/can.h
+_SOON = 1e-4  # s that a timer may be later than asked for before it is set anew
+
+
+class BusDrive:
+    """A drive as a node of the bus.
+
+    Args:
+        hub: the bus.
+        drive: the drive.
+        happened: called with the name of what has happened to it.
+    """
+
+    def __init__(self, hub: Hub, drive: Drive, happened: Callable[[str], object]) -> None:
+        self.drive = drive
+        self.lost = 0  # frames that the bus did not take
+        self._hub = hub
+        self._happened = happened
+        self._seen = NmtState.INITIALISING, False, False, False
+        self._node = hub.attach(self._hear, f"drive-{drive.node_id}")
+        self._timer: Timer | None = hub.call_at(time.monotonic(), self.wake)
+
+    def wake(self) -> None:
+        """Do what is due, and come back when the next thing is."""
+        now = time.monotonic()
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = None
+        self._send(self.drive.on_timer(now))
+        self._note()
+        self._set_timer()
+
+    def _hear(self, can_id: int, data: bytes) -> None:
+        drive = self.drive
+        if can_id not in drive.interests:  # remote, error and extended frames among them
+            return
+        self._send(drive.on_frame(can_id, data, time.monotonic()))
+        self._note()
+        self._set_timer()
+
+    def _send(self, frames: list[Frame]) -> None:
+        for identifier, data in frames:
+            if self._node.send(identifier, data):
+                self.lost += 1
+
+    def _set_timer(self) -> None:
+        """Be woken in time; a timer that comes too early is left as it is."""
+        due = self.drive.next_timer
+        if self._timer is not None:
+            if self._timer.at <= due + _SOON:
+                return
+            self._timer.cancel()
+            self._timer = None
+        if math.isfinite(due):
+            self._timer = self._hub.call_at(due, self.wake)
+
+    def _note(self) -> None:
+        """Tell what has happened since the last call."""
+        drive, before = self.drive, self._seen
+        states = [axis.machine.state for axis in drive.axes]
+        now = (
+            drive.state,
+            State.OPERATION_ENABLED in states,
+            any(axis.setpoint.velocity for axis in drive.axes),
+            State.FAULT in states,
+        )
+        if now == before:
+            return
+        self._seen = now
+        if before[0] is NmtState.INITIALISING and now[0] is not NmtState.INITIALISING:
+            self._happened("boot_up")
+        if now[0] is NmtState.OPERATIONAL and before[0] is not now[0]:
+            self._happened("operational")
+        names = ("enabled", "moving", "faulted")
+        for name, was, is_now in zip(names, before[1:], now[1:], strict=True):
+            if is_now and not was:
+                self._happened(name)
+
+    def status(self) -> dict[str, Any]:
+        """What a test or a person wants to know of the drive."""
+        drive = self.drive
+        return {
+            "nmt": drive.state.name.lower(),
+            "lost": self.lost,
+            "axes": [
+                {
+                    "state": axis.machine.state.name.lower(),
+                    "statusword": axis.statusword(),
+                    "controlword": axis.value(0x6040),
+                    "mode": axis.value(0x6061),
+                    "error": axis.value(0x603F),
+                    "position": axis.position,
+                    "velocity": axis.velocity,
+                    "torque": axis.value(0x6077),
+                    "revolutions": axis.revolutions,
+                    "powered": axis.machine.state in POWERED,
+                }
+                for axis in drive.axes
+            ],
+        }
+
+
+class BusDrives:
+    """All drives of a bus: their faults, their status, and requests about them."""
+
+    kinds: KindTable = injection.KINDS
+    events: Collection[str] = injection.EVENTS
+    places: tuple[str, ...] = injection.PLACES
+
+    def __init__(self, hub: Hub, configs: Mapping[int, DriveConfig]) -> None:
+        self._hub = hub
+        self._drives = {
+            node: BusDrive(hub, Drive(node, config), self._tell) for node, config in configs.items()
+        }
+        self.handlers: Handlers = {"object": self._object, "eds": self._eds}
+
+    def _tell(self, name: str) -> None:
+        self._hub.happened(name)
+
+    def begin(self, fault: Fault) -> None:
+        """Let a fault of the drives begin."""
+        self._apply(fault, begin=True)
+
+    def end(self, fault: Fault) -> None:
+        """Let a fault of the drives end."""
+        self._apply(fault, begin=False)
+
+    def _apply(self, fault: Fault, *, begin: bool) -> None:
+        drives = [each.drive for each in self._drives.values()]
+        injection.apply(drives, fault, begin, time.monotonic())
+        for each in self._drives.values():
+            each.wake()
+
+    def status(self) -> Mapping[str, Any]:
+        """State of each drive by node-ID."""
+        return {"drives": {str(node): each.status() for node, each in self._drives.items()}}
+
+    # Requests on the control socket
+
+    def _object(self, node: int, index: int, sub: int = 0, value: int | None = None) -> int:
+        """Read a number of a drive past the bus, or write one past every rule."""
+        dictionary = self._drive(node).dictionary
+        if not dictionary.variable(index, sub).type.size:
+            raise ValueError(f"object {index:04X}:{sub} is no number")
+        if value is not None:
+            dictionary[index, sub] = value
+        return dictionary[index, sub]
+
+    def _eds(self, node: int) -> str:
+        """EDS of a drive."""
+        return self._drive(node).dictionary.read(0x1021, 0).decode()
+
+    def _drive(self, node: int) -> Drive:
+        if node not in self._drives:
+            raise ValueError(f"there is no drive with node-ID {node}")
+        return self._drives[node].drive
