@@ -270,9 +270,12 @@ class Line:
         """Count replies that nothing asked for; what was owed up to them is owed no more."""
         for status in statuses:
             self._stray_ids([status.id])
-            index = self._owes(status)
-            if index is not None:
-                del self._owed[: index + 1]
+            self._settle_owed(status)
+
+    def _settle_owed(self, status: Status) -> None:
+        index = self._owes(status)
+        if index is not None:
+            del self._owed[: index + 1]
 
     def _search(
         self,
@@ -310,7 +313,10 @@ class Line:
                     self._stray([status])
                     continue
                 certain = True
-                self._stray_ids(matcher.place(status))
+                strays = matcher.place(status)
+                if strays:
+                    self._stray_ids(strays)
+                    self._settle_owed(status)
             if matcher.complete:
                 break
             now = self._clock()
