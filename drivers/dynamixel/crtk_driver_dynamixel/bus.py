@@ -114,6 +114,11 @@ class Bus:
         timer = self.port.latency.milliseconds
         return max(self._latency_budget, 0.0 if timer is None else (timer + 2) * 1e-3)
 
+    @latency_budget.setter
+    def latency_budget(self, seconds: float) -> None:
+        self._latency_budget = seconds
+        self.revision += 1
+
     def link(self, id: int) -> ServoLink:
         """Return how a servo is spoken to."""
         return self._links.get(id, _FACTORY_LINK)

@@ -66,6 +66,9 @@ HEALTH: Final = {
 }
 """Registers that say whether a servo can be relied on, and what is meant by them here."""
 
+PATIENCE: Final = 0.05
+"""Seconds allowed to adapter and system while the chain is opened: whatever is done first is slow."""
+
 MODEL_NUMBER_1: Final = 0
 """Address of model number (2 bytes) and firmware (1) in tables of protocol 1.0, whose ping tells neither."""
 
@@ -184,7 +187,7 @@ class ChainLink:
     def _open(self, deadline: float) -> None:
         for name in self._names():
             given = self._config.bus(name)
-            bus = Bus(Port(given.port, given.baud), latency_budget=self._config.latency_budget)
+            bus = Bus(Port(given.port, given.baud), latency_budget=PATIENCE)
             bus.open()
             self._buses[name] = bus
         self.chain = self._configured
@@ -212,6 +215,8 @@ class ChainLink:
             )
         self._prepare()
         self._place()
+        for bus in self._buses.values():
+            bus.latency_budget = self._config.latency_budget
 
     def _place(self) -> None:
         """Find the turns that servos are in, and what their registers allow."""
