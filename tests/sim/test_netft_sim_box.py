@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,9 @@ from hypothesis import strategies as st
 from netft_clients import VirtualBox, records, request
 
 from crtk_sim_backends.netft.config import ConfigError, SimConfig
+from crtk_sim_backends.netft.hostile import ANSWERS
+from crtk_sim_backends.netft.injection import EVENTS, KINDS
+from crtk_sim_backends.netft.loads import LOADS
 from crtk_sim_backends.netft.rdt import decode
 
 LOAD = "constant:1,-2,3,0.1,-0.2,0.3"
@@ -403,3 +407,9 @@ def test_wrong_options_are_refused_with_their_reason(options, told):
 
 def test_what_comes_before_a_request_is_complete_is_no_request():
     assert decode(request(2)[:-1]) is None
+
+
+def test_every_fault_and_load_is_documented():
+    page = Path(__file__).parents[2].joinpath("docs", "ati_netft.md").read_text()
+    for name in (*KINDS, *LOADS, *ANSWERS, *EVENTS):
+        assert f"`{name}`" in page or name == "none", name

@@ -11,7 +11,6 @@ from typing import Any, Final
 
 from crtk_sim_backends.netft import rdt
 from crtk_sim_backends.netft.config import SimConfig
-from crtk_sim_backends.netft.loads import parse_load
 from crtk_sim_backends.netft.rdt import Address, Request, Stream
 from crtk_sim_backends.netft.sensor import Sensor
 from crtk_sim_backends.netft.settings import Settings
@@ -55,7 +54,7 @@ class Box:
             config.buffer_size,
             config.internal_rate or self.profile.rates[0],
         )
-        self.sensor = Sensor(self.settings, parse_load(config.load), now, config.ft_sequence)
+        self.sensor = Sensor(self.settings, config.acting, now, config.ft_sequence)
         self.stream: Stream | None = None
         self.counters = Counters()
         self.ignores_settings = False

@@ -6,11 +6,12 @@ import dataclasses
 import ipaddress
 import re
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
 from crtk_sim_backends.faults import unknown
-from crtk_sim_backends.netft.loads import LoadError, parse_load
+from crtk_sim_backends.netft.loads import Load, LoadError, parse_load
 from crtk_sim_backends.netft.profiles import PRESETS, PROFILES, USUAL_PRESET, Preset, Profile
 from crtk_sim_backends.netft.settings import MOST_RECORDS
 from crtk_sim_backends.process import AUTO
@@ -91,9 +92,14 @@ class SimConfig:
         if self.faults and not Path(self.faults).is_file():
             raise ConfigError(f"faults: there is no file {self.faults}")
         try:
-            parse_load(self.load)
+            _ = self.acting
         except LoadError as error:
             raise ConfigError(f"load: {error}") from error
+
+    @cached_property
+    def acting(self) -> Load:
+        """The load, read once: it may come from a large file."""
+        return parse_load(self.load)
 
     @property
     def family(self) -> Profile:
