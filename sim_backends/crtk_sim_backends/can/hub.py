@@ -72,6 +72,7 @@ class Node:
         self.name = name
         self.port = port
         self.echo = hub.echo
+        self.listening = True  # False: the client has not opened its channel
         self.state = State(0)
         self.counters = Counters()
         self._hub = hub
@@ -96,7 +97,7 @@ class Node:
         return self._hub.transmit(self, raw)
 
     def detach(self) -> None:
-        """Leave the bus, with what still waits in the queue; safe to repeat."""
+        """Leave the bus; what waits in the queue is still sent. Safe to repeat."""
         self._hub.remove(self)
 
 
@@ -183,11 +184,12 @@ class Hub:
             self.set_state(node, self.state_of(node.name))
 
     def remove(self, node: Node) -> None:
-        """Take a node off the bus."""
-        if node in self.nodes:
-            self.nodes = [other for other in self.nodes if other is not node]
-            if self._medium is not None:
-                node.counters.lost += self._medium.forget(node)
+        """Take a node off the bus; what waits in its queue is still sent."""
+        self.nodes = [other for other in self.nodes if other is not node]
+
+    def waiting(self, node: Node) -> int:
+        """How many frames of a node wait for the bus."""
+        return 0 if self._medium is None else self._medium.waiting(node)
 
     def matching(self, pattern: str) -> list[Node]:
         """Nodes whose names match a shell pattern."""
@@ -240,7 +242,7 @@ class Hub:
         """Let `node` receive an error frame (`frames.ERROR_...`), or all nodes, from the bus."""
         raw = frames.error_frame(classes, data)
         if node is not None:
-            if not node.state & State.DOWN:
+            if node.listening and not node.state & State.DOWN:
                 node.counters.received += 1
                 node.port.deliver(raw)
         elif self._medium is None:
@@ -269,7 +271,7 @@ class Hub:
         if self.recorder is not None:
             self.recorder.write(at + time.time() - time.monotonic(), raw)
         for node in self.nodes:
-            if node.state & DEAF or (node is sender and not node.echo):
+            if not node.listening or node.state & DEAF or (node is sender and not node.echo):
                 continue
             node.counters.received += 1
             node.port.deliver(frames.own(raw) if node is sender else raw)
@@ -379,8 +381,9 @@ class Hub:
             "load": None if medium is None else medium.load.last_second(time.monotonic()),
             "nodes": {
                 node.name: {
+                    "listening": node.listening,
                     **vars(node.counters),
-                    "waiting": 0 if medium is None else medium.waiting(node),
+                    "waiting": self.waiting(node),
                     "state": [flag.name for flag in State if flag & node.state],
                 }
                 for node in self.nodes

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from crtk_sim_backends.can.hub import Hub
 
 _AT_ONCE: Final = 100  # frames, then the loop has its turn
-_FULL: Final = 0.001  # s until the next try while the transmit queue is full
+_FULL: Final = 0.001  # s until the next look at a transmit queue
 
 
 class Replay:
@@ -45,18 +45,25 @@ class Replay:
         self._records: Iterator[Record] = chain([first], records)
         self._recorded = first.time
         self._node = hub.attach(lambda can_id, data: None, "replay")
-        self._began = time.monotonic()
+        self._began = 0.0
         self._next: Record | None = None
-        self._timer: Timer = hub.call_at(self._began, self._go_on)
+        self._timer: Timer = hub.call_at(time.monotonic(), self._begin)
+
+    def _begin(self) -> None:
+        self._began = time.monotonic()
+        self._go_on()
 
     def _go_on(self) -> None:
         """Send what is due."""
         for _ in range(_AT_ONCE):
             record = self._next or self._read()
             if record is None:
-                self.stop()
-                self._ended()
-                return
+                if not self._hub.waiting(self._node):
+                    self.stop()
+                    self._ended()
+                    return
+                due = time.monotonic() + _FULL
+                break
             self._next = record
             due = self._due(record)
             if due > time.monotonic():

@@ -99,7 +99,6 @@ class SlcanDoor:
         self._link = ""
         self._input = bytearray()
         self._output = bytearray()  # what the terminal has not taken
-        self._open = False
         self._listen_only = False
         self._stamps = False
         self.bitrate: int | None = None  # that the client has set
@@ -130,6 +129,7 @@ class SlcanDoor:
             os.close(self._terminal)
             raise
         self.node = hub.add("slcan", self)
+        self.node.listening = False
         hub.loop.watch(self._fd, self._ready)
 
     def _make_link(self, link: str) -> None:
@@ -174,16 +174,20 @@ class SlcanDoor:
             self.node.counters.invalid += 1
         return answer
 
+    @property
+    def _is_open(self) -> bool:
+        return self.node.listening
+
     def _transmit(self, line: str) -> bytes:
         raw = parse_frame(line)
-        if raw is None or not self._open or self._listen_only:
+        if raw is None or not self._is_open or self._listen_only:
             return REFUSED
         if self._hub.transmit(self.node, raw):
             return REFUSED
         return b"z\r" if line[0] in "tr" else b"Z\r"
 
     def _set_bitrate(self, line: str) -> bytes:
-        if self._open or line[1:] not in BITRATES:
+        if self._is_open or line[1:] not in BITRATES:
             return REFUSED
         self.bitrate = BITRATES[line[1:]]
         if self._hub.bitrate not in (0, self.bitrate):
@@ -196,29 +200,29 @@ class SlcanDoor:
         return OK
 
     def _set_registers(self, line: str) -> bytes:
-        return REFUSED if self._open or not re.fullmatch(r"s[0-9A-Fa-f]{4}", line) else OK
+        return REFUSED if self._is_open or not re.fullmatch(r"s[0-9A-Fa-f]{4}", line) else OK
 
     def _open_channel(self, line: str) -> bytes:
-        if self._open or len(line) > 1:
+        if self._is_open or len(line) > 1:
             return REFUSED
-        self._open, self._listen_only = True, line == "L"
+        self.node.listening, self._listen_only = True, line == "L"
         self._hub.happened("client_connected")
         return OK
 
     def _close_channel(self, line: str) -> bytes:
-        if not self._open or len(line) > 1:
+        if not self._is_open or len(line) > 1:
             return REFUSED
-        self._open = False
+        self.node.listening = False
         return OK
 
     def _set_stamps(self, line: str) -> bytes:
-        if self._open or line not in ("Z0", "Z1"):
+        if self._is_open or line not in ("Z0", "Z1"):
             return REFUSED
         self._stamps = line == "Z1"
         return OK
 
     def _flags(self, line: str) -> bytes:
-        if not self._open or len(line) > 1:
+        if not self._is_open or len(line) > 1:
             return REFUSED
         state = self.node.state
         flags = 0
@@ -236,9 +240,7 @@ class SlcanDoor:
         self._flush()
 
     def deliver(self, raw: bytes) -> None:
-        """Send a frame, or lose it when the channel is closed or the client does not read."""
-        if not self._open:
-            return
+        """Send a frame, or lose it when the client does not read."""
         if self._output:
             self.node.counters.missed += 1
             return

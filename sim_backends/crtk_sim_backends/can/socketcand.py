@@ -79,7 +79,6 @@ class _Client:
         self._hub = hub
         self._buffer = bytearray()
         self._opened = False
-        self._raw = False
         self._closed = False
         self._connection = Connection(sock, _BACKLOG_LIMIT)
         self._fd = sock.fileno()
@@ -90,6 +89,7 @@ class _Client:
             b"echo": self._echo,
         }
         self.node = hub.add("socketcand", self)
+        self.node.listening = False
         hub.loop.watch(self._fd, self._ready)
         self._say(b"< hi >")
 
@@ -136,7 +136,7 @@ class _Client:
     def _rawmode(self, words: list[bytes]) -> None:
         if not self._opened:
             raise CommandError("no channel is open")
-        self._raw = True
+        self.node.listening = True
         self._say(_OK)
 
     def _send(self, words: list[bytes]) -> None:
@@ -152,8 +152,6 @@ class _Client:
 
     def deliver(self, raw: bytes) -> None:
         """Send a frame, or lose it when the client does not read."""
-        if not self._raw:
-            return
         message = frame_message(raw, time.time())
         if message and not self._connection.send_fresh(message, time.monotonic()):
             self.node.counters.missed += 1
