@@ -27,8 +27,16 @@ from crtk_sim_backends.dynamixel import SIM, RunningSim
 LONG = 20.0
 """Seconds that anything may take on a busy machine before a test gives up."""
 
+BOOT_TIME = 0.3
+"""Seconds in which a simulated servo answers again after it was switched on."""
+
 COUNT = 2.0 * math.pi / 4096
 """One count of position, rad."""
+
+WEIGHTLESS = ",".join(
+    [*(f"{id}:xm540-w270" for id in (1, 2, 3)), *(f"{id}:xm430-w350" for id in (4, 5, 6, 7))]
+)
+"""Servos of arm6 without gravity: a joint stays where it is without torque."""
 
 PATIENT: Mapping[str, Any] = {
     "sample_timeout": 3.0,
@@ -289,11 +297,18 @@ def place(sim: RunningSim, id: int, angle: float = 0.0, bus: int = 1) -> None:
 
 
 def set_upright(sim: RunningSim) -> None:
-    """End all faults, and put every joint in the middle, as gravity may have let it fall."""
+    """End all faults, with torque off (by a power cycle if need be) and every joint in the middle."""
     sim.control.clear()
-    for name in sim.control.outputs():
-        bus, id = name.removeprefix("bus").split("/")
-        place(sim, int(id), bus=int(bus))
+    servos = sim.control.outputs()
+    if any(servo["torque"] for servo in servos.values()):
+        for bus in range(1, len(sim.ttys) + 1):
+            sim.control.inject("power_off", bus=bus)
+        sim.control.clear()
+        started = sim.control.status()["time"]
+        eventually(lambda: sim.control.status()["time"] > started + BOOT_TIME, "servos started")
+    for name in servos:
+        number, id = name.removeprefix("bus").split("/")
+        place(sim, int(id), bus=int(number))
 
 
 def arm_values(arm: str = "arm6", **values: Any) -> dict[str, Any]:
