@@ -188,11 +188,10 @@ def test_two_nodes_that_answer_each_other_do_not_keep_others_out():
 class Lamp:
     """A device on the bus, with a fault of its own."""
 
-    kinds = {"broken": FaultKind("broken", "it says nothing", lasting=True)}
-    events = ("switched_on",)
-    places = ()
-
     def __init__(self, hub):
+        self.kinds = {"broken": FaultKind("broken", "it says nothing", lasting=True)}
+        self.events = ("switched_on",)
+        self.places = ()
         self.broken = False
         self.node = hub.attach(self._take, "lamp")
         self.handlers = {"glow": lambda: "bright"}
