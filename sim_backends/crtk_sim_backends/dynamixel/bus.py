@@ -126,7 +126,7 @@ class Bus:
     def _garbled(self, instruction: Instruction, heard: list[Servo]) -> list[Reply]:
         level = 1 if instruction.code in _READS else 2
         return [
-            _reply(servo, Error.CRC, b"")
+            _reply(instruction.protocol, servo, Error.CRC, b"")
             for servo in heard
             if servo.number == instruction.id and servo.status_level >= level
         ]
@@ -135,7 +135,10 @@ class Bus:
         code = instruction.code
         if code == Code.PING:
             ordered = sorted(heard, key=lambda servo: servo.number)
-            return [_reply(servo, Error.NONE, _identity(servo)) for servo in ordered]
+            return [
+                _reply(instruction.protocol, servo, Error.NONE, _identity(servo))
+                for servo in ordered
+            ]
         if code != Code.READ:
             for servo in heard:
                 servo.execute(code, instruction.parameters, time, broadcast=True)
@@ -153,7 +156,7 @@ class Bus:
             error, data = servo.execute(code, instruction.parameters, time, broadcast=False)
             needed = 0 if code == Code.PING else 1 if code == Code.READ else 2
             if level >= needed:
-                replies.append(_reply(servo, error, data, number, delay))
+                replies.append(_reply(instruction.protocol, servo, error, data, number, delay))
         return replies
 
     # Groups
@@ -167,7 +170,7 @@ class Bus:
                 replies.append(Reply(number, 0.0, None))
                 continue
             error, data = servo.read(address, length, time)
-            replies.append(_reply(servo, error, data))
+            replies.append(_reply(instruction.protocol, servo, error, data))
         return replies
 
     def _fast_read(self, instruction: Instruction, time: float, heard: list[Servo]) -> list[Reply]:
@@ -201,16 +204,17 @@ def _identity(servo: Servo) -> bytes:
 
 
 def _reply(
+    protocol: int,
     servo: Servo,
     error: Error,
     data: bytes,
     number: int | None = None,
     delay: float | None = None,
 ) -> Reply:
-    """Status packet in the servo's protocol; `number` and `delay` are those before the instruction."""
+    """Status packet of a servo; what is given besides is as it was before the instruction."""
     number = servo.number if number is None else number
     delay = servo.return_delay if delay is None else delay
-    if servo.protocol == 1:
+    if protocol == 1:
         bits = servo.legacy_bits | (LEGACY_ERROR[error] if error else 0)
         return Reply(number, delay, legacy_status(number, bits, data))
     return Reply(number, delay, status(number, error | servo.error_bits, data))

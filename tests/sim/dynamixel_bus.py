@@ -1,0 +1,213 @@
+"""Clients of a simulated bus: the vendor's SDK, and bytes written by hand.
+
+The packets here are built and cut independently of the simulator: the CRC is that of fastcrc.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import struct
+import termios
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Any, Final, NamedTuple, Self
+
+import dynamixel_sdk as sdk
+from crtk_sim_backends.dynamixel import SIM, RunningSim
+from dynamixel_sdk import port_handler
+from fastcrc import crc16
+
+# The SDK gives an answer 34 ms, which is too little on a machine that is busy with other tests.
+port_handler.LATENCY_TIMER = 250
+
+HEADER: Final = b"\xff\xff\xfd\x00"
+MARK: Final = b"\xff\xff\xfd"
+EVERYONE: Final = 254
+
+TORQUE, WATCHDOG, GOAL_PWM, GOAL_CURRENT, GOAL_VELOCITY = 64, 98, 100, 102, 104
+PROFILE_ACCELERATION, PROFILE_VELOCITY, GOAL_POSITION = 108, 112, 116
+CURRENT, VELOCITY, POSITION, HARDWARE_ERROR = 126, 128, 132, 70
+MODE, DRIVE_MODE, HOMING, STATUS_LEVEL, SHUTDOWN = 11, 10, 20, 68, 63
+
+
+def hand(text: str) -> bytes:
+    """Bytes as the manual prints them."""
+    return bytes.fromhex(text)
+
+
+def instruction(number: int, code: int, parameters: bytes = b"") -> bytes:
+    """A packet of protocol 2.0."""
+    body = (bytes((code,)) + parameters).replace(MARK, MARK + b"\xfd")
+    packet = HEADER + struct.pack("<BH", number, len(body) + 2) + body
+    return packet + struct.pack("<H", crc16.umts(packet))
+
+
+def legacy(number: int, code: int, parameters: bytes = b"") -> bytes:
+    """A packet of protocol 1.0."""
+    body = bytes((number, len(parameters) + 2, code)) + parameters
+    return b"\xff\xff" + body + bytes((~sum(body) & 0xFF,))
+
+
+def read(number: int, address: int, length: int) -> bytes:
+    return instruction(number, 0x02, struct.pack("<HH", address, length))
+
+
+def write(number: int, address: int, data: bytes) -> bytes:
+    return instruction(number, 0x03, struct.pack("<H", address) + data)
+
+
+def sync_read(address: int, length: int, *numbers: int, code: int = 0x82) -> bytes:
+    return instruction(EVERYONE, code, struct.pack("<HH", address, length) + bytes(numbers))
+
+
+class Status(NamedTuple):
+    """A status packet."""
+
+    number: int
+    error: int
+    data: bytes
+
+
+def statuses(data: bytes) -> list[Status]:
+    """Cut bytes that hold nothing but whole and intact status packets of protocol 2.0."""
+    found = []
+    while data:
+        assert data[:4] == HEADER, data.hex(" ")
+        number, length = struct.unpack_from("<BH", data, 4)
+        packet, data = data[: length + 7], data[length + 7 :]
+        assert len(packet) == length + 7, packet.hex(" ")
+        assert struct.unpack("<H", packet[-2:])[0] == crc16.umts(packet[:-2]), packet.hex(" ")
+        assert packet[7] == 0x55
+        body = packet[8:-2].replace(MARK + b"\xfd", MARK)
+        found.append(Status(number, body[0], body[1:]))
+    return found
+
+
+class Wire:
+    """A port without any protocol."""
+
+    def __init__(self, path: str, speed: int = termios.B1000000) -> None:
+        self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        tty.setraw(self._fd)
+        self.set_speed(speed)
+
+    def set_speed(self, speed: int) -> None:
+        """`speed` is a constant of termios."""
+        settings = termios.tcgetattr(self._fd)
+        settings[4] = settings[5] = speed
+        termios.tcsetattr(self._fd, termios.TCSANOW, settings)
+
+    def send(self, *packets: bytes) -> None:
+        os.write(self._fd, b"".join(packets))
+
+    def receive(self, length: int, timeout: float = 2.0) -> bytes:
+        """Exactly that many bytes, or what came before the time was over."""
+        data = b""
+        deadline = time.monotonic() + timeout
+        while len(data) < length:
+            wait = deadline - time.monotonic()
+            if wait <= 0.0 or not select.select([self._fd], [], [], wait)[0]:
+                break
+            data += os.read(self._fd, length - len(data))
+        return data
+
+    def rest(self, quiet: float = 0.05) -> bytes:
+        """All that comes until nothing came for a while."""
+        data = b""
+        while select.select([self._fd], [], [], quiet)[0]:
+            data += os.read(self._fd, 4096)
+        return data
+
+    def ask(self, packet: bytes, length: int | None = None) -> list[Status]:
+        """The status packets to an instruction; `length` of them in bytes, until it is quiet if None."""
+        self.send(packet)
+        return statuses(self.rest() if length is None else self.receive(length))
+
+    def ask_raw(self, packet: bytes, length: int) -> bytes:
+        self.send(packet)
+        return self.receive(length)
+
+    def close(self) -> None:
+        os.close(self._fd)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+class Vendor:
+    """The vendor's SDK on one port: values come back signed, with the error byte of the status."""
+
+    def __init__(self, path: str, baud: int = 1_000_000, protocol: float = 2.0) -> None:
+        self.port = sdk.PortHandler(path)
+        assert self.port.openPort()
+        assert self.port.setBaudRate(baud)
+        self.packets = sdk.PacketHandler(protocol)
+
+    def read(self, number: int, address: int, size: int) -> int:
+        call = getattr(self.packets, f"read{size}ByteTxRx")
+        value, result, error = call(self.port, number, address)
+        assert (result, error & 0x7F) == (sdk.COMM_SUCCESS, 0)
+        bits = 8 * size
+        return int(value - (1 << bits) if size > 1 and value >> (bits - 1) else value)
+
+    def write(self, number: int, address: int, size: int, value: int) -> int:
+        """Returns the error byte."""
+        call = getattr(self.packets, f"write{size}ByteTxRx")
+        result, error = call(self.port, number, address, value % (1 << 8 * size))
+        assert result == sdk.COMM_SUCCESS
+        return int(error)
+
+    def error_of_read(self, number: int, address: int, length: int) -> int:
+        _, result, error = self.packets.readTxRx(self.port, number, address, length)
+        assert result == sdk.COMM_SUCCESS
+        return int(error)
+
+    def ping(self, number: int) -> tuple[int, int, int]:
+        """Model number, result of the communication, error."""
+        answer: tuple[int, int, int] = self.packets.ping(self.port, number)
+        return answer
+
+    def sync_reader(self, address: int, length: int, *numbers: int) -> Any:
+        group = sdk.GroupSyncRead(self.port, self.packets, address, length)
+        for number in numbers:
+            assert group.addParam(number)
+        return group
+
+    def close(self) -> None:
+        self.port.closePort()
+
+
+@contextmanager
+def running(**options: Any) -> Iterator[RunningSim]:
+    """A simulator that takes no time for bytes, unless told otherwise."""
+    with SIM.spawn(**{"timing": "none", "return_delay": 0, **options}) as sim:
+        yield sim
+
+
+@contextmanager
+def vendor_at(sim: RunningSim, bus: str = "bus1", **options: Any) -> Iterator[Vendor]:
+    vendor = Vendor(sim.ttys[bus], **options)
+    try:
+        yield vendor
+    finally:
+        vendor.close()
+
+
+def wait_until(met: Any, timeout: float = 5.0) -> None:
+    """Poll until a condition is met."""
+    deadline = time.monotonic() + timeout
+    while not met():
+        assert time.monotonic() < deadline, "not in time"
+        time.sleep(0.005)
