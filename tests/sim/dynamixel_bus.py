@@ -17,9 +17,10 @@ from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
 import dynamixel_sdk as sdk
-from crtk_sim_backends.dynamixel import SIM, RunningSim
 from dynamixel_sdk import port_handler
 from fastcrc import crc16
+
+from crtk_sim_backends.dynamixel import SIM, RunningSim
 
 # The SDK gives an answer 34 ms, which is too little on a machine that is busy with other tests.
 port_handler.LATENCY_TIMER = 250

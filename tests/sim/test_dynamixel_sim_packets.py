@@ -5,6 +5,11 @@ from __future__ import annotations
 import struct
 
 import pytest
+from dynamixel_bus import hand, instruction, legacy, statuses, write
+from fastcrc import crc16 as other_crc16
+from hypothesis import given
+from hypothesis import strategies as st
+
 from crtk_sim_backends.dynamixel.bus import Bus, make_servos
 from crtk_sim_backends.dynamixel.config import parse_servos
 from crtk_sim_backends.dynamixel.packets import (
@@ -17,10 +22,6 @@ from crtk_sim_backends.dynamixel.packets import (
     legacy_status,
     status,
 )
-from dynamixel_bus import hand, instruction, legacy, statuses, write
-from fastcrc import crc16 as other_crc16
-from hypothesis import given
-from hypothesis import strategies as st
 
 # ROBOTIS e-manual, DYNAMIXEL Protocol 2.0, the examples of "Instruction Details".
 INSTRUCTIONS = {

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import dynamixel_sdk as sdk
 import pytest
-from crtk_sim_backends.dynamixel import RunningSim
 from dynamixel_bus import (
     CURRENT,
     DRIVE_MODE,
@@ -27,6 +26,8 @@ from dynamixel_bus import (
     vendor_at,
     wait_until,
 )
+
+from crtk_sim_backends.dynamixel import RunningSim
 
 RESULT_FAIL, INSTRUCTION, CRC, RANGE, LENGTH, LIMIT, ACCESS = range(1, 8)
 ALERT = 0x80
@@ -64,9 +65,7 @@ def test_pings_tell_model_and_firmware(vendor: Vendor) -> None:
     assert vendor.ping(9)[1] == sdk.COMM_RX_TIMEOUT
     found, result = vendor.packets.broadcastPing(vendor.port)
     assert result == sdk.COMM_SUCCESS
-    assert {number: firmware for number, (_, firmware) in found.items()} == {
-        **{1: 52, 2: 41, 3: 52, 4: 50, 5: 52, 6: 14, 7: 45, 8: 52}
-    }
+    assert [found[number][1] for number in range(1, 9)] == [52, 41, 52, 50, 52, 14, 45, 52]
 
 
 def test_what_is_read_only_stays(vendor: Vendor) -> None:
@@ -107,9 +106,11 @@ def test_parts_of_registers_are_refused(vendor: Vendor) -> None:
 
 @pytest.mark.parametrize(
     ("address", "size", "value"),
-    [(7, 1, 253), (8, 1, 8), (9, 1, 255), (MODE, 1, 2), (13, 1, 3), (TORQUE, 1, 2)]
-    + [(STATUS_LEVEL, 1, 3), (PROFILE_VELOCITY, 4, 32768), (48, 4, 4096), (98, 1, 200)]
-    + [(168, 2, 63), (168, 2, 662)],
+    [
+        *((7, 1, 253), (8, 1, 8), (9, 1, 255), (MODE, 1, 2), (13, 1, 3), (TORQUE, 1, 2)),
+        *((STATUS_LEVEL, 1, 3), (PROFILE_VELOCITY, 4, 32768), (48, 4, 4096), (98, 1, 200)),
+        *((168, 2, 63), (168, 2, 662)),
+    ],
 )
 def test_values_out_of_range(vendor: Vendor, address: int, size: int, value: int) -> None:
     before = vendor.read(XM, address, size)

@@ -219,7 +219,7 @@ class DynamixelServer:
         self._changed |= self._faults.play(now - self._epoch)
         plant_time = self._plant_time(now)
         for servo in self._servos:
-            servo.refresh(plant_time)
+            servo.advance(plant_time)
             is_on, moves = servo.torque_enabled, servo.drive.velocity != 0.0
             was_on, moved = self._was[id(servo)]
             if is_on != was_on:
@@ -279,20 +279,20 @@ class DynamixelServer:
 
     def _inject(self, kind: str, parameters: dict[str, Any]) -> None:
         self._effects.check(check_fault(KINDS, kind, parameters, "inject"))
-        self._refresh()
+        self._advance()
         self._faults.inject(kind, parameters, time.monotonic() - self._epoch)
         self._changed = True
-        self._refresh()
+        self._advance()
 
     def _clear(self, kind: str | None = None) -> None:
-        self._refresh()
+        self._advance()
         self._faults.clear(kind)
         self._changed = True
 
-    def _refresh(self) -> None:
+    def _advance(self) -> None:
         plant_time = self._plant_time(time.monotonic())
         for servo in self._servos:
-            servo.refresh(plant_time)
+            servo.advance(plant_time)
 
     def _place(self, id: int, angle: float, bus: int = 1) -> None:
         """Put the joint of a servo somewhere by hand: angle of its horn from the middle, rad."""
@@ -305,15 +305,15 @@ class DynamixelServer:
             raise ValueError(
                 f"no servo has the id {id} on bus {bus}: {', '.join(map(str, servos))}"
             )
-        self._refresh()
+        self._advance()
         servos[id].joint.angle = servos[id].drive.mount * float(angle)
         servos[id].joint.velocity = 0.0
         servos[id].joint.wake()
-        self._refresh()
+        self._advance()
 
     def _outputs(self, names: list[str]) -> dict[str, Any]:
         """State of servos; a name is ``bus1/7``."""
-        self._refresh()
+        self._advance()
         known = {f"{line.name}/{s.number}": s for line in self._lines for s in line.bus.servos}
         for name in names:
             if name not in known:
