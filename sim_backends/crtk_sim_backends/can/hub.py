@@ -73,7 +73,7 @@ class Node:
         self.port = port
         self.echo = hub.echo
         self.listening = True  # False: the client has not opened its channel
-        self.state = State(0)
+        self.state = State(0)  # `Hub.set_state` changes it
         self.counters = Counters()
         self._hub = hub
 
@@ -210,7 +210,7 @@ class Hub:
     def transmit(self, node: Node, raw: bytes) -> int:
         """Queue a checked frame of `node`; 0, or why it was not taken: ENOBUFS or ENETDOWN."""
         state = node.state
-        if state & (REFUSING | State.LISTEN_ONLY):
+        if state and state & (REFUSING | State.LISTEN_ONLY):
             node.counters.lost += 1
             if state & State.DOWN:
                 return errno.ENETDOWN
@@ -271,7 +271,9 @@ class Hub:
         if self.recorder is not None:
             self.recorder.write(at + time.time() - time.monotonic(), raw)
         for node in self.nodes:
-            if not node.listening or node.state & DEAF or (node is sender and not node.echo):
+            if not node.listening or (node is sender and not node.echo):
+                continue
+            if node.state and node.state & DEAF:
                 continue
             node.counters.received += 1
             node.port.deliver(frames.own(raw) if node is sender else raw)
