@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from netft_bench import FREE_PORTS, NetFtBench, configuration, driver_at, eventually
+from netft_bench import FREE_PORTS, NetFtBench, configuration, driver_at, eventually, netft_bench
 
 from crtk_driver_ati_netft.web import WebPages
 from crtk_drivers.errors import ConnectionFailed, DeviceError, ProtocolError
@@ -97,6 +97,26 @@ def test_without_its_web_server_the_scale_comes_over_tcp(box) -> None:
         bench.until_load(LOAD)
         assert bench.note("web page")
         assert bench.device.source.record_rate == pytest.approx(1000.0, rel=0.05)
+
+
+def test_a_family_that_was_known_is_not_forgotten_with_the_web_page() -> None:
+    with netft_bench(profile="axia", load=LOAD_TEXT) as bench:
+        assert bench.note("web page") is None
+        bench.sim.control.inject("closed", port="http")
+        bench.sim.control.inject("stall", duration=1.2)
+        eventually(lambda: bench.front.health().reconnects >= 1, "reconnected")
+        bench.connected()
+        assert bench.device.profile.name == "axia"
+        bench.sim.control.inject("status", bits=0x00000008)
+        eventually(lambda: bench.note("notice"), "told")
+        assert "busy" in bench.note("notice")[1]
+
+
+def test_a_family_that_is_not_known_is_told() -> None:
+    with netft_bench(preset="hex_e", load=LOAD_TEXT) as bench:
+        bench.until_load(LOAD, tolerance=1e-4)
+        notes = [note.text for note in bench.front.health().notes if note.key == "web page"]
+        assert any("counts as netbox: give `profile`" in text for text in notes)
 
 
 def test_a_page_in_single_bytes_is_read(box) -> None:

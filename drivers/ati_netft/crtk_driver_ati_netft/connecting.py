@@ -40,6 +40,7 @@ def connect(
     config: NetFtConfig,
     web: WebPages,
     source: Source | None,
+    known: Profile,
     deadline: float,
     tell: Callable[[Source], None],
 ) -> Connection:
@@ -49,6 +50,7 @@ def connect(
         config: of the device.
         web: its web server.
         source: of the connection before, whose counters go on; None if there was none.
+        known: the family as it was known before, for a sensor that does not say what it is.
         deadline: monotonic.
         tell: called with each source before it is opened, so that it can be aborted.
 
@@ -57,12 +59,21 @@ def connect(
         ProtocolError: what it says of itself cannot be used.
     """
     info = identify(config, web, deadline)
-    profile = PROFILES.get(config.profile) or detect(info.product)
+    profile = PROFILES.get(config.profile) or (detect(info.product) if info.product else known)
+    if config.profile == "auto" and not info.product:
+        info = _with_problem(
+            info,
+            f"the sensor does not say what it is, and counts as {profile.name}: give `profile`",
+        )
     if config.http and profile.has_web and info.tags:
         info = settings.apply(web, info, profile, wanted_settings(config), deadline)
         if config.scale is not None:
             info = replace(info, scale=config.scale.scale)
     return Connection(info, profile, _open(config, profile, info, source, deadline, tell))
+
+
+def _with_problem(info: SensorInfo, problem: str) -> SensorInfo:
+    return replace(info, problems=(*info.problems, problem))
 
 
 def identify(config: NetFtConfig, web: WebPages, deadline: float) -> SensorInfo:

@@ -179,7 +179,7 @@ class NetFtDevice(Device):
     def open(self, deadline: float) -> None:
         """See the base class."""
         found = connecting.connect(
-            self._config, self.web, self._source, deadline, self._about_to_open
+            self._config, self.web, self._source, self.profile, deadline, self._about_to_open
         )
         self.info = found.info
         if found.profile is not self.profile:
