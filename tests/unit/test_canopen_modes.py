@@ -123,7 +123,7 @@ def test_a_setpoint_is_handed_over_once_and_its_end_is_its_own(way: int) -> None
     assert drive.taken == 1
     assert drive.left == 0
     assert cycles > way
-    # The target is on its way for a cycle before bit 4 rises, which falls with the acknowledgement; bit 5 is set throughout.
+    # The target is on its way for a cycle before bit 4 rises; bit 5 is set throughout.
     assert [bits & 0x10 for bits in sent[:4]] == [0, 0, 0x10, 0]
     assert all(bits & 0x20 for bits in sent[:-1])
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -9,7 +11,15 @@ from enum import Enum
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-__all__ = ["AXIS_STEP", "OBJECTS", "Entry", "ObjectType", "object_text"]
+__all__ = [
+    "AXIS_STEP",
+    "OBJECTS",
+    "Entry",
+    "ObjectType",
+    "object_text",
+    "object_type",
+    "parse_object",
+]
 
 AXIS_STEP: Final = 0x800
 """Distance between the objects of two axes of one node (CiA 402-2, multi-axis)."""
@@ -213,6 +223,10 @@ OBJECTS: Final[Mapping[str, Entry]] = MappingProxyType(
 )
 """By name with underscores (CiA 301 and CiA 402-2, object dictionaries)."""
 
+_NUMBER: Final = re.compile(
+    r"(0x)?(?P<index>[0-9a-f]{4})h?(:(0x)?(?P<sub>[0-9a-f]{1,2})h?)?", re.IGNORECASE
+)
+
 _NAMES: Final = {(entry.index, entry.sub): entry.name for entry in OBJECTS.values()}
 
 
@@ -227,3 +241,25 @@ def object_text(index: int, sub: int) -> str:
     if not name:
         return number
     return f"{number} {name} of axis {axis}" if axis else f"{number} {name}"
+
+
+def parse_object(text: str) -> tuple[int, int]:
+    """Return index and sub-index of a text such as ``6064``, ``0x6064:0``, ``1018:4`` or ``position_actual``.
+
+    Numbers are hexadecimal, as they are everywhere in CANopen.
+
+    Raises:
+        ValueError: it is neither, with what was probably meant.
+    """
+    name = text.strip().lower().replace(" ", "_").replace("-", "_")
+    if name in OBJECTS:
+        entry = OBJECTS[name]
+        return entry.index, entry.sub
+    found = _NUMBER.fullmatch(text.strip())
+    if found is None:
+        close = difflib.get_close_matches(name, OBJECTS, n=1)
+        hint = (
+            f"did you mean {close[0]!r}?" if close else "give INDEX[:SUB] in hexadecimal, or a name"
+        )
+        raise ValueError(f"{text!r} is no object: {hint}")
+    return int(found["index"], 16), int(found["sub"] or "0", 16)

@@ -1,0 +1,393 @@
+"""Configuration of CANopen joints: keys, defaults, units and bounds."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from crtk_driver_canopen.homing import METHODS
+from crtk_driver_canopen.identity import Identity
+from crtk_driver_canopen.modes import OpMode
+from crtk_driver_canopen.objects import parse_object
+from crtk_driver_canopen.units import interpolation_period
+from crtk_drivers.config import DeviceConfig, Settings
+
+NodeId = Annotated[int, Field(ge=1, le=127)]
+"""Id of a node on its bus."""
+
+ModeName = Literal["csp", "csv", "cst", "pp", "pv", "tq", "ip"]
+
+MODE_NAMES: Final[dict[ModeName, OpMode]] = {
+    "csp": OpMode.CSP,
+    "csv": OpMode.CSV,
+    "cst": OpMode.CST,
+    "pp": OpMode.PP,
+    "pv": OpMode.PV,
+    "tq": OpMode.TQ,
+    "ip": OpMode.IP,
+}
+
+_U32: Final = 0xFFFFFFFF
+
+
+class BusConfig(Settings):
+    """The CAN bus, as python-can opens it."""
+
+    interface: str = Field(
+        default="socketcan",
+        min_length=1,
+        max_length=64,
+        description="Interface of python-can: socketcan, slcan, pcan, kvaser, socketcand, crtk, ...",
+    )
+    channel: str = Field(
+        default="can0", max_length=250, description="Channel of that interface, for example can0."
+    )
+    bitrate: int = Field(
+        default=1_000_000,
+        ge=10_000,
+        le=1_000_000,
+        description="In bit/s. For socketcan it is that to which the interface was set.",
+    )
+    options: dict[str, str | int | float | bool] = Field(
+        default={},
+        description="Further arguments of the interface, for example host and port of socketcand.",
+    )
+    load_limit: float = Field(
+        default=0.8,
+        gt=0.0,
+        le=1.0,
+        description="Share of the bus that the cycle may take at worst; more is refused.",
+    )
+
+
+class IdentityConfig(Settings):
+    """Who a node must be (1018h); what is null is not compared."""
+
+    vendor: int | None = Field(default=None, ge=0, le=_U32, description="Vendor id (1018h:1).")
+    product: int | None = Field(default=None, ge=0, le=_U32, description="Product code (1018h:2).")
+    revision: int | None = Field(default=None, ge=0, le=_U32, description="Revision (1018h:3).")
+    serial: int | None = Field(default=None, ge=0, le=_U32, description="Serial number (1018h:4).")
+    name: str = Field(default="", max_length=200, description="Device name (1008h); any if empty.")
+
+    @property
+    def wanted(self) -> Identity:
+        """The same as a value."""
+        return Identity(
+            vendor=self.vendor,
+            product=self.product,
+            revision=self.revision,
+            serial=self.serial,
+            name=self.name,
+        )
+
+
+class HomingConfig(Settings):
+    """How a joint is homed. What is null stays as it is in the drive."""
+
+    method: int = Field(
+        ge=-128,
+        le=127,
+        description="Homing method (6098h), 17 to 37 or the manufacturer's below 0.",
+    )
+    speed_switch: float | None = Field(
+        default=None, gt=0.0, description="Speed towards the switch (6099h:1), in rad/s (m/s)."
+    )
+    speed_zero: float | None = Field(
+        default=None, gt=0.0, description="Speed towards the index (6099h:2), in rad/s (m/s)."
+    )
+    acceleration: float | None = Field(
+        default=None, gt=0.0, description="Acceleration (609Ah), in rad/s² (m/s²)."
+    )
+    position: float | None = Field(
+        default=None, description="Position of the joint at the home point (607Ch), in rad (m)."
+    )
+    timeout: float = Field(default=60.0, gt=0.0, le=3600.0, description="Longest time, in s.")
+    required: bool = Field(
+        default=False, description="Refuse motion until the joint has been homed."
+    )
+
+    @field_validator("method")
+    @classmethod
+    def _known(cls, method: int) -> int:
+        if method >= 0 and method not in METHODS:
+            numbers = ", ".join(map(str, METHODS))
+            raise ValueError(f"there is no homing method {method}, but {numbers}, and below 0")
+        return method
+
+
+class JointConfig(Settings):
+    """One joint: an axis of a drive."""
+
+    node: NodeId = Field(description="Id of the node.")
+    axis: int = Field(
+        default=0,
+        ge=0,
+        le=7,
+        description="Axis of a node with several: objects at 800h times this.",
+    )
+    eds: str = Field(
+        default="",
+        max_length=4096,
+        description="EDS or DCF file of the drive: names and types of objects, and values to write.",
+    )
+    identity: IdentityConfig = Field(default=IdentityConfig(), description="Who the node must be.")
+    kind: Literal["revolute", "prismatic"] = Field(default="revolute", description="Of the joint.")
+    scale: float | None = Field(
+        default=None,
+        gt=0.0,
+        description="rad (m) for one position unit of the drive; from the keys below, or the drive's "
+        "own unit objects, if null.",
+    )
+    counts_per_turn: float | None = Field(
+        default=None,
+        gt=0.0,
+        description="Counts for one turn of the motor; 608Fh of the drive if null.",
+    )
+    gear: float | None = Field(
+        default=None,
+        gt=0.0,
+        le=100_000.0,
+        description="Turns of the motor for one of the joint; 6091h of the drive if null.",
+    )
+    feed: float | None = Field(
+        default=None, gt=0.0, le=10.0, description="Way of a prismatic joint with one turn, in m."
+    )
+    sign: Literal[1, -1] = Field(
+        default=1, description="-1 if the joint moves against the counts of the drive."
+    )
+    offset: float = Field(
+        default=0.0, description="Position of the joint where the drive counts 0, in rad (m)."
+    )
+    velocity_scale: float | None = Field(
+        default=None,
+        gt=0.0,
+        description="rad/s (m/s) for one velocity unit; 60A9h of the drive, or that of position per "
+        "second, if null.",
+    )
+    rated_torque: float | None = Field(
+        default=None,
+        gt=0.0,
+        le=10_000.0,
+        description="Of the motor, in N·m: torques are counted in thousandths of it; 6076h if null.",
+    )
+    lower: float = Field(description="Least position, in rad (m).")
+    upper: float = Field(description="Greatest position, in rad (m).")
+    velocity: float = Field(gt=0.0, le=1000.0, description="Limit in rad/s (m/s).")
+    acceleration: float = Field(
+        default=10.0, gt=0.0, le=100_000.0, description="Limit in rad/s² (m/s²)."
+    )
+    jerk: float | None = Field(
+        default=None,
+        gt=0.0,
+        le=1e7,
+        description="Limit in rad/s³ (m/s³); ten times the acceleration in a second if null.",
+    )
+    effort: float = Field(
+        default=0.0, ge=0.0, le=100_000.0, description="Limit in N·m (N); 0: no efforts are taken."
+    )
+    modes: tuple[ModeName, ...] = Field(
+        default=("csp",),
+        description="Modes of operation that are used: csp, csv, cst, pp, pv, tq, ip.",
+    )
+    homing: HomingConfig | None = Field(default=None, description="Homing; none if null.")
+    quick_stop_option: int | None = Field(
+        default=None,
+        ge=-32768,
+        le=8,
+        description="What a quick stop does (605Ah), for example 6: quick stop ramp, and stay; the "
+        "drive's own if null.",
+    )
+    abort_option: int | None = Field(
+        default=3,
+        ge=-32768,
+        le=3,
+        description="What the drive does when it does not hear us any more (6007h): 1 fault, 2 voltage "
+        "off, 3 quick stop; the drive's own if null.",
+    )
+    parameters: dict[str, int] = Field(
+        default={},
+        description="Objects that are written before the first enable, by index:sub or name: "
+        "{6065: 2000}.",
+    )
+    first_rpdo: int | None = Field(
+        default=None,
+        ge=1,
+        le=512,
+        description="First RPDO that is used; the next free one if null.",
+    )
+    first_tpdo: int | None = Field(
+        default=None,
+        ge=1,
+        le=512,
+        description="First TPDO that is used; the next free one if null.",
+    )
+
+    @field_validator("parameters")
+    @classmethod
+    def _objects(cls, parameters: dict[str, int]) -> dict[str, int]:
+        for text in parameters:
+            parse_object(text)
+        return parameters
+
+    @model_validator(mode="after")
+    def _possible(self) -> JointConfig:
+        if not self.lower < self.upper:
+            raise ValueError(f"lower ({self.lower:g}) must be below upper ({self.upper:g})")
+        if not self.modes or len(set(self.modes)) != len(self.modes):
+            raise ValueError("modes: give at least one, and none twice")
+        if self.feed is not None and self.kind == "revolute":
+            raise ValueError("feed: is only for a prismatic joint")
+        if self.scale is not None and self.counts_per_turn is not None:
+            raise ValueError("give scale or counts_per_turn, not both")
+        return self
+
+    @property
+    def op_modes(self) -> tuple[OpMode, ...]:
+        """Modes of operation that are used, the first one first."""
+        return tuple(MODE_NAMES[name] for name in self.modes)
+
+
+class HeartbeatConfig(Settings):
+    """Heartbeats both ways, in s. CANopen counts them in ms."""
+
+    ours: float = Field(
+        default=0.05, ge=0.0, le=10.0, description="Time between two of our heartbeats; 0: none."
+    )
+    ours_timeout: float = Field(
+        default=0.2,
+        ge=0.0,
+        le=60.0,
+        description="A drive stops by itself when it heard none of ours for this long (1016h); 0: "
+        "never.",
+    )
+    drives: float = Field(
+        default=0.1,
+        ge=0.0,
+        le=10.0,
+        description="Time between two heartbeats of a drive (1017h); 0: none.",
+    )
+    drives_timeout: float = Field(
+        default=0.3,
+        ge=0.0,
+        le=60.0,
+        description="FAULT when a drive was not heard for this long; 0: not watched.",
+    )
+    required: bool = Field(
+        default=True,
+        description="Refuse a drive that ignores its heartbeat times or abort option: nothing would "
+        "stop it when this computer fails.",
+    )
+
+    @model_validator(mode="after")
+    def _in_time(self) -> HeartbeatConfig:
+        pairs = (
+            ("ours", self.ours, self.ours_timeout),
+            ("drives", self.drives, self.drives_timeout),
+        )
+        for name, period, timeout in pairs:
+            if timeout and not period:
+                raise ValueError(f"{name}_timeout needs heartbeats: give {name}")
+            if timeout and timeout < 2.0 * period:
+                raise ValueError(
+                    f"{name}_timeout ({timeout:g} s) must be at least twice {name} ({period:g} s), or "
+                    "one lost frame stops everything"
+                )
+        return self
+
+
+class CanopenConfig(DeviceConfig):
+    """An arm of CiA 402 drives on one CAN bus."""
+
+    bus: BusConfig = Field(default=BusConfig(), description="The CAN bus.")
+    joints: dict[str, JointConfig] = Field(
+        default={}, max_length=64, description="Joints by name, in the order of joint vectors."
+    )
+    period: float = Field(
+        default=0.004, ge=0.001, le=0.1, description="Time between two SYNCs, in s."
+    )
+    sync: Literal["auto", "thread", "kernel"] = Field(
+        default="auto",
+        description="Who sends the SYNC: this program's I/O thread, or the kernel; auto: the kernel on "
+        "socketcan.",
+    )
+    sync_counter: int = Field(
+        default=0, ge=0, le=240, description="Highest value of the SYNC counter (1019h); 0: none."
+    )
+    feedback: tuple[Literal["velocity", "effort"], ...] = Field(
+        default=("velocity", "effort"),
+        description="What is measured beside the position. Each costs time on the bus.",
+    )
+    feedback_every: int = Field(
+        default=1, ge=1, le=240, description="Velocity and effort come with every n-th SYNC."
+    )
+    master_node: NodeId = Field(default=127, description="Id of this computer, for its heartbeat.")
+    heartbeat: HeartbeatConfig = Field(default=HeartbeatConfig(), description="Heartbeats.")
+    missed_cycles: int = Field(
+        default=3, ge=1, le=100, description="FAULT when a drive missed more cycles in a row."
+    )
+    sdo_timeout: float = Field(
+        default=0.5, gt=0.0, le=10.0, description="Longest time for each answer of an SDO, in s."
+    )
+    on_joint_fault: Literal["quick_stop", "hold", "disable"] = Field(
+        default="quick_stop",
+        description="What the other joints do when one has a fault: stop quickly, hold their position, "
+        "or let go.",
+    )
+    disable: Literal["switch_off", "hold"] = Field(
+        default="switch_off",
+        description="What disable does: take the power from the motors, or leave them holding.",
+    )
+    candump: str = Field(
+        default="",
+        max_length=4096,
+        description="File to which all frames are logged; none if empty.",
+    )
+
+    @field_validator("sync_counter")
+    @classmethod
+    def _countable(cls, overflow: int) -> int:
+        if overflow == 1:
+            raise ValueError("the SYNC counter goes up to 2 at least (CiA 301); 0: none")
+        return overflow
+
+    @field_validator("period")
+    @classmethod
+    def _expressible(cls, period: float) -> float:
+        interpolation_period(period)
+        return period
+
+    @model_validator(mode="after")
+    def _chain(self) -> CanopenConfig:
+        taken: dict[tuple[int, int], str] = {}
+        identities: dict[int, str] = {}
+        for name, joint in self.joints.items():
+            if not name:
+                raise ValueError("joints: a joint has no name")
+            other = taken.setdefault((joint.node, joint.axis), name)
+            if other != name:
+                raise ValueError(
+                    f"joints.{name}: node {joint.node}, axis {joint.axis} is also that of {other}"
+                )
+            if joint.node == self.master_node:
+                raise ValueError(
+                    f"joints.{name}.node: {joint.node} is the id of this computer (master_node)"
+                )
+            first = identities.setdefault(joint.node, name)
+            if self.joints[first].identity != joint.identity:
+                raise ValueError(
+                    f"joints.{name}.identity: differs from that of {first}, which is on the same node"
+                )
+        if self.heartbeat.ours_timeout * 1000 > 0xFFFF or self.heartbeat.drives * 1000 > 0xFFFF:
+            raise ValueError("heartbeat: times are 65.535 s at most")
+        return self
+
+    @property
+    def kernel_sync(self) -> bool:
+        """Whether the kernel sends the SYNC."""
+        return self.sync == "kernel" or (self.sync == "auto" and self.bus.interface == "socketcan")
+
+    @property
+    def nodes(self) -> tuple[int, ...]:
+        """Ids of the nodes, in the order of their first joint."""
+        return tuple(dict.fromkeys(joint.node for joint in self.joints.values()))
