@@ -13,7 +13,6 @@ import os
 import select
 import socket
 import time
-from collections import deque
 from typing import Any, Final
 
 import can
@@ -24,6 +23,7 @@ from crtk_sim_backends.can.port import DEAF, REFUSING, State
 
 _HELLO_TIMEOUT: Final = 2.0  # s
 _UNPACED_TIMEOUT: Final = 1.0  # s; longest wait for a hub without a bit rate to take a frame
+_SELECTABLE: Final = 1024  # select waits to the microsecond, poll rounds up to the millisecond
 _QUEUE_POLL: Final = 0.0005  # s; between two looks at a full queue
 
 
@@ -52,7 +52,6 @@ class HubBus(can.BusABC):  # type: ignore[misc]
         path = native.socket_path(str(channel))
         self.channel_info = f"crtk hub at {path}"
         self.channel = channel
-        self._early: deque[bytes] = deque()
         self._sent = 0  # frames, modulo 2**32
         self._poll = select.poll()
         self._page: Page | None = None
@@ -72,7 +71,7 @@ class HubBus(can.BusABC):  # type: ignore[misc]
             raise
 
     def _connect(self, path: str, hello: bytes) -> None:
-        """Connect and get the page."""
+        """Connect and get the page; frames that come before it are not for this bus."""
         deadline = time.monotonic() + _HELLO_TIMEOUT
         self._socket.settimeout(_HELLO_TIMEOUT)
         self._socket.connect(path)
@@ -86,10 +85,9 @@ class HubBus(can.BusABC):  # type: ignore[misc]
                     os.close(fd)
             elif not packet:
                 raise ConnectionResetError(errno.ECONNRESET, "the hub closed the connection")
-            else:
-                self._early.append(packet)
         self._socket.setblocking(False)
         self._poll.register(self._socket, select.POLLIN)
+        self._selectable = self._socket.fileno() < _SELECTABLE
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Wait at most `timeout` seconds (None: for ever) for a frame that passes the filters.
@@ -115,8 +113,6 @@ class HubBus(can.BusABC):  # type: ignore[misc]
 
     def _next_packet(self) -> bytes | None:
         """Return the next packet, None when there is none."""
-        if self._early:
-            return self._early.popleft()
         try:
             packet = self._socket.recv(native.MAX_PACKET)
         except BlockingIOError:
@@ -140,7 +136,10 @@ class HubBus(can.BusABC):  # type: ignore[misc]
         left = deadline - time.monotonic()
         if left <= 0.0:
             return False
-        self._poll.poll(left * 1000.0)
+        if self._selectable:
+            select.select([self._socket], [], [], left)
+        else:
+            self._poll.poll(left * 1000.0)
         return True
 
     def _message(self, raw: bytes) -> can.Message:
