@@ -255,10 +255,12 @@ class ProcessData:
             pdo.held = now < pdo.allowed and data != pdo.sent
             if now < pdo.allowed:
                 continue
-            if data != pdo.sent or (pdo.deadline is not None and now >= pdo.deadline):
+            due = pdo.deadline is not None and now >= pdo.deadline
+            if due or data != pdo.sent:
+                began = pdo.deadline if due and pdo.deadline is not None else now
                 pdo.sent = data
                 pdo.allowed = now + pdo.inhibit
-                pdo.deadline = now + pdo.event if pdo.event else None
+                pdo.deadline = max(now, began + pdo.event) if pdo.event else None
                 frames.append((pdo.identifier, data))
         return frames
 
