@@ -77,7 +77,10 @@ class HubBus(can.BusABC):  # type: ignore[misc]
         self._socket.connect(path)
         self._socket.send(hello)
         while self._page is None:
-            self._socket.settimeout(max(0.001, deadline - time.monotonic()))
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                raise TimeoutError(errno.ETIMEDOUT, "it does not answer")
+            self._socket.settimeout(left)
             packet, fds, _, _ = socket.recv_fds(self._socket, native.MAX_PACKET, 4)
             if fds:
                 self._page = Page(fds[0], write=False)
