@@ -122,6 +122,8 @@ class Drive:
         self.mode = mode
         self.positions = mode in POSITION_MODES
         self.goal = self.slope = self._ramp_from = 0.0
+        if mode is None:
+            self.applied = self.output = 0.0
         self.profile, self.since = rest(self.angle), time
         self._strain(None)
         self.joint.wake()

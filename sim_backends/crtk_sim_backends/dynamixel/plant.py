@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 STEP: Final = 0.004  # s, the longest that the mechanics are integrated at once
-LONGEST: Final = 2.0  # s that are integrated in one go; what lies before is taken as one step
+LONGEST: Final = 10.0  # s that are integrated in one go; after that it turns on as it does then
 
 _STALL_ACCELERATION: Final = (
     120.0  # rad/s² of the joint without gravity, by which its inertia is chosen
@@ -100,14 +100,12 @@ class Joint:
         if self._asleep:
             self.time = until
             return
-        behind = until - self.time
-        if behind > LONGEST:
-            self.angle += self.velocity * (behind - LONGEST)
-            self.time = until - LONGEST
-        while self.time < until and not self._asleep:
-            step = min(STEP, until - self.time)
+        end = min(until, self.time + LONGEST)
+        while self.time < end and not self._asleep:
+            step = min(STEP, end - self.time)
             self.time += step
             self._step(step)
+        self.angle += self.velocity * max(0.0, until - self.time)
         self.time = until
 
     def _step(self, step: float) -> None:
