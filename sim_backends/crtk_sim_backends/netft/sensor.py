@@ -18,7 +18,7 @@ from crtk_sim_backends.netft.settings import Settings
 SATURATES_AT: Final = 1.1
 """Of the rated load: beyond it an axis measures no more (assumed: real gages have some room)."""
 
-_AHEAD: Final = 1 / 64  # s of measurements in one block
+_AHEAD: Final = 1 / 32  # s of measurements in one block
 _WRAP: Final = 2**32
 _LONG_AGO: Final = -(2**40)
 
@@ -316,6 +316,8 @@ class Sensor:
         profile = self._settings.profile
         status = np.full(numbers.size, self.trouble.status, np.uint32)
         status[latched != 0] |= np.uint32(profile.monitor)
+        if (saturated[-1] < numbers[0] - profile.hold).all():
+            return status
         held = saturated >= numbers[:, None] - profile.hold
         for axis in np.flatnonzero(held.any(axis=0)):
             status[held[:, axis]] |= np.uint32(profile.saturated[axis])

@@ -53,7 +53,7 @@ log = logging.getLogger(__name__)
 
 CONTROL: Final = "control"
 
-_CHORES: Final = 0.005  # s between two looks at faults and at slow connections
+_CHORES: Final = 0.01  # s between two looks at faults and at slow connections
 _DEAF_FOR: Final = 0.001  # s for which a fast stream is sent without a look at requests
 _LONG_PAUSE: Final = 1.0  # s without a turn of the loop that count as a stand-still of the box
 _BACKLOG_LIMIT: Final = 1 << 22  # bytes of untaken answers that end a connection
