@@ -132,6 +132,9 @@ class Wire:
         self.send(packet)
         return self.receive(length)
 
+    def fileno(self) -> int:
+        return self._fd
+
     def close(self) -> None:
         os.close(self._fd)
 

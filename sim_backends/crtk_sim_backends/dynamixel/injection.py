@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from crtk_sim_backends.dynamixel.modern import OVERLOAD
 from crtk_sim_backends.dynamixel.packets import HEADER, crc16
-from crtk_sim_backends.dynamixel.servo import Servo
+from crtk_sim_backends.dynamixel.servo import AMBIENT, Servo
 from crtk_sim_backends.faults import FaultKind, Parameter
 
 Parameters = Mapping[str, Any]
@@ -122,6 +122,10 @@ def _power_on(servo: Servo, parameters: Parameters) -> None:
     servo.reboot(servo.joint.time)
 
 
+def _cool_down(servo: Servo, parameters: Parameters) -> None:
+    servo.heat_source, servo.temperature = None, AMBIENT
+
+
 def _reset_voltage(servo: Servo, parameters: Parameters) -> None:
     servo.supply = servo.model.supply
     servo.drive.supply = 1.0
@@ -148,7 +152,7 @@ BEGIN: Final[Mapping[str, Callable[[Servo, Parameters], None]]] = {
 END: Final[Mapping[str, Callable[[Servo, Parameters], None]]] = {
     "stuck": _joint("stuck", lambda p: False),
     "push": _joint("push", lambda p: 0.0),
-    "overheat": _set("heat_source", lambda p: None),
+    "overheat": _cool_down,
     "voltage": _reset_voltage,
     "power_off": _power_on,
     "stuffing": _set("stuffing", lambda p: None),
@@ -222,7 +226,7 @@ KINDS: Final[Mapping[str, FaultKind]] = {
         ),
         _servo_kind(
             "overheat",
-            "the motor has this temperature (Celsius)",
+            "the motor has this temperature (Celsius); cleared: it has cooled down",
             temperature=Parameter(float, 95.0, minimum=-20.0, maximum=200.0),
         ),
         _servo_kind(
