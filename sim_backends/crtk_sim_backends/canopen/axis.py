@@ -98,6 +98,7 @@ class Axis:
         self._torque = 0.0  # N·m
         self._integral = 0.0  # N·m
         self._last_velocity = 0.0  # of the setpoint, for the feed-forward
+        self._braking = False  # on a ramp, whatever the mode
         self._ramp_rest = 0.0  # s since the setpoint of a ramp stands
         self._controlword = 0
         self._received = self._targeted = False
@@ -400,6 +401,7 @@ class Axis:
         self._held = False
         ramp = self._present_ramp()
         if ramp is None:
+            self._braking = False
             self._ramp_rest = 0.0
             self._mode.step(dt)
         else:
@@ -421,12 +423,8 @@ class Axis:
     def _brake(self, ramp: Ramp, dt: float) -> None:
         """Ramp down whatever the mode does, and stay there."""
         setpoint = self.setpoint
-        if setpoint.control is not Control.POSITION:
-            if setpoint.control is Control.TORQUE:
-                setpoint.velocity = self.velocity
-            setpoint.position = self.position
-            setpoint.control = Control.POSITION
-        setpoint.torque = 0.0
+        if setpoint.control is not Control.POSITION or not self._braking:
+            self._begin_to_brake()
         change = self.value(_DECELERATION[ramp]) * dt
         setpoint.velocity = math.copysign(
             max(0.0, abs(setpoint.velocity) - change), setpoint.velocity
@@ -438,6 +436,23 @@ class Axis:
         self._ramp_rest += dt
         if abs(self.motor.velocity) < _AT_REST or self._ramp_rest > _RAMP_GRACE:
             self.machine.rested()
+
+    def _begin_to_brake(self) -> None:
+        """Let the ramp begin with the setpoint, or with the motor when that has not followed."""
+        setpoint = self.setpoint
+        fastest = self.value(0x6080) / 60 * abs(self.units.per_revolution)
+        follows = (
+            self.machine.state is not State.FAULT_REACTION
+            and not self.following_error
+            and abs(setpoint.velocity) <= fastest
+        )
+        if setpoint.control is not Control.POSITION or not follows:
+            setpoint.position = self.position
+        if setpoint.control is Control.TORQUE or not follows:
+            setpoint.velocity = self.velocity
+        setpoint.control = Control.POSITION
+        setpoint.torque = 0.0
+        self._braking = True
 
     def _reference_velocity(self) -> float:
         """What the velocity loop follows, position units a second."""
@@ -525,6 +540,7 @@ class Axis:
         self.setpoint.torque = 0.0
         self._integral = 0.0
         self._last_velocity = self.setpoint.velocity
+        self._braking = False
         self._ramp_rest = 0.0
 
     def statusword(self) -> int:

@@ -248,8 +248,11 @@ class ProfileVelocity(Mode):
     def status(self, halted: bool) -> int:
         """Bits 10, 12 and 13."""
         axis = self.axis
+        if halted:
+            rests = abs(axis.velocity) <= axis.speed(0x606F)
+            return TARGET_REACHED | BIT_12 if rests else 0
         moving = self._moving.lasted(axis.value(0x6070))
-        reached = not moving if halted else self._reached.lasted(axis.value(0x606E))
+        reached = self._reached.lasted(axis.value(0x606E))
         return (
             (TARGET_REACHED if reached else 0)
             | (0 if moving else BIT_12)
