@@ -32,6 +32,7 @@ class Peer:
         status, counts: what its records hold.
         frozen: its measurements stand still.
         requests: all that arrived, as (command, count).
+        sent: records of its stream since it was asked for.
     """
 
     def __init__(self, host: str = "127.0.0.1") -> None:
@@ -48,7 +49,7 @@ class Peer:
         self.counts: tuple[int, ...] = (0,) * 6
         self.frozen = False
         self._begun = self._booted = time.monotonic()
-        self._sent = 0
+        self.sent = 0
         self._ticks = 0
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run)
@@ -85,12 +86,12 @@ class Peer:
             return
         due = int((time.monotonic() - self._begun) * self.rate)
         step = round(self.tick_rate / self.rate)
-        while self._sent < due:
-            self._sent += 1
+        while self.sent < due:
+            self.sent += 1
             if not self.frozen:
                 before = int((self._begun - self._booted) * self.tick_rate)
-                self._ticks = before + self._sent * step
-            data = record(self._sent, self._ticks, self.status, self.counts)
+                self._ticks = before + self.sent * step
+            data = record(self.sent, self._ticks, self.status, self.counts)
             self.socket.sendto(data, client)
 
     def _run(self) -> None:
@@ -107,7 +108,7 @@ class Peer:
             header, command, count = struct.unpack(">HHI", data)
             assert header == 0x1234
             if command in (1, 2, 3):
-                self.client, self._begun, self._sent = address, time.monotonic(), 0
+                self.client, self._begun, self.sent = address, time.monotonic(), 0
             elif command == 0:
                 self.client = None
             self.requests.append((command, count))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -11,8 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from geometry_msgs.msg import WrenchStamped
 from netft_peer import Peer
+from ros_client import TIMEOUT, RosClient
 from ros_rig import serve
+from std_srvs.srv import Trigger
 
 import crtk_drivers.client
 from crtk_driver_ati_netft import PLUGIN, tools
@@ -86,7 +90,8 @@ def known(sensor: Any) -> Any:
 def test_the_load_is_valid_while_the_arm_tells_its_pose_and_at_no_other_time(sensor, peer) -> None:
     pull = [0.0, 0.0, -9.80665 * MASS]
     peer.counts = (*(round(value * 1e6) for value in pull), 0, 0, 0)
-    assert sensor.raw.measured_cf(wait=LONG).force[2] == pytest.approx(pull[2], rel=1e-5)
+    measured = sensor.raw.measured_cf
+    eventually(lambda: np.allclose(measured(wait=LONG).force, pull, atol=1e-5), "the load")
     with pytest.raises(DataTimeout, match="measured_cf"):
         sensor.measured_cf(wait=0.3)
     for _ in range(2):  # it finds the arm, loses it, and finds it again
@@ -106,6 +111,40 @@ def test_the_load_is_valid_while_the_arm_tells_its_pose_and_at_no_other_time(sen
         assert sensor.raw.measured_cf(wait=LONG).force.any()
 
 
+def test_bias_services_answer_and_a_bias_that_was_set_is_read_back(sensor, peer) -> None:
+    with RosClient(SENSOR) as client:
+
+        def ask(name: str) -> Trigger.Response:
+            caller = client.node.create_client(Trigger, f"{SENSOR}/{name}")
+            assert caller.wait_for_service(TIMEOUT)
+            answered = threading.Event()
+            future = caller.call_async(Trigger.Request())
+            future.add_done_callback(lambda _: answered.set())
+            assert answered.wait(TIMEOUT)
+            return future.result()
+
+        refused = ask("bias")
+        assert not refused.success
+        assert "the orientation of the sensor is not known" in refused.message
+        sender = client.node.create_publisher(WrenchStamped, f"{SENSOR}/set_bias", 10)
+        message = WrenchStamped()
+        message.wrench.force.x = 7.0
+
+        def is_set() -> bool:
+            sender.publish(message)
+            return "[7, 0, 0] N" in ask("get_bias").message
+
+        eventually(is_set, "the bias is set")
+        assert ask("unbias").success
+        with carrier():
+            eventually(lambda: ask("bias").success, "the arm is found, and the bias set")
+        assert "[0, 0, 0] N," not in ask("get_bias").message
+        assert ask("unbias").success
+        assert "[0, 0, 0] N," in ask("get_bias").message
+        refused = ask("record_start")
+        assert "no directory" in refused.message
+
+
 class Operator(io.StringIO):
     """Moves the arm to the next pose each time that Enter is waited for; the tool hangs as it must."""
 
@@ -123,6 +162,8 @@ class Operator(io.StringIO):
         torque = np.cross(CENTER, pull)
         load = np.concatenate((pull, torque)) + BIAS
         self._peer.counts = tuple(round(value * 1e6) for value in load.tolist())
+        sent = self._peer.sent
+        eventually(lambda: self._peer.sent > sent + 100, "the load is measured, and all else over")
         return "\n"
 
 
