@@ -193,6 +193,7 @@ def test_the_highest_priority_at_full_rate_starves_the_others():
         until(lambda: nodes(sim)["babbling"]["waiting"] == 100)
         for _ in range(100):
             a.send(frame(0x1))
+        until(lambda: nodes(sim)["native-a"]["waiting"] == 100)
         assert refused(a) == errno.ENOBUFS
         assert nodes(sim)["native-a"]["sent"] == 0
         until(lambda: sim.control.status()["load"] > 0.5)

@@ -3,7 +3,6 @@
 import contextlib
 import os
 import socket
-import termios
 import tty
 
 import pytest
@@ -115,15 +114,19 @@ def terminal(sim):
     fd = os.open(sim.ttys["slcan"], os.O_RDWR | os.O_NOCTTY)
     try:
         tty.setraw(fd)
-        os.write(fd, b"\r\rC\rZ0\r")
-        until(lambda: not sim.control.status()["nodes"]["slcan"]["listening"])
-        termios.tcflush(fd, termios.TCIFLUSH)
+        close_channel(fd)
         yield fd
-        os.write(fd, b"\r\rC\r")
-        until(lambda: not sim.control.status()["nodes"]["slcan"]["listening"])
-        termios.tcflush(fd, termios.TCIFLUSH)
+        close_channel(fd)
     finally:
         os.close(fd)
+
+
+def close_channel(fd):
+    """Close it, whatever half a command there was, and read all answers."""
+    os.write(fd, b"\r\rC\rZ0\rN\r")
+    answers = b""
+    while not answers.endswith(b"NA123\r"):
+        answers += os.read(fd, 4096)
 
 
 def ask(fd, command):
