@@ -239,12 +239,10 @@ class Line:
     ) -> None:
         """Take what came unasked, and let the line fall quiet if the first reply could be an owed one."""
         late = self.port.drain()
-        if late or parser.pending:
-            self._stray(parser.feed(late))
-            self._stray(parser.finish())
+        if late:
+            self._stray([*parser.feed(late), *parser.finish()])
         if self._owed and not again:
             self._settle(parser, first, length)
-        parser.corrupt.clear()
 
     def _settle(self, parser: framing.StatusParser, first: int, length: int) -> None:
         begin = now = self._clock()
@@ -299,6 +297,7 @@ class Line:
         """
         parser = self._parsers[protocol]
         parser.expect_echo(request)
+        parser.corrupt.clear()
         parser.longest = max(len(request), *(slot.size + slot.length // 3 for slot in slots))
         echoes = parser.echoes
         matcher = Matcher(slots)
@@ -333,6 +332,7 @@ class Line:
             statuses = parser.finish() if over else parser.feed(data)
             if over and not statuses:
                 break
+        self._stray(parser.finish())
         self._echoing = protocol == 2 and parser.echoes > echoes
         replies = matcher.replies(parser.corrupt)
         for reply in replies:
