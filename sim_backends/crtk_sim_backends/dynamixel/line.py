@@ -272,6 +272,7 @@ class Line:
         return {
             "tty": self.port.name if self.port.plugged else "",
             "link": str(self.port.link),
+            "clients": self.port.clients,
             "baud": self.port.baud if self.port.plugged else 0,
             **vars(self.statistics),
         }

@@ -194,6 +194,8 @@ class DynamixelServer:
         for line in self._lines:
             if line.port.plugged:
                 self._sources[line.port.fileno()] = partial(self._receive, line)
+            if line.port.openings is not None:
+                self._sources[line.port.openings.fileno()] = line.port.look
         for connection, session in self._clients:
             self._sources[connection.fileno()] = partial(self._serve, connection, session)
         if self._parent_fd is not None:

@@ -7,10 +7,12 @@ import errno
 import fcntl
 import os
 import struct
+import termios
 import tty
 from pathlib import Path
 from typing import Final
 
+from crtk_sim_backends.dynamixel.openings import Openings
 from crtk_sim_backends.process import SimStartError
 
 _READ_SIZE: Final = 65536
@@ -33,6 +35,7 @@ class Tty:
         self.name = ""
         self._master = -1
         self._slave = -1
+        self.openings: Openings | None = None
 
     @property
     def plugged(self) -> bool:
@@ -51,6 +54,7 @@ class Tty:
         os.set_blocking(self._master, False)
         tty.setraw(self._slave)  # held open: the port must not hang up when a client leaves
         self.name = os.ttyname(self._slave)
+        self.openings = Openings(self.name)
         try:
             self.link.symlink_to(self.name)
         except OSError as error:
@@ -67,9 +71,23 @@ class Tty:
             self._close()
 
     def _close(self) -> None:
+        if self.openings is not None:
+            self.openings.close()
+            self.openings = None
         os.close(self._slave)
         os.close(self._master)
         self._master = self._slave = -1
+
+    def look(self) -> None:
+        """Clients came or went: after the last one, nothing of it is left, as at a real port."""
+        if self.openings is not None and self.openings.look():
+            fcntl.ioctl(self._slave, termios.TIOCNXCL)
+            termios.tcflush(self._slave, termios.TCIFLUSH)
+
+    @property
+    def clients(self) -> int:
+        """How many have it open."""
+        return 0 if self.openings is None else self.openings.count
 
     @property
     def baud(self) -> int:
