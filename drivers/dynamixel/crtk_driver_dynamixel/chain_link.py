@@ -12,6 +12,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -19,7 +20,12 @@ from numpy.typing import NDArray
 
 from crtk_driver_dynamixel.blocks import BlockReads, Member, values_of
 from crtk_driver_dynamixel.bus import Bus
-from crtk_driver_dynamixel.calibration import load_positions, save_positions
+from crtk_driver_dynamixel.calibration import (
+    Calibration,
+    load_positions,
+    save_positions,
+    unshifted,
+)
 from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.control_tables import (
     EFFORT,
@@ -30,7 +36,13 @@ from crtk_driver_dynamixel.control_tables import (
 )
 from crtk_driver_dynamixel.groups import GroupWrite
 from crtk_driver_dynamixel.joints import Chain, ChainServo
-from crtk_driver_dynamixel.models import hardware_error_text, model_numbered
+from crtk_driver_dynamixel.models import (
+    HARDWARE_ERRORS,
+    PROTOCOL_1_ERRORS,
+    OperatingMode,
+    hardware_error_text,
+    model_numbered,
+)
 from crtk_driver_dynamixel.port import Port
 from crtk_driver_dynamixel.replies import ServoCorrupt, ServoSilent
 from crtk_driver_dynamixel.servo_state import ServoState, Values, runs
@@ -49,7 +61,7 @@ MEASURED: Final[Mapping[str, Sequence[str]]] = {
 }
 """What is read in each cycle, and the names that models have for it."""
 
-SLOW: Final[Sequence[Mapping[str, Sequence[str]]]] = (
+SLOW: Final[Sequence[dict[str, Sequence[str]]]] = (
     {"torque": ("torque_enable",), "hardware_error": ("hardware_error_status",)},
     {"watchdog": ("bus_watchdog",)},
     {
@@ -59,15 +71,14 @@ SLOW: Final[Sequence[Mapping[str, Sequence[str]]]] = (
 )
 """What is read now and then, one group at a time; of each what a model has."""
 
-HEALTH: Final = {
-    "torque_enable": "torque",
-    "hardware_error_status": "hardware_error",
-    "bus_watchdog": "watchdog",
-}
-"""Registers that say whether a servo can be relied on, and what is meant by them here."""
+HEALTH: Final[Mapping[str, Sequence[str]]] = SLOW[0] | SLOW[1]
+"""What says whether a servo can be relied on."""
 
 PATIENCE: Final = 0.05
 """Seconds allowed to adapter and system while the chain is opened: whatever is done first is slow."""
+
+ERROR_BITS: Final = {1: PROTOCOL_1_ERRORS, 2: HARDWARE_ERRORS}
+"""What bits of an error mean, by protocol."""
 
 MODEL_NUMBER_1: Final = 0
 """Address of model number (2 bytes) and firmware (1) in tables of protocol 1.0, whose ping tells neither."""
@@ -100,7 +111,8 @@ class Health:
     """What is known of one servo besides its motion.
 
     Attributes:
-        hardware_error: bits of Hardware Error Status (70).
+        protocol: of the servo, which decides what the bits of `hardware_error` mean.
+        hardware_error: bits of Hardware Error Status (70); of every status in protocol 1.0.
         torque: whether Torque Enable (64) is on; None if not known.
         tripped: the bus watchdog has stopped it.
         hottest: degrees Celsius at which it stops; NaN if not known.
@@ -108,6 +120,7 @@ class Health:
         temperature: degrees Celsius; NaN if not known.
     """
 
+    protocol: int = 2
     hardware_error: int = 0
     torque: bool | None = None
     tripped: bool = False
@@ -118,7 +131,7 @@ class Health:
     @property
     def error_text(self) -> str:
         """The hardware errors in words; empty if there are none."""
-        return hardware_error_text(self.hardware_error) if self.hardware_error else ""
+        return hardware_error_text(self.hardware_error, ERROR_BITS[self.protocol])
 
 
 @dataclass(slots=True)
@@ -136,14 +149,22 @@ class ChainLink:
     Args:
         config: buses, times.
         chain: the servos.
+        calibration: of the chain, None if it has none.
+
+    Attributes:
+        calibrated: by bus and id.
     """
 
-    def __init__(self, config: DynamixelConfig, chain: Chain) -> None:
+    def __init__(
+        self, config: DynamixelConfig, chain: Chain, calibration: Calibration | None = None
+    ) -> None:
         self._config = config
+        found = () if calibration is None else calibration.servos
+        self.calibrated = {(servo.bus, servo.id): servo for servo in found}
         self._configured = chain
         self.chain = chain
         self.states: list[ServoState] = []
-        self.health = [Health() for _ in chain.servos]
+        self.health = [Health(protocol=servo.protocol) for servo in chain.servos]
         self.frame: Frame | None = None
         self.cycles = 0
         self._users = 0
@@ -151,6 +172,17 @@ class ChainLink:
         self._prepared: _Prepared | None = None
         self._slow_turn = 0
         self._slow_due = 0.0
+        self._shifts: dict[int, int] = {}
+        self._homing: dict[int, int] = {}
+        self._placed = False
+        self._turning = np.array(
+            [
+                place
+                for place, servo in enumerate(chain.servos)
+                if servo.units.mode is not OperatingMode.POSITION
+            ],
+            dtype=np.int64,
+        )
 
     # ----------------------------------------------------------------------------------- life cycle
 
@@ -191,7 +223,8 @@ class ChainLink:
             bus.open()
             self._buses[name] = bus
         self.chain = self._configured
-        self.health = [Health() for _ in self.chain.servos]
+        self._shifts, self._homing, self._placed = {}, {}, False
+        self.health = [Health(protocol=servo.protocol) for servo in self.chain.servos]
         self.states = []
         missing = []
         for place, servo in enumerate(self.chain.servos):
@@ -229,17 +262,44 @@ class ChainLink:
                 remedy="Set fast_read to false, or raise latency_budget.",
             )
         turns = self._config.turns
+        self._homing = {place: self._other_homing(place) for place in range(len(self.states))}
+        counts = [count - self._homing[i] for i, count in enumerate(frame.position.tolist())]
         try:
-            last = load_positions(turns) if turns else None
-            shifts = self._configured.turn_shifts(frame.position.tolist(), last)
+            if turns and not Path(turns).exists():
+                logger.warning(
+                    "%s: %s does not exist yet: joints are taken to be in the turn that they count",
+                    self.address,
+                    turns,
+                )
+                shifts: Mapping[int, int] = {}
+            else:
+                last = load_positions(turns) if turns else None
+                shifts = self._configured.turn_shifts(counts, last)
         except ConfigError as error:
             raise ConnectionFailed(error.message, where=error.where, remedy=error.remedy) from error
-        placed = self._configured.with_shifts(shifts)
+        self._shift({place: shifts.get(place, 0) + other for place, other in self._homing.items()})
+        self._placed = True
+
+    def _other_homing(self, place: int) -> int:
+        """Return the counts by which the homing offset in a servo is another than that of the calibration."""
+        state = self.states[place]
+        wanted = self.calibrated.get((state.servo.bus, state.servo.id))
+        if wanted is None or not state.has("homing_offset"):
+            return 0
+        units = state.servo.units
+        found = state.values["homing_offset"]
+        return unshifted(units, 0, wanted.homing_offset) - unshifted(units, 0, found)
+
+    def _shift(self, shifts: Mapping[int, int]) -> None:
+        """Take servos as counting otherwise than so far, by counts by place."""
+        for place, shift in shifts.items():
+            self._shifts[place] = self._shifts.get(place, 0) + shift
+        placed = self._configured.with_shifts(self._shifts)
         self.chain = placed.with_registers([state.values for state in self.states])
 
     def _keep_turns(self) -> None:
         frame = self.frame
-        if not self._config.turns or frame is None or not frame.valid.all():
+        if not self._config.turns or not self._placed or frame is None or not frame.valid.all():
             return
         positions = self.chain.positions(self.chain.scaling.position.to_si(frame.position))
         try:
@@ -360,9 +420,25 @@ class ChainLink:
         seen = np.where(valid, middle, before.seen)
         self.frame = Frame(stamp, **columns, seen=seen, valid=valid)
         self.cycles += 1
+        self._follow_turns(before, self.frame)
         if ended >= self._slow_due:
             self._read_slow(ended)
         return self.frame
+
+    def _follow_turns(self, before: Frame, frame: Frame) -> None:
+        """Tell turns that a servo forgot with its power, while we did not hear of it, from those it made.
+
+        It begins anew within one turn, without torque; until then it moved less than half a turn.
+        """
+        turning = self._turning
+        back = turning[frame.valid[turning] & ~before.valid[turning]]
+        for place in back.tolist() if self._placed else ():
+            counts = self.chain.servos[place].units.model.family.counts
+            forgotten = round(int(frame.position[place] - before.position[place]) / counts)
+            if forgotten and self.read_values([place], ["torque_enable"]) == {
+                place: {"torque_enable": 0}
+            }:
+                self._shift({place: forgotten * counts})
 
     def _read_slow(self, now: float) -> None:
         assert self._prepared is not None
@@ -374,13 +450,13 @@ class ChainLink:
         self._slow_turn = turn + 1
         self._slow_due = now + self._config.slow_interval / len(slow)
         for items, first, place, data, _, hardware in slow[turn].run():
-            if hardware:
-                self.health[place].hardware_error = hardware
             if data is not None:
-                self._take_health(place, values_of(items, first, data))
+                self._take_health(place, values_of(items, first, data), hardware)
 
-    def _take_health(self, place: int, values: Values) -> None:
+    def _take_health(self, place: int, values: Values, status_bits: int = 0) -> None:
         health = self.health[place]
+        if health.protocol == 1:
+            health.hardware_error = status_bits
         if "torque" in values:
             health.torque = bool(values["torque"])
         if "hardware_error" in values:
@@ -395,12 +471,18 @@ class ChainLink:
     def read_values(self, places: Iterable[int], names: Iterable[str]) -> dict[int, Values]:
         """Return registers of servos, of each what it has of `names`; who does not answer is left out."""
         roles = {name: (name,) for name in names}
+        return {place: values for place, (values, _) in self._read_once(places, roles).items()}
+
+    def _read_once(
+        self, places: Iterable[int], roles: Mapping[str, Sequence[str]]
+    ) -> dict[int, tuple[Values, int]]:
+        """Return values by role and error bits of the status, of those that answer."""
         members = [
             Member(place, items) for place in places if (items := self._present(place, roles))
         ]
         return {
-            place: values_of(items, first, data)
-            for items, first, place, data, _, _ in self._reads(members).run()
+            place: (values_of(items, first, data), hardware)
+            for items, first, place, data, _, hardware in self._reads(members).run()
             if data is not None
         }
 
@@ -414,9 +496,9 @@ class ChainLink:
 
     def read_health(self, places: Iterable[int]) -> frozenset[int]:
         """Read now whether torque is on and what is wrong; return who answered."""
-        answered = self.read_values(places, HEALTH)
-        for place, values in answered.items():
-            self._take_health(place, {HEALTH[name]: value for name, value in values.items()})
+        answered = self._read_once(places, HEALTH)
+        for place, (values, status_bits) in answered.items():
+            self._take_health(place, values, status_bits)
         return frozenset(answered)
 
     # -------------------------------------------------------------------------------------- writing
@@ -447,6 +529,9 @@ class ChainLink:
         for address, data in runs(state.table, values):
             bus.write(servo, address, data)
         self.refresh(state, values)
+        other = self._other_homing(place)
+        self._shift({place: other - self._homing[place]})
+        self._homing[place] = other
 
     def send(self, name: str, places: Sequence[int], counts: Counts) -> None:
         """Write one goal register of servos (n,), prepared at the first use.

@@ -54,17 +54,15 @@ def make_device(config: DynamixelConfig) -> Device:
         ConfigError: the calibration is not of this chain, or a range is out of reach.
     """
     calibration = load_calibration(Path(config.calibration)) if config.calibration else None
-    link = ChainLink(config, Chain.of(config, calibration))
+    link = ChainLink(config, Chain.of(config, calibration), calibration)
     arm = range(len(config.joints))
     gripper = None
     if config.gripper is not None:
         place = range(len(config.joints), len(config.joints) + 1)
-        gripper = GripperDevice(
-            link, Part(link, place, config, calibration), config, config.gripper
-        )
+        gripper = GripperDevice(link, Part(link, place, config), config, config.gripper)
     if not config.joints and gripper is not None:
         return gripper
-    return ArmDevice(link, Part(link, arm, config, calibration), config, gripper)
+    return ArmDevice(link, Part(link, arm, config), config, gripper)
 
 
 class _ChainDevice(Device):
@@ -83,7 +81,6 @@ class _ChainDevice(Device):
         self._seen_cycle = -1
         self._is_open = False
         self._condition = Condition()
-        self._chain = part.chain
 
     @property
     def address(self) -> str:
@@ -98,7 +95,6 @@ class _ChainDevice(Device):
         self._is_open = True
         self._seen_cycle = -1
         self.part.found()
-        self._chain = self.part.chain
         self._condition = Condition()
 
     def close(self) -> None:
@@ -220,7 +216,7 @@ class _ChainDevice(Device):
         self, joints: tuple[str, ...], limits: tuple[JointLimits, ...], *, has_efforts: bool
     ) -> Capabilities:
         modes = {Mode.JOINT_POSITION}
-        servos = self._chain.servos
+        servos = self.part.chain.servos
         if all(s.protocol == 2 and OperatingMode.VELOCITY in s.units.model.modes for s in servos):
             modes.add(Mode.JOINT_VELOCITY)
         if has_efforts:
@@ -257,9 +253,9 @@ class ArmDevice(_ChainDevice):
     ) -> None:
         super().__init__(link, part, config)
         self._gripper = gripper
-        self._has_efforts = self._chain.has_efforts
+        self._has_efforts = self.part.chain.has_efforts
         self._capabilities = self._capabilities_of(
-            self._chain.joints, self._chain.limits, has_efforts=self._has_efforts
+            self.part.chain.joints, self.part.chain.limits, has_efforts=self._has_efforts
         )
 
     @property
@@ -273,7 +269,7 @@ class ArmDevice(_ChainDevice):
         return {} if self._gripper is None else {GRIPPER: self._gripper}
 
     def _state(self, frame: Frame) -> JointState | None:
-        chain, scaling = self._chain, self._chain.scaling
+        chain, scaling = self.part.chain, self.part.chain.scaling
         valid = self.part.own(frame.valid)
         position = chain.positions(scaling.position.to_si(self.part.own(frame.position)), valid)
         if np.isnan(position).any():
@@ -285,7 +281,7 @@ class ArmDevice(_ChainDevice):
         return JointState(vector(position), vector(velocity), vector(effort))
 
     def _counts(self, kind: Kind, values: Vector) -> Counts:
-        chain, scaling = self._chain, self._chain.scaling
+        chain, scaling = self.part.chain, self.part.chain.scaling
         if kind is Kind.EFFORT:
             return scaling.effort.to_counts(chain.efforts_to_servos(values))
         scale = scaling.velocity if kind is Kind.VELOCITY else scaling.position
@@ -305,13 +301,13 @@ class GripperDevice(_ChainDevice):
     ) -> None:
         super().__init__(link, part, config)
         self._finger = gripper.finger.finger
-        limits = self._chain.gripper_limits
+        limits = self.part.chain.gripper_limits
         assert limits is not None
         self._measures_effort = not any(
-            math.isnan(servo.units.torque_constant) for servo in self._chain.servos
+            math.isnan(servo.units.torque_constant) for servo in self.part.chain.servos
         )
         takes_effort = gripper.effort > 0.0 and all(
-            OperatingMode.CURRENT in servo.units.model.modes for servo in self._chain.servos
+            OperatingMode.CURRENT in servo.units.model.modes for servo in self.part.chain.servos
         )
         self._angle = 0.0
         self._capabilities = self._capabilities_of(
@@ -324,7 +320,7 @@ class GripperDevice(_ChainDevice):
         return self._capabilities
 
     def _state(self, frame: Frame) -> JointState | None:
-        chain, scaling, finger = self._chain, self._chain.scaling, self._finger
+        chain, scaling, finger = self.part.chain, self.part.chain.scaling, self._finger
         valid = self.part.own(frame.valid)
         angles = chain.positions(scaling.position.to_si(self.part.own(frame.position)), valid)
         if np.isnan(angles).any():
@@ -343,8 +339,8 @@ class GripperDevice(_ChainDevice):
 
     def _counts(self, kind: Kind, values: Vector) -> Counts:
         chain, scaling, finger, (value,) = (
-            self._chain,
-            self._chain.scaling,
+            self.part.chain,
+            self.part.chain.scaling,
             self._finger,
             values.tolist(),
         )

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crtk_driver_dynamixel import registers
-from crtk_driver_dynamixel.calibration import Calibration
 from crtk_driver_dynamixel.chain_link import ChainLink, Frame
 from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.joints import Chain
@@ -71,26 +70,17 @@ class Part:
         link: to the chain.
         joints: their places among the joints of the chain.
         config: of the chain.
-        calibration: of the chain, None if it has none.
 
     Attributes:
         kind: of the setpoints that the servos take now; None while their torque is off.
     """
 
-    def __init__(
-        self,
-        link: ChainLink,
-        joints: range,
-        config: DynamixelConfig,
-        calibration: Calibration | None,
-    ) -> None:
+    def __init__(self, link: ChainLink, joints: range, config: DynamixelConfig) -> None:
         self._link = link
         self._joints = joints
         self._config = config
-        self._calibrated = {
-            (servo.bus, servo.id): servo
-            for servo in (() if calibration is None else calibration.servos)
-        }
+        self._whole = link.chain
+        self._chain = link.chain.part(joints)
         self.places = link.chain.places_of(joints)
         self._index = np.array(self.places)
         self._commanded = np.array(
@@ -107,7 +97,10 @@ class Part:
     @property
     def chain(self) -> Chain:
         """The chain of these joints alone, as calibrated."""
-        return self._link.chain.part(self._joints)
+        if self._whole is not self._link.chain:
+            self._whole = self._link.chain
+            self._chain = self._whole.part(self._joints)
+        return self._chain
 
     @property
     def takes_setpoints(self) -> bool:
@@ -331,7 +324,7 @@ class Part:
         answered = link.read_health(self.places)
         broken = [p for p in answered if link.health[p].hardware_error]
         for place in broken:
-            link.reboot(place)
+            self._reboot(place)
         waited = [p for p in self.places if p in broken or p not in answered]
         end = time.monotonic() + REBOOT_TIME
         while waited and time.monotonic() < end:
@@ -356,6 +349,19 @@ class Part:
                 remedy="A restart did not clear it: check supply, load and temperature.",
             )
 
+    def _reboot(self, place: int) -> None:
+        try:
+            self._link.reboot(place)
+        except ServoRefused as error:
+            raise TransitionFailed(
+                f"{self._name(place)} has an error and knows no restart: "
+                f"{self._link.health[place].error_text}",
+                where=self._link.address,
+                remedy="Switch its supply off and on, and enable again.",
+            ) from error
+        except (ServoSilent, ServoCorrupt):
+            return  # it may have heard: `_recover` looks
+
     def _set_up(self) -> Steps:
         """Read what may have changed, and write the EEPROM where it differs."""
         link = self._link
@@ -369,7 +375,7 @@ class Part:
                 first,
                 state.table,
                 self._config,
-                self._calibrated.get((servo.bus, servo.id)),
+                link.calibrated.get((servo.bus, servo.id)),
             )
             wanted = {
                 setting.item.name: setting.written(state.values[setting.item.name])

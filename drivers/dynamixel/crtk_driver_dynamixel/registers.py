@@ -121,15 +121,15 @@ def obstacles(servo: ChainServo, read: Mapping[str, int]) -> tuple[str, ...]:
     """
     found = []
     ends = servo_range(servo.config)
-    low, high = sorted(round(servo.units.count(end)) for end in ends)
+    low, high = sorted(servo.units.count(end) for end in ends)
     family = servo.units.model.family
     least = read.get("min_position_limit", family.lowest)
     most = read.get("max_position_limit", family.highest)
     is_limited = servo.units.mode is OperatingMode.POSITION
-    if is_limited and not (least <= low and high <= most):
+    if is_limited and not (least - 0.5 <= low and high <= most + 0.5):
         found.append(
             f"{servo.place} takes goals from {least} to {most} (Min and Max Position Limit), and its range "
-            f"is {low} to {high}: narrow lower and upper, or widen the limits in the servo"
+            f"is {low:.0f} to {high:.0f}: narrow lower and upper, or widen the limits in the servo"
         )
     limit = servo.config.current_limit
     register = read.get("current_limit")
