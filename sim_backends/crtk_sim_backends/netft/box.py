@@ -29,8 +29,6 @@ class Counters:
     streams: int = 0
     takeovers: int = 0  # a start while another address had the stream
     records: int = 0
-    datagrams: int = 0
-    unsent: int = 0  # datagrams that the system did not take
     pages: int = 0
     tcp_requests: int = 0
     boots: int = 0

@@ -7,7 +7,6 @@ After a late wake-up all that is due goes out at once, so that counters and the 
 from __future__ import annotations
 
 import contextlib
-import errno
 import gc
 import logging
 import select
@@ -23,10 +22,9 @@ from typing import Any, Final
 from crtk_sim_backends import wire
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import Fault, FaultError, read_faults
-from crtk_sim_backends.netft import rdt
+from crtk_sim_backends.netft import rdt, rdt_port
 from crtk_sim_backends.netft.box import Box
 from crtk_sim_backends.netft.config import SimConfig
-from crtk_sim_backends.netft.datagrams import DatagramHook, through
 from crtk_sim_backends.netft.hostile import Hostile
 from crtk_sim_backends.netft.http import HttpSession
 from crtk_sim_backends.netft.injection import (
@@ -35,14 +33,13 @@ from crtk_sim_backends.netft.injection import (
     END,
     EVENTS,
     KINDS,
-    STREAM,
     TCP_PORTS,
 )
 from crtk_sim_backends.netft.loads import parse_load
 from crtk_sim_backends.netft.ports import Client, Mute, Port, Requests, Session
+from crtk_sim_backends.netft.rdt_port import RdtPort
 from crtk_sim_backends.netft.tcp import TcpSession
 from crtk_sim_backends.process import (
-    AddressInUseError,
     SimStartError,
     bind_somewhere,
     listen,
@@ -59,9 +56,7 @@ _LONG_PAUSE: Final = 1.0  # s without a turn of the loop that count as a stand-s
 _BACKLOG_LIMIT: Final = 1 << 22  # bytes of untaken answers that end a connection
 _CLIENTS_PER_PORT: Final = 32
 _HIGHEST_FD: Final = 1023  # that `select` can watch
-_LONGEST_REQUEST: Final = 64
 _TIMER_SLACK: Final = Path("/proc/self/timerslack_ns")
-_STRANGE_RECORD: Final = struct.pack(">III6i", 123, 456, 0, *[99_000_000] * 6)
 
 
 @dataclass
@@ -96,19 +91,12 @@ class NetFtServer:
         self._parent_fd = parent_fd
         self._stopping = False
         self._ports: dict[str, Port] = {}
-        self._udp: socket.socket | None = None
-        self.host, self._rdt_port = bind_somewhere(config.host, self._bind)
-        self.ports = {
-            "rdt": self._rdt_port,
-            **{name: port.number for name, port in self._ports.items()},
-        }
-        self._other_client = _udp_socket(self.host, 0)
-        self._stranger = _udp_socket(self.host, 0)
+        self.host, self._rdt = bind_somewhere(config.host, self._bind)
+        self.ports = {name: port.number for name, port in self._ports.items()}
+        self.ports[rdt_port.NAME] = self._rdt.number
         self._now = self._epoch = time.monotonic()
         self.box = Box(config, self._epoch)
         self._faults = FaultPlayer(KINDS, faults, self._begin, self._end, ("port", "axis"))
-        self._hooks: dict[str, DatagramHook] = {}
-        self._datagrams_to_strange = 0
         self._stalled_since: float | None = None
         self._booting: tuple[float, float] | None = None  # until when, and the change of scale
         self._seen = (0, False, False)  # streams begun, whether there is one, whether it is biased
@@ -118,20 +106,20 @@ class NetFtServer:
 
     # Life
 
-    def _bind(self, host: str) -> int:
+    def _bind(self, host: str) -> RdtPort:
         config = self.config
+        stream = RdtPort(host, config.rdt_port)
+        wanted = {"tcp": config.tcp_port, CONTROL: config.control_port}
+        if config.family.web:
+            wanted["http"] = config.http_port
         try:
-            self._udp = _udp_socket(host, config.rdt_port)
-            wanted = {"tcp": config.tcp_port, CONTROL: config.control_port}
-            if config.family.web:
-                wanted["http"] = config.http_port
-            for name, port in wanted.items():
-                self._ports[name] = Port(name, _listen(host, port, name))
+            for name, number in wanted.items():
+                self._ports[name] = Port(name, _listen(host, number, name))
         except SimStartError:
+            stream.close()
             self._close_ports()
             raise
-        number: int = self._udp.getsockname()[1]
-        return number
+        return stream
 
     def stop(self) -> None:
         """End :meth:`run` soon. Safe in a signal handler."""
@@ -140,19 +128,12 @@ class NetFtServer:
     def close(self) -> None:
         """Close every socket."""
         self._close_ports()
-        self._other_client.close()
-        self._stranger.close()
+        self._rdt.close()
 
     def _close_ports(self) -> None:
         for port in self._ports.values():
             port.close()
         self._ports.clear()
-        self._close_udp()
-
-    def _close_udp(self) -> None:
-        if self._udp is not None:
-            self._udp.close()
-            self._udp = None
 
     def run(self) -> None:
         """Run in real time until :meth:`stop`, or until the parent process has died."""
@@ -184,6 +165,11 @@ class NetFtServer:
                 self._handle(ready)
 
     @property
+    def _moment(self) -> float:
+        """The time as the box knows it: it does not pass while the box hangs."""
+        return self._now if self._stalled_since is None else self._stalled_since
+
+    @property
     def _unreachable(self) -> bool:
         """Whether nothing comes through."""
         return self._booting is not None or "unplugged" in self._active
@@ -213,46 +199,19 @@ class NetFtServer:
             late = now - stream.due(box.sensor.clock)
             self.statistics.worst_delay = max(self.statistics.worst_delay, late)
         found = box.datagrams(now)
-        if stream is None:
-            return
-        if self._unreachable or self._udp is None:
-            return
-        if self._hooks:
-            found = through(self._hooks.values(), found)
-        for data in found:
-            self._send(self._udp, data, stream.to)
+        if stream is not None and not self._unreachable:
+            self._rdt.send(found, stream.to)
 
     def _send_ahead(self, until: float) -> None:
         """Send a fast stream, of single records on a good wire, without a look at anything else."""
         stream, sensor = self.box.stream, self.box.sensor
-        if stream is None or stream.size > 1 or self._hooks or self._udp is None:
+        if stream is None or stream.size > 1 or stream.due(sensor.clock) > until:
             return
-        away = self._stalled_since is not None or self._unreachable
-        if away or stream.due(sensor.clock) > until:
+        if self._stalled_since is not None or self._unreachable or not self._rdt.is_plain:
             return
         before = stream.sent
-        send = partial(self._send_record, self._udp, stream.to)
-        stream.send_ahead(sensor.block, sensor.clock, until, send)
+        stream.send_ahead(sensor.block, sensor.clock, until, self._rdt.plain_sender(stream.to))
         self.box.counters.records += stream.sent - before
-        self.box.counters.datagrams += stream.sent - before
-
-    def _send_record(self, sock: socket.socket, to: rdt.Address, record: memoryview) -> None:
-        try:
-            sock.sendto(record, to)
-        except OSError as error:
-            self._unsent(to, error)
-
-    def _unsent(self, to: rdt.Address, error: OSError) -> None:
-        self.box.counters.unsent += 1
-        log.debug("a datagram to %s was not sent: %s", to, error)
-
-    def _send(self, sock: socket.socket, data: bytes, to: rdt.Address) -> None:
-        try:
-            sock.sendto(data, to)
-        except OSError as error:
-            self._unsent(to, error)
-        else:
-            self.box.counters.datagrams += 1
 
     # Receiving
 
@@ -262,7 +221,7 @@ class NetFtServer:
             owner = self._by_fd.get(fd)
             if owner is not None:
                 owner()
-        self.box.settle(self._now)
+        self.box.settle(self._moment)
         self._notice()
 
     def _watch(self) -> None:
@@ -270,8 +229,8 @@ class NetFtServer:
         self._watch_again = False
         self._by_fd = {}
         hangs = self._stalled_since is not None
-        if self._udp is not None and not hangs:
-            self._by_fd[self._udp.fileno()] = self._receive_requests
+        if self._rdt.fd >= 0 and not hangs:
+            self._by_fd[self._rdt.fd] = self._receive_requests
         for port in self._ports.values():
             if port.name != CONTROL and (hangs or self._unreachable or port.silent):
                 continue
@@ -290,15 +249,8 @@ class NetFtServer:
         self.stop()
 
     def _receive_requests(self) -> None:
-        while self._udp is not None:
-            try:
-                data, sender = self._udp.recvfrom(_LONGEST_REQUEST)
-            except BlockingIOError:
-                return
-            except OSError as error:
-                log.debug("RDT: %s", error)
-                return
-            if not self._unreachable and "deaf" not in self._active:
+        for data, sender in self._rdt.receive():
+            if not self._unreachable:
                 self.box.request(data, sender, self._now)
 
     def _accept(self, port: Port) -> None:
@@ -383,7 +335,7 @@ class NetFtServer:
             hangs = self._stalled_since is not None or self._unreachable or port.silent
             if port.clients and not (hangs and port.name != CONTROL):
                 self._push(port, now)
-        self.box.settle(now)
+        self.box.settle(self._moment)
         self._notice()
 
     def _push(self, port: Port, now: float) -> None:
@@ -426,56 +378,36 @@ class NetFtServer:
     # Faults
 
     def _begin(self, fault: Fault) -> None:
-        kind, parameters, now = fault.kind, fault.parameters, self._now
-        if kind in STREAM:
-            self._hooks[kind] = STREAM[kind](parameters)
-        elif kind == "foreign":
-            self._hooks[kind] = self._strange(parameters["every"])
-        elif kind == "takeover":
-            start = struct.pack(
-                ">HHI", rdt.HEADER, min(self.box.profile.single), parameters["count"]
-            )
-            self.box.request(start, self._other_client.getsockname(), now)
+        kind, parameters = fault.kind, fault.parameters
+        if kind == "takeover":
+            command = min(self.box.profile.single)
+            start = struct.pack(">HHI", rdt.HEADER, command, parameters["count"])
+            self.box.request(start, self._rdt.other_client, self._moment)
         elif kind == "reboot":
             self.box.stream = None
-            self._booting = now + parameters["seconds"], parameters["scale"]
+            self._booting = self._now + parameters["seconds"], parameters["scale"]
         elif kind == "stall":
-            self._stalled_since = now
+            self._stalled_since = self._now
         elif kind in BEGIN:
-            BEGIN[kind](self.box, parameters, now)
+            BEGIN[kind](self.box, parameters, self._moment)
             self.box.changed()
-        if kind == "closed" and parameters["port"] in ("rdt", ALL_PORTS):
-            self._close_udp()
+        self._rdt.begin(fault)
         for port in self._concerned(fault):
             port.begin(fault)
         self._watch_again = True
 
     def _end(self, fault: Fault) -> None:
-        kind, now = fault.kind, self._now
-        self._hooks.pop(kind, None)
+        kind = fault.kind
         if kind == "stall" and self._stalled_since is not None:
-            self.box.sensor.clock.stand_still(now - self._stalled_since)
+            self.box.sensor.clock.stand_still(self._now - self._stalled_since)
             self._stalled_since = None
         elif kind in END:
-            END[kind](self.box, fault.parameters, now)
+            END[kind](self.box, fault.parameters, self._moment)
             self.box.changed()
-        if kind == "closed" and self._udp is None:
-            self._udp = _udp_socket(self.host, self._rdt_port)
+        self._rdt.end(fault)
         for port in self._concerned(fault):
             port.end(kind)
         self._watch_again = True
-
-    def _strange(self, every: int) -> DatagramHook:
-        seen = 0
-
-        def hook(data: bytes) -> list[bytes]:
-            nonlocal seen
-            seen += 1
-            if seen % every == 0 and self.box.stream is not None:
-                self._send(self._stranger, _STRANGE_RECORD, self.box.stream.to)
-            return [data]
-
-        return hook
 
     def _concerned(self, fault: Fault) -> list[Port]:
         name = fault.parameters.get("port")
@@ -489,19 +421,19 @@ class NetFtServer:
 
     def _inject(self, kind: str, parameters: dict[str, Any]) -> None:
         self._faults.inject(kind, parameters, self._now - self._epoch)
-        self.box.settle(self._now)
+        self.box.settle(self._moment)
 
     def _clear(self, kind: str | None = None) -> None:
         self._faults.clear(kind)
-        self.box.settle(self._now)
+        self.box.settle(self._moment)
 
     def _load(self, text: str) -> None:
         self.box.sensor.load = parse_load(text)
         self.box.changed()
-        self.box.settle(self._now)
+        self.box.settle(self._moment)
 
     def _outputs(self, names: list[str]) -> dict[str, Any]:
-        newest = self.box.sensor.measurement(self._now)
+        newest = self.box.sensor.measurement(self._moment)
         values: dict[str, Any] = {
             "ft_sequence": newest.ft,
             "status": newest.status,
@@ -534,7 +466,7 @@ class NetFtServer:
                 "size": stream.size,
             },
             "unreachable": self._unreachable,
-            "counters": asdict(box.counters),
+            "counters": {**asdict(box.counters), **asdict(self._rdt.traffic)},
             "statistics": asdict(self.statistics),
             "connections": {name: len(port.clients) for name, port in self._ports.items()},
             "faults": [{"kind": fault.kind, **fault.parameters} for fault in self._faults.active],
@@ -551,23 +483,3 @@ def _listen(host: str, number: int, name: str) -> socket.socket:
             raise
         log.info("port %d is not permitted; the web pages are on another", number)
         return listen(host, 0, name)
-
-
-def _udp_socket(host: str, number: int) -> socket.socket:
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        sock.bind((host, number))
-    except OSError as error:
-        sock.close()
-        if error.errno == errno.EADDRINUSE:
-            raise AddressInUseError(
-                f"cannot bind the rdt port {host}:{number} (UDP): it is in use, perhaps by another "
-                f"simulator; `ss -lunp 'sport = :{number}'` names the process. Stop it, or choose "
-                "another 127.x.y.z address."
-            ) from error
-        raise SimStartError(
-            f"cannot bind the rdt port {host}:{number} (UDP): {error.strerror}; choose an address of "
-            "this machine, such as 127.0.0.2"
-        ) from error
-    sock.setblocking(False)
-    return sock
