@@ -9,9 +9,13 @@ from crtk_sim_backends.canopen.homing import METHODS
 from crtk_sim_backends.canopen.plant import MotorConfig
 
 LEFT, RIGHT = 0.3, 0.6  # edges of the home switch, revolutions
-MOTOR = dict(
-    home=(LEFT, RIGHT), negative_limit=-2.25, positive_limit=2.25, stops=(-2.5, 2.5), coulomb=0.005
-)
+MOTOR = {
+    "home": (LEFT, RIGHT),
+    "negative_limit": -2.25,
+    "positive_limit": 2.25,
+    "stops": (-2.5, 2.5),
+    "coulomb": 0.005,
+}
 STARTS = (-1.2, 0.45, 1.3)
 HALT = 0x100
 

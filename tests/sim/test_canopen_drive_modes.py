@@ -1,5 +1,6 @@
 """The modes of operation of the simulated drive, with its motor (CiA 402-2, 10 to 16)."""
 
+import itertools
 import math
 import struct
 
@@ -235,7 +236,7 @@ def test_csp_interpolates_between_two_sync():
     for _ in range(20):
         bench.run(0.001)
         demands.append(bench.read(0x6062, 0, "i"))
-    steps = {b - a for a, b in zip(demands, demands[1:], strict=False) if b != a}
+    steps = {b - a for a, b in itertools.pairwise(demands) if b != a}
     assert steps <= set(range(99, 102))
 
 

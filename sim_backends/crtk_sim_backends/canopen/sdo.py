@@ -1,4 +1,8 @@
-"""SDO server: expedited, segmented and block transfer (CiA 301, section 7.2.4)."""
+"""SDO server: expedited, segmented and block transfer (CiA 301, section 7.2.4).
+
+A block transfer has a CRC when the client asks for it; the server says that it has one only then,
+because there are clients that take its word for it whatever they asked for.
+"""
 
 from __future__ import annotations
 
@@ -235,7 +239,7 @@ class SdoServer:
         size = struct.unpack_from("<I", data, 4)[0] if data[0] & 2 else None
         self._check_write(key, size)
         self._transfer = _BlockDownload(key, size, bool(data[0] & 4), self._block)
-        return [struct.pack("<BHBB3x", 0xA4, *key, self._block)]
+        return [struct.pack("<BHBB3x", 0xA0 | data[0] & 4, *key, self._block)]
 
     def _block_segment(self, transfer: _BlockDownload, data: bytes) -> list[bytes]:
         sequence, last = data[0] & 0x7F, data[0] >> 7
@@ -295,7 +299,7 @@ class SdoServer:
         if len(value) <= switch:
             return [self._begin_upload(key, value)]
         self._transfer = _BlockUpload(key, value, block, crc=bool(data[0] & 4))
-        return [struct.pack("<BHBI", 0xC6, *key, len(value))]
+        return [struct.pack("<BHBI", 0xC2 | data[0] & 4, *key, len(value))]
 
     def _send_block(self, transfer: _BlockUpload) -> list[bytes]:
         rest = transfer.data[transfer.position : transfer.position + _SEGMENT * transfer.block]
