@@ -42,6 +42,10 @@ class RunningSim(Protocol):
         """Paths of its serial lines by name; empty if it has none."""
 
     @property
+    def paths(self) -> Mapping[str, str]:
+        """Its Unix sockets and files by name; empty if it has none."""
+
+    @property
     def pid(self) -> int:
         """Its process id."""
 

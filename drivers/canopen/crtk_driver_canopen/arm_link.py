@@ -1,0 +1,334 @@
+"""The drives of an arm on their bus: found, set up, exchanged with once a cycle. Belongs to one I/O thread.
+
+A cycle begins with the SYNC, at which every drive takes over what it was sent and samples what it tells; then
+the drives' PDOs are collected. What they are sent for the next SYNC goes out as soon as it is known.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from crtk_driver_canopen.axis import Axis, Feedback
+from crtk_driver_canopen.bus import BusAddress, CanLink
+from crtk_driver_canopen.bus_state import BusLost
+from crtk_driver_canopen.candump import CandumpLog
+from crtk_driver_canopen.config import CanopenConfig
+from crtk_driver_canopen.cycle import Cycle, CycleCounters, KernelSync, SentSync
+from crtk_driver_canopen.heartbeat import NmtCommand
+from crtk_driver_canopen.layout import Layout
+from crtk_driver_canopen.master import BootUp, Master
+from crtk_driver_canopen.modes import OpMode
+from crtk_driver_canopen.node_setup import AxisFacts, NodeSetup
+from crtk_driver_canopen.objects import OBJECTS
+from crtk_driver_canopen.units import GroupUnits
+from crtk_drivers.errors import ConnectionFailed, CrtkError
+from crtk_drivers.samples import Stamp
+
+__all__ = ["ArmLink", "Outputs"]
+
+logger = logging.getLogger(__name__)
+
+NMT_TIME: Final = 1.0
+"""Seconds for a node to follow an NMT command; it tells by its next heartbeat."""
+
+COLLECT: Final = 0.6
+"""Part of a period in which the drives' PDOs are waited for: the rest is for what they are sent."""
+
+
+class Outputs:
+    """What all drives are sent with the next SYNC, by joint; counts of the drives.
+
+    Attributes:
+        controlword, mode, position, velocity, torque: (n,) lists, to be changed.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.controlword = [0] * count
+        self.mode = [0] * count
+        self.position = [0] * count
+        self.velocity = [0] * count
+        self.torque = [0] * count
+
+
+class ArmLink:
+    """The bus of one arm, with its drives.
+
+    Args:
+        config: of the arm.
+        layout: PDOs of its drives.
+    """
+
+    def __init__(self, config: CanopenConfig, layout: Layout) -> None:
+        self._config = config
+        self._layout = layout
+        bus = config.bus
+        address = BusAddress(bus.interface, bus.channel, bus.bitrate, dict(bus.options))
+        self._log = CandumpLog(Path(config.candump), bus.channel) if config.candump else None
+        self.link = CanLink(address, None if self._log is None else self._log.put)
+        self.outputs = Outputs(len(config.joints))
+        self.axes: list[Axis] = []
+        self.stamp = Stamp(0, 0.0)
+        self.restarted: set[int] = set()
+        """Nodes that have started anew since they were set up."""
+        self._master: Master | None = None
+        self._cycle: Cycle | None = None
+        self._sent = True
+        self._places: dict[str, list[int | None]] = {}
+
+    @property
+    def where(self) -> str:
+        """The bus, for messages."""
+        return self.link.where
+
+    @property
+    def counters(self) -> CycleCounters:
+        """What happened in the cycles so far."""
+        return CycleCounters() if self._cycle is None else self._cycle.counters
+
+    @property
+    def master(self) -> Master:
+        """Everything on the bus but PDOs."""
+        assert self._master is not None
+        return self._master
+
+    @property
+    def cycle(self) -> Cycle:
+        """The PDOs."""
+        assert self._cycle is not None
+        return self._cycle
+
+    # ----------------------------------------------------------------------------------- life cycle
+
+    def open(self, deadline: float) -> None:
+        """Open the bus, set up every drive, and exchange until each has told where it is.
+
+        Drives with power lose it: the controlword is 0 until `enable`.
+
+        Raises:
+            ConnectionFailed: the bus cannot be used; a drive is missing, another one, or cannot be set up.
+        """
+        try:
+            if self._log is not None:
+                self._log.open()
+            self._open(deadline)
+        except ConnectionFailed:
+            self.close()
+            raise
+        except CrtkError as error:
+            self.close()
+            raise ConnectionFailed(
+                error.message, where=error.where or self.where, remedy=error.remedy
+            ) from error
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self, deadline: float) -> None:
+        config = self._config
+        self.link.open()
+        timeouts = dict.fromkeys(config.nodes, config.heartbeat.drives_timeout)
+        self._master = Master(
+            self.link,
+            timeouts,
+            node=config.master_node,
+            period=config.heartbeat.ours,
+            sdo_timeout=config.sdo_timeout,
+        )
+        self._master.command(NmtCommand.PRE_OPERATIONAL)
+        facts: dict[str, AxisFacts] = {}
+        for node in config.nodes:
+            if time.monotonic() > deadline:
+                raise ConnectionFailed(
+                    f"the time was over before node {node} was set up",
+                    where=self.where,
+                    remedy="Raise open_timeout.",
+                )
+            facts |= self._setup(node).run(self._master.sdo(node))
+        self.axes = [Axis(name, joint, facts[name]) for name, joint in config.joints.items()]
+        self.units = GroupUnits({name: facts[name].units for name in config.joints})
+        overflow, period = config.sync_counter, config.period
+        kernel = config.kernel_sync
+        sync = KernelSync(self.link, period, overflow) if kernel else SentSync(self.link, overflow)
+        self._cycle = Cycle(self._master, self._layout.tpdos, self._layout.rpdos, sync)
+        self._find_places()
+        self._start(config.nodes)
+        self._settle(deadline)
+
+    def _setup(self, node: int) -> NodeSetup:
+        return NodeSetup(self._config, self._layout, node)
+
+    def _start(self, nodes: Iterable[int]) -> None:
+        if self._config.heartbeat.drives:
+            self.master.command_and_wait(NmtCommand.START, nodes, time.monotonic() + NMT_TIME)
+        else:
+            for node in nodes:
+                self.master.command(NmtCommand.START, node)
+        self.master.watch.restart(time.monotonic())
+        self.master.take_events()
+        self.restarted.clear()
+
+    def _settle(self, deadline: float) -> None:
+        """Exchange until every drive has told where it is."""
+        self.cycle.start()
+        while not self.cycle.complete:
+            began = time.monotonic()
+            if began > deadline:
+                silent = sorted({pdo.node for pdo in self.cycle.stale(0)})
+                raise ConnectionFailed(
+                    f"no PDOs come from node {', '.join(map(str, silent))}",
+                    where=self.where,
+                    remedy="Is there another SYNC producer, or another master, on the bus?",
+                )
+            self.exchange(began + self._config.period)
+            self.follow()
+            self.send()
+            time.sleep(max(0.0, began + self._config.period - time.monotonic()))
+
+    def set_up_again(self, node: int) -> None:
+        """Set up a node that has started anew; the others go without SYNC meanwhile.
+
+        Raises:
+            DeviceError, DataTimeout: it is another device, or does not answer.
+        """
+        self.master.command(NmtCommand.PRE_OPERATIONAL, node)
+        self._setup(node).run(self.master.sdo(node))
+        if self._config.heartbeat.drives:
+            self.master.command_and_wait(NmtCommand.START, [node], time.monotonic() + NMT_TIME)
+        else:
+            self.master.command(NmtCommand.START, node)
+        self.master.watch.restart(time.monotonic())
+        self.master.take_events()
+        self.restarted.discard(node)
+
+    def close(self) -> None:
+        """Leave the drives to themselves, and close the bus. May be called twice."""
+        cycle, self._cycle = self._cycle, None
+        if cycle is not None:
+            cycle.stop()
+        self.link.close()
+        self._master = None
+        if self._log is not None:
+            self._log.close()
+
+    def _find_places(self) -> None:
+        """Look up where each value of each joint is among those of all PDOs."""
+        self._places = {}
+        groups = (
+            (self._layout.tpdos, ("statusword", "position_actual", "mode_of_operation_display")),
+            (self._layout.tpdos, ("velocity_actual", "torque_actual")),
+            (self._layout.rpdos, ("controlword", "mode_of_operation", "target_position")),
+            (self._layout.rpdos, ("interpolation_position", "target_velocity", "target_torque")),
+        )
+        for group, names in groups:
+            for name in names:
+                found = group.places(OBJECTS[name])
+                self._places[name] = [
+                    found.get((axis.config.node, axis.config.axis)) for axis in self.axes
+                ]
+        self._count = sum(len(pdo.entries) for pdo in self._layout.rpdos.pdos)
+
+    # ------------------------------------------------------------------------------------ exchange
+
+    def exchange(self, deadline: float) -> bool:
+        """Begin a cycle and receive; return whether every drive told.
+
+        Args:
+            deadline: monotonic seconds.
+
+        Raises:
+            BusLost: the bus cannot be used.
+        """
+        if not self._sent:
+            self.send()
+        self._sent = False
+        period = self._config.period
+        if not self.cycle.begin(deadline):
+            return False
+        now = time.monotonic()
+        self.stamp = Stamp(time.time_ns(), now)
+        complete = self.cycle.collect(now + COLLECT * period)
+        for event in self.master.take_events():
+            logger.warning("%s: %s", self.where, event)
+            if isinstance(event, BootUp) and event.node in self._config.nodes:
+                self.restarted.add(event.node)
+        return complete
+
+    def follow(self) -> None:
+        """Step the axes by what they told, and make what they are sent harmless where they follow nothing."""
+        now, outputs = time.monotonic(), self.outputs
+        values = self.cycle.values
+        words = self._picked("statusword", values)
+        positions = self._picked("position_actual", values)
+        modes = self._places["mode_of_operation_display"]
+        for index, axis in enumerate(self.axes):
+            place = modes[index]
+            shown = None if place is None else values[place]
+            feedback = Feedback(words[index], positions[index], shown)
+            outputs.controlword[index] = axis.step(feedback, now)
+            outputs.mode[index] = int(axis.mode)
+            if not axis.is_enabled or axis.mode is OpMode.HM:
+                outputs.position[index] = positions[index]
+                outputs.velocity[index] = outputs.torque[index] = 0
+
+    def send(self) -> None:
+        """Send what the drives take over at the next SYNC.
+
+        Raises:
+            BusLost: the bus cannot be used.
+        """
+        outputs, values = self.outputs, [0] * self._count
+        for name, column in (
+            ("controlword", outputs.controlword),
+            ("mode_of_operation", outputs.mode),
+            ("target_position", outputs.position),
+            ("interpolation_position", outputs.position),
+            ("target_velocity", outputs.velocity),
+            ("target_torque", outputs.torque),
+        ):
+            for place, value in zip(self._places[name], column, strict=True):
+                if place is not None:
+                    values[place] = value
+        self.cycle.send(values)
+        self._sent = True
+
+    def _picked(self, name: str, values: tuple[int, ...]) -> list[int]:
+        return [0 if place is None else values[place] for place in self._places[name]]
+
+    @property
+    def positions(self) -> list[int]:
+        """Where the drives are (n,), in their counts."""
+        return self._picked("position_actual", self.cycle.values)
+
+    @property
+    def velocities(self) -> list[int] | None:
+        """How fast they are (n,); None if that is not measured."""
+        return self._measured("velocity_actual")
+
+    @property
+    def torques(self) -> list[int] | None:
+        """Their torques (n,) in thousandths of the rated one; None if that is not measured."""
+        return self._measured("torque_actual")
+
+    def _measured(self, name: str) -> list[int] | None:
+        if None in self._places[name]:
+            return None
+        return self._picked(name, self.cycle.values)
+
+    @property
+    def age(self) -> int:
+        """Cycles since the oldest of what comes with every SYNC."""
+        pairs = zip(self._layout.tpdos.pdos, self.cycle.ages, strict=True)
+        return max((age for pdo, age in pairs if pdo.transmission == 1), default=0)
+
+
+def lost(where: str) -> BusLost:
+    """Return the error of a bus on which nobody answers any more."""
+    return BusLost(
+        "no drive answers any more",
+        where=where,
+        remedy="Is the power of the drives on, and the bus connected and terminated?",
+    )

@@ -1,0 +1,101 @@
+"""The entry point of the driver."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.util import find_spec
+from typing import Any
+
+from crtk_driver_canopen.config import BusConfig, CanopenConfig
+from crtk_drivers.device import Device
+from crtk_drivers.errors import ConfigError, MissingExtra
+from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.sims import RunningSim
+
+SIMULATED_JOINTS = 6
+"""Joints of the arm that ``--sim`` shows when none are configured."""
+
+
+def _create(config: CanopenConfig) -> Device:
+    for module, name in (("can", "python-can"), ("canopen", "canopen")):
+        if find_spec(module) is None:
+            raise MissingExtra(name, "canopen")
+    from crtk_driver_canopen.device import CanopenDevice
+
+    return CanopenDevice(config)
+
+
+def _require_joints(config: CanopenConfig) -> None:
+    if not config.joints:
+        raise ConfigError(
+            "no joints are configured",
+            where="canopen",
+            remedy="Give a file (--config joints.yaml): see docs/canopen.md; 'crtk-driver canopen scan' "
+            "lists the nodes on a bus.",
+        )
+
+
+def _simulated_joint(node: int) -> dict[str, Any]:
+    """Return the joint of a simulated drive: it moves freely, and does not care how far."""
+    return {
+        "node": node,
+        "gear": 100.0,
+        "lower": -3.0,
+        "upper": 3.0,
+        "velocity": 2.0,
+        "acceleration": 10.0,
+        "effort": 20.0,
+        "modes": ("csp", "csv", "cst"),
+        "homing": {"method": 37},
+    }
+
+
+TYPICAL: Mapping[str, Any] = {
+    "period": 0.008,
+    "joints": {f"joint_{node}": _simulated_joint(node) for node in range(1, SIMULATED_JOINTS + 1)},
+}
+"""The arm that ``--sim`` shows when no joints are configured."""
+
+
+def _with_joints(config: CanopenConfig) -> CanopenConfig:
+    if config.joints:
+        return config
+    return CanopenConfig(**{**config.model_dump(exclude_unset=True), **TYPICAL})
+
+
+def _at_sim(config: CanopenConfig, sim: RunningSim) -> CanopenConfig:
+    config = _with_joints(config)
+    bus = BusConfig(
+        interface="crtk",
+        channel=sim.paths["crtk"],
+        bitrate=config.bus.bitrate,
+        load_limit=config.bus.load_limit,
+    )
+    return config.model_copy(update={"bus": bus})
+
+
+def _sim_options(config: CanopenConfig) -> Mapping[str, Any]:
+    config = _with_joints(config)
+    nodes = config.nodes
+    axes = 1 + max(joint.axis for joint in config.joints.values())
+    return {
+        "first_node": min(nodes),
+        "nodes": max(nodes) - min(nodes) + 1,
+        "axes": axes,
+        "bitrate": config.bus.bitrate,
+        "realtime": True,
+    }
+
+
+PLUGIN = DevicePlugin(
+    name="canopen",
+    summary="CANopen servo drives (CiA 402) on a CAN bus as one arm",
+    config=CanopenConfig,
+    create=_create,
+    sim="canopen",
+    extra="canopen",
+    check_real=_require_joints,
+    sim_config=_at_sim,
+    sim_options=_sim_options,
+    typical=TYPICAL,
+)
