@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import fcntl
 import os
+import re
 import select
 import subprocess
 import sys
@@ -32,6 +34,7 @@ from crtk_sim_backends.dynamixel.config import PRESETS, parse_servos
 from crtk_sim_backends.dynamixel.injection import KINDS
 
 TIOCGEXCL = 0x80045440
+GUIDE = Path(__file__, "../../../docs/dynamixel_simulator.md").resolve().read_text()
 PING_1, ANSWER_1 = instruction(1, 0x01), 14
 
 # Options
@@ -226,10 +229,15 @@ def test_the_banner_tells_the_tty(tmp_path: Path) -> None:
     assert not os.path.lexists(link)
 
 
-def test_the_guide_names_every_fault_and_every_preset() -> None:
-    guide = Path(__file__, "../../../docs/dynamixel_simulator.md").resolve().read_text()
-    for name in (*KINDS, *PRESETS):
-        assert f"`{name}`" in guide, name
+def test_the_guide_names_every_fault_preset_and_option() -> None:
+    options = [entry.name for entry in dataclasses.fields(SimConfig)]
+    for name in (*KINDS, *PRESETS, *options):
+        assert f"`{name}`" in GUIDE, name
+
+
+def test_the_example_of_the_guide() -> None:
+    (program,) = re.findall(r"```python\n(.*?)```", GUIDE, re.DOTALL)
+    exec(compile(program, "docs/dynamixel_simulator.md", "exec"), {})
 
 
 def test_answers_of_status_are_whole_packets() -> None:

@@ -230,6 +230,7 @@ _MX_TORQUE: Final[tuple[Row, ...]] = (
     (71, "2", "goal_torque", "w", 0, 0, 2047),
 )
 
+_COMPLIANCE: Final = tuple(row[2] for row in _AX if "_compliance_" in row[2])  # no MX has them
 _NO_CURRENT: Final = frozenset({"current_limit", "goal_current", "present_current"})
 _SINCE_BACKUP: Final = frozenset({"startup_configuration", "backup_ready"})
 
@@ -276,6 +277,10 @@ def make_table(
         values: factory value, low and high of single registers of the model.
     """
     registers = {row[2]: _register(row) for row in _rows(series)}
+    if series is Series.MX_LEGACY:
+        missing = set(_COMPLIANCE) | (set() if has_current else {row[2] for row in _MX_TORQUE})
+        for name in missing:
+            del registers[name]
     if series not in LEGACY:
         since = BACKUP_SINCE.get(series)
         missing = set() if since is not None and firmware >= since else set(_SINCE_BACKUP)
