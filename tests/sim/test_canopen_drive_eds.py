@@ -70,8 +70,7 @@ def test_defaults_of_the_sheet_are_what_the_drive_answers(sheet):
                 assert variable.decode_raw(data) == variable.default, f"{index:04X}:{sub}"
 
 
-@pytest.mark.parametrize("make", PERSONALITIES)
-@pytest.mark.parametrize("axes", [1, 2, 8])
+@pytest.mark.parametrize(("make", "axes"), [("standard", 2), ("careful", 1), ("plain", 3)])
 def test_sheets_of_other_drives_can_be_read(tmp_path, make, axes):
     config = DriveConfig(motors=(MotorConfig(),) * axes, personality=PERSONALITIES[make])
     path = tmp_path / "other.eds"

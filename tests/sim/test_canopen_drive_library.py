@@ -206,7 +206,7 @@ def test_drive_turns_with_synchronous_pdos(node, network):
         assert node.tpdo[1].wait_for_reception(WAIT)
         return struct.unpack("<Hi", bytes(node.tpdo[1].data))
 
-    word, position = cycle(0, 0)
+    position = cycle(0, 0)[1]
     for controlword, mask, value in ((6, 0x6F, 0x21), (7, 0x6F, 0x23), (15, 0x6F, 0x27)):
         cycle(controlword, position)
         until(lambda c=controlword, m=mask, v=value: cycle(c, position)[0] & m == v)

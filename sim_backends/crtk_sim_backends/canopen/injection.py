@@ -185,31 +185,35 @@ _EFFECTS: Final[dict[str, Callable[[Drive, Parameters, bool], None]]] = {
 }
 
 
-def apply(drives: Iterable[Drive], fault: Fault, begin: bool, now: float) -> None:
-    """Let a fault begin or end at one of the drives, or at all of them.
+def chosen(drives: Iterable[Drive], fault: Fault) -> list[Drive]:
+    """Drives that a fault is for.
 
     Raises:
         FaultError: there is no such node or axis, or `vendor` is not hexadecimal.
     """
     parameters = fault.parameters
     node = parameters["node"]
-    chosen = [drive for drive in drives if node in (0, drive.node_id)]
-    if not chosen:
+    found = [drive for drive in drives if node in (0, drive.node_id)]
+    if not found:
         raise FaultError(f"{fault.kind}: there is no drive with node-ID {node}")
-    for drive in chosen:
+    for drive in found:
         if parameters.get("axis", 0) >= len(drive.axes):
             raise FaultError(f"{fault.kind}: node {drive.node_id} has {len(drive.axes)} axes")
     try:
-        bytes.fromhex(str(parameters.get("vendor", "")) if fault.kind in _WITH_VENDOR else "")
+        bytes.fromhex(parameters["vendor"] if fault.kind in _WITH_VENDOR else "")
     except ValueError as error:
         raise FaultError(f"{fault.kind}: vendor must be bytes in hexadecimal") from error
-    for drive in chosen:
-        if fault.kind == "reset":
-            drive.reset(now)
-        elif fault.kind == "power_off":
-            drive.switch(on=not begin, now=now)
-        else:
-            _EFFECTS[fault.kind](drive, parameters, begin)
+    return found
+
+
+def apply(drive: Drive, fault: Fault, begin: bool, now: float) -> None:
+    """Let a fault begin or end at a drive."""
+    if fault.kind == "reset":
+        drive.reset(now)
+    elif fault.kind == "power_off":
+        drive.switch(on=not begin, now=now)
+    else:
+        _EFFECTS[fault.kind](drive, fault.parameters, begin)
 
 
 _WITH_VENDOR: Final = ("fault", "lasting_fault", "emcy")

@@ -130,24 +130,31 @@ class BusDrives:
         self._drives = {
             node: BusDrive(hub, Drive(node, config), self._tell) for node, config in configs.items()
         }
+        self._begun: dict[int, list[Drive]] = {}  # by id of the fault
         self.handlers: Handlers = {"object": self._object, "eds": self._eds}
 
     def _tell(self, name: str) -> None:
         self._hub.happened(name)
 
     def begin(self, fault: Fault) -> None:
-        """Let a fault of the drives begin."""
-        self._apply(fault, begin=True)
+        """Let a fault of the drives begin.
+
+        Raises:
+            FaultError: there is no such node or axis.
+        """
+        drives = injection.chosen([each.drive for each in self._drives.values()], fault)
+        self._apply(fault, drives, begin=True)
+        if self.kinds[fault.kind].lasting:
+            self._begun[id(fault)] = drives
 
     def end(self, fault: Fault) -> None:
-        """Let a fault of the drives end."""
-        self._apply(fault, begin=False)
+        """Let a fault of the drives end, if it could begin."""
+        self._apply(fault, self._begun.pop(id(fault), []), begin=False)
 
-    def _apply(self, fault: Fault, *, begin: bool) -> None:
-        drives = [each.drive for each in self._drives.values()]
-        injection.apply(drives, fault, begin, time.monotonic())
-        for each in self._drives.values():
-            each.wake()
+    def _apply(self, fault: Fault, drives: list[Drive], *, begin: bool) -> None:
+        for drive in drives:
+            injection.apply(drive, fault, begin, time.monotonic())
+            self._drives[drive.node_id].wake()
 
     def status(self) -> Mapping[str, Any]:
         """State of each drive by node-ID."""
