@@ -278,6 +278,15 @@ class Failure:
     text: str
 
 
+_HINTS: Final[Mapping[int, str]] = MappingProxyType(
+    {
+        2: "; check its power supply, safe torque off and enable inputs",
+        3: "; check the voltage of its power stage and safe torque off",
+        4: "; check its brake, its mode of operation, and that a setpoint is there",
+    }
+)
+"""What keeps a drive from a transition upwards, where the statusword does not tell."""
+
 _EDGE: Final = 0.01
 """Seconds with bit 7 low before a fault reset: longer than a cycle, so that the drive sees the edge."""
 
@@ -410,7 +419,8 @@ class Drive402:
     def _late(self, transition: Transition) -> None:
         seconds = self._timeouts[transition.number]
         goal = State.DISABLED if transition.number in UPWARDS else self.goal
-        self._fail(goal, f"it is still {transition.source} after {seconds:g} s{self._hint()}")
+        hint = self._hint() or _HINTS.get(transition.number, "")
+        self._fail(goal, f"it is still {transition.source} after {seconds:g} s{hint}")
 
     def _hint(self) -> str:
         if not self.statusword & Status.REMOTE:

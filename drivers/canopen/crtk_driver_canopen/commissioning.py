@@ -1,0 +1,240 @@
+"""Makes the drives of a configuration ready to be started: checked, watched, mapped, parameters written.
+
+Nothing here moves anything or applies power. Every value is read back; what a drive ignores is an error
+that names node, object, wanted and found.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from crtk_driver_canopen import eds
+from crtk_driver_canopen.config import CanopenConfig, HomingConfig, JointConfig
+from crtk_driver_canopen.heartbeat import ensure_abort_option, ensure_heartbeat
+from crtk_driver_canopen.identity import Identity, check_identity, read_identity
+from crtk_driver_canopen.layout import Layout
+from crtk_driver_canopen.master import Master
+from crtk_driver_canopen.modes import MODES, OpMode, mode_text, supported
+from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType, parse_object
+from crtk_driver_canopen.pdo import Direction, configure, disable
+from crtk_driver_canopen.sdo import Sdo
+from crtk_driver_canopen.statemachine import STAYS_IN_QUICK_STOP
+from crtk_driver_canopen.units import (
+    JointUnits,
+    UnitObjects,
+    interpolation_period,
+    read_unit_objects,
+    resolve,
+)
+from crtk_drivers.errors import ConfigError, DeviceError
+
+__all__ = ["Prepared", "prepare"]
+
+logger = logging.getLogger(__name__)
+
+_CYCLIC = frozenset({OpMode.CSP, OpMode.CSV, OpMode.CST, OpMode.IP})
+
+_USUAL_PDOS = range(1, 5)
+"""PDOs that drives have valid from the factory: those that are not used are made not valid."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What is known of a joint once its drive is ready.
+
+    Attributes:
+        identity: of its node.
+        drive: what the drive tells of its units.
+        units: of the joint.
+        modes: that the drive has.
+        stays_in_quick_stop: for `crtk_driver_canopen.statemachine.Drive402`.
+        notes: what is not as it should be, in words.
+    """
+
+    identity: Identity
+    drive: UnitObjects
+    units: JointUnits
+    modes: frozenset[OpMode]
+    stays_in_quick_stop: bool
+    notes: tuple[str, ...]
+
+
+def prepare(
+    master: Master, config: CanopenConfig, layout: Layout, nodes: Iterable[int] | None = None
+) -> dict[str, Prepared]:
+    """Make drives ready; they must be pre-operational.
+
+    Args:
+        master: of the open bus.
+        nodes: only these; all of the configuration if None.
+
+    Returns:
+        What is known of each of their joints, by name.
+
+    Raises:
+        WrongDevice: another device than the configured one has a node id.
+        PdoMismatch, ObjectIgnored: a drive acknowledged something and does not hold it.
+        DeviceError: a drive lacks a mode or an object that is needed.
+        ConfigError: a file cannot be read, or nobody tells the units of a joint.
+        SdoAborted, SdoSilent, ProtocolError, BusLost: a drive did not answer as it should.
+    """
+    prepared: dict[str, Prepared] = {}
+    for node in config.nodes if nodes is None else nodes:
+        joints = {name: joint for name, joint in config.joints.items() if joint.node == node}
+        prepared |= _node(master, config, layout, node, joints)
+    return {name: prepared[name] for name in config.joints if name in prepared}
+
+
+def _node(
+    master: Master, config: CanopenConfig, layout: Layout, node: int, joints: dict[str, JointConfig]
+) -> dict[str, Prepared]:
+    sdo = Sdo(master.sdo(node))
+    identity = read_identity(sdo)
+    check_identity(identity, next(iter(joints.values())).identity.wanted, sdo.where)
+    notes: list[str] = []
+    beats = config.heartbeat
+
+    def watch() -> None:
+        ensure_heartbeat(
+            sdo,
+            produced_ms=round(1000 * beats.drives),
+            watched=config.master_node,
+            watched_ms=round(1000 * beats.ours_timeout),
+        )
+
+    _watched(config, watch, notes)
+    found = sdo.find(OBJECTS["synchronous_counter_overflow"])
+    if config.sync_counter or found:
+        sdo.ensure(OBJECTS["synchronous_counter_overflow"], config.sync_counter)
+    made = {
+        name: _axis(Sdo(master.sdo(node), joint.axis), config, name, joint, identity, notes)
+        for name, joint in joints.items()
+    }
+    _map(sdo, layout, node)
+    for name, joint in joints.items():
+        # Only one mode, and no PDO that carries it: it is set here, once.
+        if len(joint.modes) == 1 and joint.homing is None:
+            Sdo(master.sdo(node), joint.axis).ensure(
+                OBJECTS["mode_of_operation"], joint.op_modes[0], f"Check the modes of {name}."
+            )
+    return made
+
+
+def _watched(config: CanopenConfig, ensure: Callable[[], None], notes: list[str]) -> None:
+    """Do what makes a drive stop by itself; refuse a drive that does not, unless that is allowed."""
+    try:
+        ensure()
+    except DeviceError as error:
+        if config.heartbeat.required:
+            raise
+        logger.warning("%s", error)
+        notes.append(str(error))
+
+
+def _axis(
+    sdo: Sdo,
+    config: CanopenConfig,
+    name: str,
+    joint: JointConfig,
+    identity: Identity,
+    notes: list[str],
+) -> Prepared:
+    modes = _modes(sdo, name, joint)
+    for entry, value in _written(name, joint):
+        sdo.ensure(entry, value, f"Correct the parameters of joint {name}.")
+    if joint.quick_stop_option is not None:
+        sdo.ensure(OBJECTS["quick_stop_option"], joint.quick_stop_option)
+    if joint.abort_option is not None:
+        option = joint.abort_option
+        _watched(config, lambda: ensure_abort_option(sdo, option), notes)
+    if _CYCLIC & set(joint.op_modes) and sdo.find(OBJECTS["interpolation_period_value"]):
+        value, exponent = interpolation_period(config.period)
+        sdo.ensure(OBJECTS["interpolation_period_value"], value)
+        sdo.ensure(OBJECTS["interpolation_period_exponent"], exponent)
+    drive = read_unit_objects(sdo)
+    units = resolve(name, joint, drive)
+    if joint.homing is not None:
+        _homing(sdo, joint.homing, units)
+    stays = sdo.find(OBJECTS["quick_stop_option"]) in STAYS_IN_QUICK_STOP
+    return Prepared(identity, drive, units, modes, stays, tuple(notes))
+
+
+def _modes(sdo: Sdo, name: str, joint: JointConfig) -> frozenset[OpMode]:
+    word = sdo.find(OBJECTS["supported_drive_modes"])
+    if word is None:
+        return frozenset(MODES)  # it does not tell: the first change of mode will
+    modes = supported(word)
+    wanted = set(joint.op_modes) | ({OpMode.HM} if joint.homing is not None else set())
+    missing = sorted(wanted - modes)
+    if missing:
+        raise DeviceError(
+            f"joint {name}: the drive does not have {', '.join(map(mode_text, missing))}, but "
+            f"{', '.join(map(mode_text, sorted(modes)))}",
+            where=sdo.where,
+            remedy=f"Change `joints.{name}.modes`, or `joints.{name}.homing`.",
+        )
+    return modes
+
+
+def _written(name: str, joint: JointConfig) -> list[tuple[Entry, int]]:
+    """Return what the configuration wants to be written: whole numbers of a DCF, then parameters."""
+    sheet = eds.load(joint.eds, joint.node) if joint.eds else None
+    values: list[tuple[Entry, int]] = []
+    if sheet is not None:
+        for repair in sheet.repairs:
+            logger.info("joint %s: %s", name, repair)
+        values += [(entry, value) for entry, value in sheet.values() if isinstance(value, int)]
+    for text, value in joint.parameters.items():
+        index, sub = parse_object(text)
+        known = None if sheet is None else sheet.entry(index, sub)
+        entry = known or _STANDARD.get((index, sub))
+        if entry is None or not entry.type.format:
+            raise ConfigError(
+                f"the type of {text!r} is not known",
+                where=f"joints.{name}.parameters",
+                remedy="Give the drive's EDS file as `eds`.",
+            )
+        values.append((entry, value))
+    return values
+
+
+_STANDARD = {(entry.index, entry.sub): entry for entry in OBJECTS.values()}
+
+
+def _homing(sdo: Sdo, homing: HomingConfig, units: JointUnits) -> None:
+    sdo.ensure(OBJECTS["homing_method"], homing.method)
+    rates = {
+        "homing_speed_switch": homing.speed_switch,
+        "homing_speed_zero": homing.speed_zero,
+        "homing_acceleration": homing.acceleration,
+    }
+    for name, rate in rates.items():
+        if rate is not None:
+            sdo.ensure(OBJECTS[name], round(rate / abs(units.velocity)))
+    if homing.position is not None:
+        counts = round((homing.position - units.offset) / units.position)
+        sdo.ensure(OBJECTS["home_offset"], counts)
+
+
+def _map(sdo: Sdo, layout: Layout, node: int) -> None:
+    """Write the PDOs of a node, and switch off those that it has besides."""
+    for direction, group in (
+        (Direction.RECEIVE, layout.rpdos),
+        (Direction.TRANSMIT, layout.tpdos),
+    ):
+        mine = [pdo for pdo in group.pdos if pdo.node == node]
+        used = {pdo.number for pdo in mine}
+        for number in _USUAL_PDOS:
+            if number not in used:
+                disable(sdo, node, direction, number)
+        for pdo in mine:
+            if configure(sdo, pdo):
+                logger.info("%s: %s written", sdo.where, pdo)
+    cob_id = Entry(0x1005, 0, ObjectType.U32, "COB-ID of SYNC")
+    found = sdo.find(cob_id)
+    if found is not None and found & 0x400007FF != 0x80:
+        sdo.ensure(
+            cob_id, 0x80, "The node would produce SYNC itself, or take another COB-ID for it."
+        )
