@@ -64,6 +64,7 @@ class Tool:
         run: does it with a configuration (with ``--sim`` one that points at a running simulator) and
             options, writes what people want to know to the terminal, and returns the exit code.
         options: the class of its own options, as for a configuration.
+        arguments: those of its options that are typed without their names, in this order.
         check_real: instead of that of the plugin, for a tool that needs less or more.
     """
 
@@ -71,6 +72,7 @@ class Tool:
     summary: str
     run: Callable[[Any, Any], int]
     options: type[Settings] = Settings
+    arguments: tuple[str, ...] = ()
     check_real: Callable[[Any], None] | None = None
 
 

@@ -85,7 +85,12 @@ def build(plugin: DevicePlugin, panel: str) -> Any:
 
 
 def _tool_command(plugin: DevicePlugin, tool: Tool) -> SubCommand:
-    own = setting_options(tool.options, lambda name: f"Options of {tool.name}", prefix=_TOOL_PREFIX)
+    own = setting_options(
+        tool.options,
+        lambda name: f"Options of {tool.name}",
+        prefix=_TOOL_PREFIX,
+        positional=tool.arguments,
+    )
 
     def run(context: typer.Context, **given: Any) -> int:
         set_up_logging(ERR, given["log_level"], given["log_format"])

@@ -133,13 +133,16 @@ def setting_options(
     panel_of: Callable[[str], str],
     reserved: Collection[str] = (),
     prefix: str = _PREFIX,
+    positional: Sequence[str] = (),
 ) -> Parameters:
     """Return one option for each scalar key of `model` that is not `reserved` for another option.
 
-    `prefix` keeps the options of several models of one command apart.
+    `prefix` keeps the options of several models of one command apart; the keys `positional` are arguments,
+    given in this order without their names.
     """
-    parameters = []
-    for setting in scalar_settings(model):
+    settings = {setting.name: setting for setting in scalar_settings(model)}
+    parameters = [_argument(prefix, settings.pop(name)) for name in positional]
+    for setting in settings.values():
         if setting.option in reserved:
             continue
         is_flag = setting.annotation is bool
@@ -158,6 +161,18 @@ def setting_options(
             )
         )
     return parameters
+
+
+def _argument(prefix: str, setting: Setting) -> inspect.Parameter:
+    """Return an argument of the command line; whether it is needed is judged with the other settings."""
+    return inspect.Parameter(
+        prefix + setting.name,
+        inspect.Parameter.KEYWORD_ONLY,
+        annotation=str | None,
+        default=typer.Argument(
+            None, help=setting.help, metavar=setting.name.upper(), show_default=False
+        ),
+    )
 
 
 def given_settings(model: type, given: Mapping[str, Any], prefix: str = _PREFIX) -> Layer:

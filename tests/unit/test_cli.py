@@ -47,7 +47,8 @@ def info(config, options):
         raise ConnectionFailed("nobody is there", where=config.address)
     return 3 if options.count == 3 else 0
 PLUGIN = DevicePlugin("tooled", "has a tool", LoopbackConfig, LoopbackDevice,
-                      tools=(Tool("info", "tells what it is.", info, Options),))
+                      tools=(Tool("info", "tells what it is.", info, Options),
+                             Tool("again", "the same", info, Options, arguments=("count",))))
 """
 
 DEAF = """
@@ -230,6 +231,15 @@ def test_the_tools_of_a_device_are_in_its_help(capsys: Capture) -> None:
     assert "--ns" in shown
     assert main(["tooled", "info", "--help"]) == 0
     assert "How often" in capsys.readouterr().out
+
+
+def test_options_of_a_tool_may_be_typed_without_their_names(capsys: Capture) -> None:
+    assert main(["tooled", "again", "2", "--address", "there"]) == 0
+    assert "there looked at 2 times" in capsys.readouterr().out
+    assert main(["tooled", "again", "0"]) == 2
+    assert "count" in capsys.readouterr().err
+    assert main(["tooled", "again", "--help"]) == 0
+    assert "[COUNT]" in capsys.readouterr().out
 
 
 def test_version(capsys: Capture) -> None:

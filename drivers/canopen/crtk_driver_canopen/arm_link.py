@@ -16,13 +16,13 @@ from crtk_driver_canopen.axis import Axis, Feedback
 from crtk_driver_canopen.bus import BusAddress, CanLink
 from crtk_driver_canopen.bus_state import BusLost
 from crtk_driver_canopen.candump import CandumpLog
+from crtk_driver_canopen.commissioning import Prepared, prepare
 from crtk_driver_canopen.config import CanopenConfig
 from crtk_driver_canopen.cycle import Cycle, CycleCounters, KernelSync, SentSync
 from crtk_driver_canopen.heartbeat import NmtCommand
 from crtk_driver_canopen.layout import Layout
 from crtk_driver_canopen.master import BootUp, Master
 from crtk_driver_canopen.modes import OpMode
-from crtk_driver_canopen.node_setup import AxisFacts, NodeSetup
 from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.units import GroupUnits
 from crtk_drivers.errors import ConnectionFailed, CrtkError
@@ -139,7 +139,7 @@ class ArmLink:
             sdo_timeout=config.sdo_timeout,
         )
         self._master.command(NmtCommand.PRE_OPERATIONAL)
-        facts: dict[str, AxisFacts] = {}
+        facts: dict[str, Prepared] = {}
         for node in config.nodes:
             if time.monotonic() > deadline:
                 raise ConnectionFailed(
@@ -147,7 +147,7 @@ class ArmLink:
                     where=self.where,
                     remedy="Raise open_timeout.",
                 )
-            facts |= self._setup(node).run(self._master.sdo(node))
+            facts |= prepare(self._master, config, self._layout, [node])
         self.axes = [Axis(name, joint, facts[name]) for name, joint in config.joints.items()]
         self.units = GroupUnits({name: facts[name].units for name in config.joints})
         overflow, period = config.sync_counter, config.period
@@ -157,9 +157,6 @@ class ArmLink:
         self._find_places()
         self._start(config.nodes)
         self._settle(deadline)
-
-    def _setup(self, node: int) -> NodeSetup:
-        return NodeSetup(self._config, self._layout, node)
 
     def _start(self, nodes: Iterable[int]) -> None:
         if self._config.heartbeat.drives:
@@ -195,7 +192,7 @@ class ArmLink:
             DeviceError, DataTimeout: it is another device, or does not answer.
         """
         self.master.command(NmtCommand.PRE_OPERATIONAL, node)
-        self._setup(node).run(self.master.sdo(node))
+        prepare(self.master, self._config, self._layout, [node])
         if self._config.heartbeat.drives:
             self.master.command_and_wait(NmtCommand.START, [node], time.monotonic() + NMT_TIME)
         else:
@@ -320,9 +317,8 @@ class ArmLink:
 
     @property
     def age(self) -> int:
-        """Cycles since the oldest of what comes with every SYNC."""
-        pairs = zip(self._layout.tpdos.pdos, self.cycle.ages, strict=True)
-        return max((age for pdo, age in pairs if pdo.transmission == 1), default=0)
+        """Cycles since any drive told anything."""
+        return min(self.cycle.ages, default=0)
 
 
 def lost(where: str) -> BusLost:

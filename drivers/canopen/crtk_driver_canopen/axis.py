@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
+from crtk_driver_canopen.commissioning import Prepared
 from crtk_driver_canopen.config import JointConfig
 from crtk_driver_canopen.homing import Homing
 from crtk_driver_canopen.modes import ModeBits, ModeChange, OpMode
-from crtk_driver_canopen.node_setup import AxisFacts
 from crtk_driver_canopen.statemachine import Drive402, State
 from crtk_drivers.commands import Kind
 
@@ -67,7 +67,7 @@ class Axis:
         homed: whether its position is that of the machine: since homing, or from the start.
     """
 
-    def __init__(self, name: str, config: JointConfig, facts: AxisFacts) -> None:
+    def __init__(self, name: str, config: JointConfig, facts: Prepared) -> None:
         self.name = name
         self.config = config
         self.facts = facts

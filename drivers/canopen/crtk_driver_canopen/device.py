@@ -38,6 +38,9 @@ __all__ = ["CanopenDevice"]
 _JERK_TIME: Final = 0.1
 """Seconds in which a joint may reach its greatest acceleration, unless its jerk is configured."""
 
+LOST_TIME: Final = 0.25
+"""Seconds in which no drive tells anything, after which the bus is opened anew."""
+
 MODE_TIME: Final = 2.0
 """Seconds in which all drives show a mode of operation."""
 
@@ -130,7 +133,7 @@ class CanopenDevice(Device):
         now = time.monotonic()
         self._judge(now)
         self._move(now)
-        if link.age > self._config.missed_cycles and self._all_silent():
+        if link.age * self._config.period > LOST_TIME:
             raise lost(link.where)
         if not complete:
             # The link is there, and the fault tells who is missing.
@@ -184,10 +187,6 @@ class CanopenDevice(Device):
     def _unheard(self, now: float) -> list[int]:
         lost_nodes = self.link.master.watch.lost(now)
         return [node for node in lost_nodes if node in self._config.nodes]
-
-    def _all_silent(self) -> bool:
-        late = {pdo.node for pdo in self.link.cycle.stale(self._config.missed_cycles)}
-        return late == set(self._config.nodes)
 
     def _group_policy(self) -> None:
         """One axis has a fault: have the others do what is configured."""
@@ -439,6 +438,11 @@ class CanopenDevice(Device):
             Note(Severity.WARNING, axis.place, "warning (statusword bit 7)")
             for axis in self.axes
             if axis.drive.statusword & Status.WARNING
+        ]
+        told += [
+            Note(Severity.WARNING, axis.place, text)
+            for axis in self.axes
+            for text in axis.facts.notes
         ]
         return tuple(told)
 

@@ -9,15 +9,28 @@ from typing import Any
 from crtk_driver_canopen.config import BusConfig, CanopenConfig
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError, MissingExtra
-from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.plugins import DevicePlugin, Tool
 from crtk_drivers.sims import RunningSim
 
 SIMULATED_JOINTS = 6
 """Joints of the arm that ``--sim`` shows when none are configured."""
 
 
+LIBRARIES = {"can": "python-can", "canopen": "canopen"}
+"""What the extra brings, by the name it is imported by; the plugin itself loads without."""
+
+
+def _tools() -> tuple[Tool, ...]:
+    """Return the commands for people; none where the libraries are missing."""
+    if not all(map(find_spec, LIBRARIES)):
+        return ()
+    from crtk_driver_canopen.tools import TOOLS
+
+    return TOOLS
+
+
 def _create(config: CanopenConfig) -> Device:
-    for module, name in (("can", "python-can"), ("canopen", "canopen")):
+    for module, name in LIBRARIES.items():
         if find_spec(module) is None:
             raise MissingExtra(name, "canopen")
     from crtk_driver_canopen.device import CanopenDevice
@@ -97,5 +110,6 @@ PLUGIN = DevicePlugin(
     check_real=_require_joints,
     sim_config=_at_sim,
     sim_options=_sim_options,
+    tools=_tools(),
     typical=TYPICAL,
 )

@@ -217,7 +217,24 @@ def value_text(entry: Entry, data: bytes) -> str:
     return f"{plain}: {meaning()}" if meaning else plain
 
 
+def _nothing_needed(config: CanopenConfig) -> None:
+    """A bus can be looked at without joints."""
+
+
 TOOLS: Final = (
-    Tool("scan", "list the nodes on the bus with identity, modes and state", scan, ScanOptions),
-    Tool("sdo", "read or write an object of a node, by number or name", sdo, SdoOptions),
+    Tool(
+        "scan",
+        "list the nodes on the bus with identity, modes and state",
+        scan,
+        ScanOptions,
+        check_real=_nothing_needed,
+    ),
+    Tool(
+        "sdo",
+        "read or write an object of a node, by number or name",
+        sdo,
+        SdoOptions,
+        arguments=("node", "object", "value"),
+        check_real=_nothing_needed,
+    ),
 )

@@ -134,7 +134,7 @@ TOOLS: Final = (
         "find servos: rates, ids, models and firmware, and write a configuration to start from",
         _later("scan"),
         ScanOptions,
-        _require_ports,
+        check_real=_require_ports,
     ),
     Tool(
         "info",
