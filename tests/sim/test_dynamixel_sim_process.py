@@ -25,6 +25,7 @@ from dynamixel_bus import (
     sync_read,
     vendor_at,
     wait_until,
+    write,
 )
 
 from crtk_drivers.sims import SimPlugin
@@ -211,6 +212,14 @@ def test_the_control_socket() -> None:
             sim.control.outputs("bus1/11")
         with pytest.raises(ControlError, match="no servo has the id 3"):
             sim.control.call("place", id=3, angle=0.0)
+
+
+def test_only_instructions_are_counted() -> None:
+    looks_like_protocol_1 = b"\xff\xff\x05\x02\x01\xf7"
+    with running() as sim, Wire(sim.ttys["bus1"]) as wire:
+        wire.send(write(1, 116, looks_like_protocol_1))
+        wire.rest()
+        assert [entry["code"] for entry in sim.control.trace()] == [3]
 
 
 def test_the_banner_tells_the_tty(tmp_path: Path) -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from crtk_sim_backends.dynamixel.config import ServoSpec
 from crtk_sim_backends.dynamixel.legacy import LegacyServo
@@ -27,8 +26,7 @@ _READS: Final = frozenset({Code.PING, Code.READ})
 _RATE_TOLERANCE: Final = 0.03  # by which baud rates may differ
 
 
-@dataclass(frozen=True, slots=True)
-class Reply:
+class Reply(NamedTuple):
     """The status packet of one servo, and when it begins.
 
     Attributes:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 
 from crtk_sim_backends.dynamixel.injection import ALL, BEGIN, END
 from crtk_sim_backends.dynamixel.line import Line
 from crtk_sim_backends.dynamixel.servo import Servo
 from crtk_sim_backends.faults import Fault, FaultError
+from crtk_sim_backends.process import SimStartError
+
+log = logging.getLogger(__name__)
 
 
 class FaultEffects:
@@ -51,7 +55,10 @@ class FaultEffects:
     def end(self, fault: Fault) -> None:
         """Let it end."""
         if fault.kind == "unplug":
-            self._line(fault).port.plug()
+            try:
+                self._line(fault).port.plug()
+            except SimStartError as error:
+                log.error("it stays unplugged: %s", error)
         elif fault.kind in END:
             for servo in self._hit.pop(id(fault)):
                 END[fault.kind](servo, fault.parameters)

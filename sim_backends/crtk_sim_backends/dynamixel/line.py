@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from crtk_sim_backends.dynamixel.bus import Bus, Reply
 from crtk_sim_backends.dynamixel.injection import ALL, REPLIES, overlay
-from crtk_sim_backends.dynamixel.packets import BROADCAST, Instruction, Parser1, Parser2
+from crtk_sim_backends.dynamixel.packets import BROADCAST, Instruction, Parser, Parser1, Parser2
 from crtk_sim_backends.dynamixel.servo import Servo
 from crtk_sim_backends.dynamixel.tty import Tty
 from crtk_sim_backends.faults import Fault
@@ -103,7 +103,7 @@ class Line:
         self._chain = chain
         self._generator = random.Random(seed)
         self._trace = trace
-        self._parsers = (Parser1(), Parser2())
+        self._parsers: dict[int, Parser] = {1: Parser1(), 2: Parser2()}
         self._free = 0.0  # when the last byte of the client leaves the wire
         self._quiet = 0.0  # when the last byte of the servos does
         self._received = -math.inf
@@ -160,15 +160,22 @@ class Line:
         if self._timed and self._quiet > now + _TOLERANCE:
             self._collide(now)
             return
-        taken = self._parsers[0].taken
-        found = [packet for parser in self._parsers for packet in parser.feed(data)]
+        for packet, end in self._parse(data):
+            self._hear(packet, start + end * byte, byte, plant_time, baud)
+
+    def _parse(self, data: bytes) -> list[tuple[Instruction, int]]:
+        """Instructions of the protocols that servos here speak, and where in `data` they end."""
+        found = []
+        for protocol in {servo.protocol for servo in self.bus.servos} - {0}:
+            parser = self._parsers[protocol]
+            taken = parser.taken
+            found += [(packet, packet.end - taken) for packet in parser.feed(data)]
         if len(found) > 1:
-            found.sort(key=lambda packet: packet.end)
-        for packet in found:
-            self._hear(packet, start + (packet.end - taken) * byte, byte, plant_time, baud)
+            found.sort(key=lambda entry: entry[1])
+        return found
 
     def _forget_packet(self) -> None:
-        for parser in self._parsers:
+        for parser in self._parsers.values():
             parser.reset()
 
     def _collide(self, now: float) -> None:

@@ -110,13 +110,21 @@ class ModernServo(Servo):
     def derive(self) -> None:
         """See the base class."""
         super().derive()
-        self.protocol = 1 if self["protocol_type"] == 1 else 2
+        kind = self["protocol_type"]
+        self.protocol = kind if kind in (1, 2) else 0  # 20 to 22: remote control receivers
         self.baud = BAUD_RATES[self["baud_rate"]]
         shadowed = self["secondary_id"]
         self.secondary = shadowed if shadowed <= 252 else None
         self.mode = Mode(self["operating_mode"])
+        self._goal = _GOAL_OF[self.mode]
         self._way = -1 if self["drive_mode"] & REVERSE else 1
         self._homing = self._homing_in_force()
+        model, units = self.model, self.model.units
+        unit = model.current_unit
+        full = units.full_load if unit is None else model.amperes / unit
+        self._per_angle = self._way / units.position
+        self._per_velocity = self._way / units.velocity
+        self._per_torque = self._way * full / model.torque
 
     @property
     def error_bits(self) -> int:
@@ -144,13 +152,11 @@ class ModernServo(Servo):
 
     def _count(self, angle: float) -> float:
         """Position in counts for an angle of the horn."""
-        units = self.model.units
-        return self._way * angle / units.position + units.zero + self._turns + self._homing
+        return self._per_angle * angle + self.model.units.zero + self._turns + self._homing
 
     def _angle(self, count: float) -> float:
         """Angle of the horn for a position in counts."""
-        units = self.model.units
-        return self._way * (count - units.zero - self._turns - self._homing) * units.position
+        return (count - self.model.units.zero - self._turns - self._homing) / self._per_angle
 
     def _forget_turns(self) -> None:
         """Count from within one turn again, as the encoder does after power-on."""
@@ -167,11 +173,12 @@ class ModernServo(Servo):
         drive, units, offset = self.drive, self.model.units, self._offset
         self.advance(time)
         way, angle = self._way, drive.angle
-        velocity = way * drive.velocity / units.velocity
+        velocity = self._per_velocity * drive.velocity
         if self.stuffing is not None:
             measured = next(self.stuffing)
         else:
-            measured = self._effort(way), _wide(velocity), _wide(self._count(angle))
+            effort = _small(self._per_torque * drive.applied)
+            measured = effort, _wide(velocity), _wide(self._count(angle))
         if start >= _MEASURED_AT + offset and end <= _MEASURED_AT + _MEASURED.size + offset:
             _MEASURED.pack_into(self.memory, _MEASURED_AT + offset, *measured)
             return
@@ -184,19 +191,11 @@ class ModernServo(Servo):
             self._moving_status(time),
             _small(way * drive.output * units.full_pwm),
             *measured,
-            _wide(way * aim_velocity / units.velocity),
+            _wide(self._per_velocity * aim_velocity),
             _wide(self._count(aim)),
             round(self.volts * 10.0),
             max(0, min(255, round(self.temperature))),
         )
-
-    def _effort(self, way: int) -> int:
-        """Present Current, or Present Load where there is none."""
-        model = self.model
-        share = way * self.drive.applied / model.torque
-        if model.current_unit is None:
-            return _small(share * model.units.full_load)
-        return _small(share * model.amperes / model.current_unit)
 
     def _moving_status(self, time: float) -> int:
         drive = self.drive
@@ -272,14 +271,14 @@ class ModernServo(Servo):
 
     def _goal_effect(self, name: str) -> Callable[[float], None]:
         def effect(time: float) -> None:
-            by_goal = self["drive_mode"] & TORQUE_BY_GOAL and name == _GOAL_OF[self.mode]
+            by_goal = self["drive_mode"] & TORQUE_BY_GOAL and name == self._goal
             if by_goal and not self.torque_enabled and not self._shut_down:
                 self["torque_enable"] = 1
                 self._torque(time)
             elif self.drive.mode is not None:
                 if name in ("goal_pwm", "goal_current"):
                     self._set_limits(time)
-                if name == _GOAL_OF[self.drive.mode]:
+                if name == self._goal:
                     self._pursue(time)
 
         return effect

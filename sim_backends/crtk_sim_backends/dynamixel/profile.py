@@ -6,8 +6,7 @@ Source: e-manual, X series, "Profile" (Profile Acceleration 108, Profile Velocit
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 STEP: Final = 0x00
 RECTANGLE: Final = 0x10
@@ -16,8 +15,7 @@ TRAPEZOID: Final = 0x30
 """Bits 4 and 5 of Moving Status."""
 
 
-@dataclass(frozen=True, slots=True)
-class Profile:
+class Profile(NamedTuple):
     """Up to three phases of constant acceleration: (duration s, acceleration rad/s²) each.
 
     Attributes:

@@ -280,7 +280,7 @@ class Servo(ABC):
     # What a servo is at present
 
     number: int
-    protocol: int
+    protocol: int  # 1 or 2; 0: it speaks something else
     baud: int  # bits a second
     return_delay: float  # s from the end of an instruction to the beginning of the status
     status_level: int  # 0: answers pings, 1: reads too, 2: everything
