@@ -217,10 +217,12 @@ def test_drive_turns_with_synchronous_pdos(node, network):
     assert cycle(15, 20_000)[0] & 0x106F == 0x1027
 
 
-def test_eds_of_several_axes_is_imported(network):
+def test_drive_of_several_axes_by_its_eds(network, tmp_path):
     config = DriveConfig(motors=(MotorConfig(), MotorConfig(start=1.0)))
+    sheet = tmp_path / "two.eds"
+    sheet.write_text(eds_of(config))
     with Adapter(Drive(9, config), network.channel):
-        node = network.add_node(9, upload_eds=True)
-        assert node.sdo["Position actual value"].raw in (0, 65536)
+        node = network.add_node(9, str(sheet))
+        assert node.sdo[0x6064].raw == 0
         assert node.sdo[0x6864].raw == 65536
-    assert eds_of(config).count("ParameterName=Controlword") == 2
+        assert node.sdo[0x6864].od.name == "Position actual value"

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Final
 
 from crtk_sim_backends.canopen.aborts import Abort, SdoAbort
+from crtk_sim_backends.canopen.controller import PARAMETERS, Controller
 from crtk_sim_backends.canopen.dictionary import DataType, ObjectDictionary
 from crtk_sim_backends.canopen.emcy import Emergency
 from crtk_sim_backends.canopen.homing import METHODS, Homing, Switch
@@ -54,11 +55,7 @@ _INTERLOCK: Final = 1 << 3  # of the digital inputs 60FD
 _TARGETS: Final = (0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60FF)
 _DECELERATION: Final = {Ramp.SLOW: 0x6084, Ramp.QUICK: 0x6085, Ramp.LIMIT: 0x60C6}
 _CYCLIC: Final = (CyclicPosition, CyclicVelocity, CyclicTorque)
-_NO_WINDOW: Final = 0xFFFF_FFFF
 
-_POSITION_GAIN: Final = 60.0  # 1/s
-_VELOCITY_GAIN: Final = 500.0  # 1/s, of the inertia
-_INTEGRAL_GAIN: Final = 20_000.0  # 1/s², of the inertia
 _AT_REST: Final = 0.05  # rad/s at which a ramp down has ended
 _RAMP_GRACE: Final = 0.5  # s after the ramp at which it has ended although the motor still turns
 _BLOCKED_TIME: Final = 1.0  # s at the torque limit without motion
@@ -83,21 +80,19 @@ class Axis:
         self._dictionary = dictionary
         self._offset = AXIS_STRIDE * number
         self._emergency = emergency
+        self._values = dictionary.values
         self.units = Units(self.value)
+        self._controller = Controller(self.value, self.units, motor, self.switch)
         self.machine = Machine(self.value, self._permitted)
         self.setpoint = Setpoint()
         self.position = 0.0  # position units
         self.velocity = 0.0  # position units a second
         self.limited = False  # the target is outside of what is permitted
-        self.saturated = False  # the torque is at its limit
         self.supply = True
         self.safe_torque_off = False
         self.local = False  # somebody at the drive controls it: bit 9 of the statusword is 0
-        self._held = False  # a limit or switch holds the velocity back
         self._zero = 0.0  # revolutions at which the position is 0
         self._torque = 0.0  # N·m
-        self._integral = 0.0  # N·m
-        self._last_velocity = 0.0  # of the setpoint, for the feed-forward
         self._braking = False  # on a ramp, whatever the mode
         self._ramp_rest = 0.0  # s since the setpoint of a ramp stands
         self._controlword = 0
@@ -118,6 +113,8 @@ class Axis:
         od, offset = self._dictionary, self._offset
         for index in SCALING:
             od.written[index + offset] = lambda _: self._rescale()
+        for index in PARAMETERS:
+            od.written[index + offset] = lambda _: self._controller.update()
         for index in _TARGETS:
             od.written[index + offset] = lambda _: self._note_target()
         od.written[0x6040 + offset] = lambda _: self._note_controlword()
@@ -139,7 +136,7 @@ class Axis:
             0x6078: self._torque_permille,
             0x6079: lambda: _DC_LINK if self.supply else 0,
             0x60F4: lambda: _i32(self._demand() - self.position),
-            0x60FA: lambda: _i32(self._reference_velocity() * self.units.velocity),
+            0x60FA: self._control_effort,
             0x60FC: self._demand_increments,
             0x60FD: self._inputs,
         }
@@ -147,8 +144,12 @@ class Axis:
             od.live[index + offset, 0] = read
 
     def value(self, index: int, sub: int = 0) -> int:
-        """Value of an object of the axis."""
-        return self._dictionary[index + self._offset, sub]
+        """Value of an object of the axis, of those that are not computed when read."""
+        return self._values[index + self._offset, sub]  # type: ignore[return-value]
+
+    def shown(self, index: int) -> int:
+        """Value of an object of the axis as others read it."""
+        return self._dictionary[index + self._offset, 0]
 
     def speed(self, index: int) -> float:
         """Value of a velocity object in position units a second."""
@@ -176,8 +177,13 @@ class Axis:
 
     def _rescale(self) -> None:
         self.units.update()
+        self._controller.update()
         self._measure()
         self._align()
+
+    def _control_effort(self) -> int:
+        reference = self._controller.reference_velocity(self.setpoint, self.position)
+        return _i32(reference * self.units.velocity)
 
     def _demand(self) -> float:
         following = self.setpoint.control is Control.POSITION and self.powered
@@ -217,6 +223,11 @@ class Axis:
         """1, or -1 when the polarity turns the motor round."""
         return 1 if self.units.per_revolution > 0 else -1
 
+    @property
+    def saturated(self) -> bool:
+        """Whether the torque is at its limit."""
+        return self._controller.saturated
+
     def switch(self, switch: Switch) -> bool:
         """Whether a switch is active; limit switches by the direction of the axis."""
         if switch is Switch.HOME:
@@ -249,10 +260,8 @@ class Axis:
     @property
     def following_error(self) -> bool:
         """Whether the position is out of the following error window."""
-        window = self.value(0x6065)
-        if window == _NO_WINDOW or self._homing.searches_stop:
-            return False
-        return abs(self._demand() - self.position) > window
+        outside = abs(self._demand() - self.position) > self._controller.window
+        return outside and not self._homing.searches_stop
 
     # Commands
 
@@ -265,6 +274,7 @@ class Axis:
         self._zero = 0.0
         self._torque = 0.0
         self.units.update()
+        self._controller.update()
         self._measure()
         self._align()
 
@@ -292,6 +302,8 @@ class Axis:
     def _control(self, word: int) -> None:
         before, self._controlword = self._controlword, word
         was = self.machine.state
+        if word == before and was is State.OPERATION_ENABLED and self.machine.ramp is None:
+            return
         self.machine.control(word, fault_present=bool(self._persisting))
         state = self.machine.state
         if was is State.FAULT and state is not State.FAULT:
@@ -383,11 +395,6 @@ class Axis:
         if self.machine.state is State.OPERATION_ENABLED and isinstance(self._mode, _CYCLIC):
             self.fault(SYNC_LOST)
 
-    @property
-    def needs_sync(self) -> bool:
-        """Whether it follows targets that come with SYNC."""
-        return self.machine.state is State.OPERATION_ENABLED and isinstance(self._mode, _CYCLIC)
-
     # Time
 
     def step(self, dt: float) -> None:
@@ -398,7 +405,6 @@ class Axis:
             self._measure()
             self._align()
             return
-        self._held = False
         ramp = self._present_ramp()
         if ramp is None:
             self._braking = False
@@ -406,7 +412,7 @@ class Axis:
             self._mode.step(dt)
         else:
             self._brake(ramp, dt)
-        self._torque = self._regulate(dt)
+        self._torque = self._controller.torque(self.setpoint, self.position, dt)
         self.motor.step(self._torque, dt, powered=True)
         self._measure()
         self._supervise(dt)
@@ -440,11 +446,10 @@ class Axis:
     def _begin_to_brake(self) -> None:
         """Let the ramp begin with the setpoint, or with the motor when that has not followed."""
         setpoint = self.setpoint
-        fastest = self.value(0x6080) / 60 * abs(self.units.per_revolution)
         follows = (
             self.machine.state is not State.FAULT_REACTION
             and not self.following_error
-            and abs(setpoint.velocity) <= fastest
+            and abs(setpoint.velocity / self._controller.scale) <= self._controller.fastest
         )
         if setpoint.control is not Control.POSITION or not follows:
             setpoint.position = self.position
@@ -453,60 +458,6 @@ class Axis:
         setpoint.control = Control.POSITION
         setpoint.torque = 0.0
         self._braking = True
-
-    def _reference_velocity(self) -> float:
-        """What the velocity loop follows, position units a second."""
-        setpoint = self.setpoint
-        if setpoint.control is Control.POSITION:
-            return setpoint.velocity + _POSITION_GAIN * (setpoint.position - self.position)
-        return setpoint.velocity
-
-    def _regulate(self, dt: float) -> float:
-        """Torque of the motor, N·m: position, velocity and torque loop with their limits."""
-        setpoint, motor, scale = self.setpoint, self.motor, self.units.per_radian
-        permille = self.value(0x6076) * 1e-6  # N·m
-        inertia = motor.config.inertia
-        most = min(self.value(0x6072), self.value(0x6073))
-        up = min(most, self.value(0x60E0)) * permille
-        down = min(most, self.value(0x60E1)) * permille
-        if self.forward < 0:
-            up, down = down, up
-        slowest, fastest = self._velocity_range()
-        if setpoint.control is Control.TORQUE:
-            torque = setpoint.torque * permille * self.forward
-            most_up = inertia * _VELOCITY_GAIN * (fastest - motor.velocity) + motor.load()
-            most_down = inertia * _VELOCITY_GAIN * (slowest - motor.velocity) + motor.load()
-            self._integral = self._last_velocity = 0.0
-            wanted = min(max(torque, most_down), most_up)
-            self._held |= wanted != torque
-        else:
-            reference = self._reference_velocity() / scale
-            held = min(max(reference, slowest), fastest)
-            self._held |= setpoint.control is Control.VELOCITY and held != reference
-            error = held - motor.velocity
-            feed = (setpoint.velocity - self._last_velocity) / scale / dt
-            self._last_velocity = setpoint.velocity
-            wanted = inertia * (_VELOCITY_GAIN * error + feed) + self._integral
-            wanted += setpoint.torque * permille * self.forward
-            if -down < wanted < up:
-                self._integral += inertia * _INTEGRAL_GAIN * error * dt
-        torque = min(max(wanted, -down), up)
-        self.saturated = torque != wanted
-        return torque
-
-    def _velocity_range(self) -> tuple[float, float]:
-        """Velocities of the motor that are permitted here, rad/s: least and greatest."""
-        fastest = self.value(0x6080) * 2 * math.pi / 60
-        if self.setpoint.control is Control.POSITION:
-            return -fastest, fastest
-        deceleration = self.value(0x6085)
-        low, high = self.value(0x607D, 1), self.value(0x607D, 2)
-        scale = abs(self.units.per_radian)
-        up = math.sqrt(2 * deceleration * max(0.0, high - self.position)) / scale
-        down = math.sqrt(2 * deceleration * max(0.0, self.position - low)) / scale
-        up = 0.0 if self.switch(Switch.POSITIVE) else min(up, fastest)
-        down = 0.0 if self.switch(Switch.NEGATIVE) else min(down, fastest)
-        return (-down, up) if self.forward > 0 else (-up, down)
 
     def _supervise(self, dt: float) -> None:
         """Look for what is an error in operation."""
@@ -517,20 +468,18 @@ class Axis:
             self._outside.hold(self.following_error, dt)
             if self._outside.seconds and self._outside.lasted(self.value(0x6066)):
                 self.fault(FOLLOWING_ERROR)
-            runs_out = (setpoint.velocity > 0 and self.switch(Switch.POSITIVE)) or (
-                setpoint.velocity < 0 and self.switch(Switch.NEGATIVE)
-            )
-            if runs_out and self._mode is not self._homing:
-                self.fault(REFERENCE_LIMIT)
+            if setpoint.velocity and self._mode is not self._homing:
+                ahead = Switch.POSITIVE if setpoint.velocity > 0 else Switch.NEGATIVE
+                if self.switch(ahead):
+                    self.fault(REFERENCE_LIMIT)
         elif setpoint.control is Control.VELOCITY:
             self._blocked.hold(self.saturated and abs(self.motor.velocity) < _AT_REST, dt)
             if self._blocked.seconds >= _BLOCKED_TIME:
                 self.fault(MOTOR_BLOCKED)
 
     def _measure(self) -> None:
-        scale = self.units.per_revolution
-        self.position = (self.motor.revolutions - self._zero) * scale
-        self.velocity = self.motor.velocity * self.units.per_radian
+        self.position = (self.motor.revolutions - self._zero) * self.units.per_revolution
+        self.velocity = self.motor.velocity * self._controller.scale
 
     def _align(self) -> None:
         """Let the setpoint stand where the axis is."""
@@ -538,8 +487,7 @@ class Axis:
         self.setpoint.position = self.position
         self.setpoint.velocity = self.velocity if self.powered else 0.0
         self.setpoint.torque = 0.0
-        self._integral = 0.0
-        self._last_velocity = self.setpoint.velocity
+        self._controller.reset(self.setpoint.velocity)
         self._braking = False
         self._ramp_rest = 0.0
 
@@ -550,7 +498,7 @@ class Axis:
         word |= _VOLTAGE if self.supply else 0
         word |= _WARNING if self.safe_torque_off else 0
         word |= 0 if self.local else _REMOTE
-        if self.powered and (self.limited or self.saturated or self._held):
+        if self.powered and (self.limited or self._controller.saturated or self._controller.held):
             word |= _INTERNAL_LIMIT
         if state is State.OPERATION_ENABLED:
             word |= self._mode.status(self._halted)

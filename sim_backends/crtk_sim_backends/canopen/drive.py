@@ -36,6 +36,7 @@ HEARTBEAT_LOST: Final = 0x8130
 
 _CONTROL_PERIOD: Final = 0.001  # s
 _TICK: Final = 0.004  # s between calls of `on_timer` while an axis moves or is powered
+_SYNC_TICK: Final = 0.02  # the same while SYNC wakes the drive
 _LONGEST_GAP: Final = 0.25  # s; what a longer pause brings is left out
 _NOT_STORED: Final = (0x1003, 0x1010, 0x1011, 0x2000)
 _COMMANDS: Final = (0x6040, 0x6060)  # which no drive stores
@@ -166,17 +167,22 @@ class Drive:
 
         Frames whose identifier is not in `interests` need not be given to it.
         """
+        pdo = self.pdos.receiving.get(identifier)
+        if pdo is not None and pdo.plain and len(data) == pdo.layout.size:
+            if self.state is NmtState.OPERATIONAL and not self.faults.silent:
+                pdo.received = data  # until SYNC: nothing else happens now
+            return []
         frames = self._advance(now)
         if self.faults.silent or self.faults.off or self.state is NmtState.INITIALISING:
             return self._leave(frames, now)
-        od = self.dictionary
-        if identifier == od[0x1005, 0] & 0x7FF:
+        if identifier == self._sync:
             frames += self._on_sync(data, now)
-        elif identifier in self.pdos.receiving:
-            if self.state is NmtState.OPERATIONAL:
-                pdo = self.pdos.receiving[identifier]
-                if self.pdos.on_rpdo(pdo, data, now):
-                    self._process()
+            if self.next_timer > now and not self._has_events:
+                self.next_timer = min(self.next_timer, now + _SYNC_TICK)
+                return frames
+        elif pdo is not None:
+            if self.state is NmtState.OPERATIONAL and self.pdos.on_rpdo(pdo, data, now):
+                self._process()
         elif identifier == 0x600 + self.node_id:
             if self.state is not NmtState.STOPPED and not self.faults.no_sdo:
                 answers = self._sdo.on_request(data, now)
@@ -212,9 +218,10 @@ class Drive:
 
     def _note_interests(self) -> None:
         """Collect the identifiers that mean something to this node."""
-        self.interests = frozenset(
-            (0, self.dictionary[0x1005, 0] & 0x7FF, 0x600 + self.node_id)
-        ).union(self.pdos.receiving, self.heartbeats.monitored)
+        self._sync = self.dictionary[0x1005, 0] & 0x7FF
+        self.interests = frozenset((0, self._sync, 0x600 + self.node_id)).union(
+            self.pdos.receiving, self.heartbeats.monitored
+        )
 
     # Network management
 
@@ -283,6 +290,17 @@ class Drive:
         for unit in self.axes:
             unit.use_targets()
         return frames
+
+    @property
+    def _has_events(self) -> bool:
+        """Whether more than synchronous TPDOs may have to be sent."""
+        return bool(
+            self.emergency.next_timer is not None
+            or self.pdos.event_driven
+            or self._late
+            or self.faults.no_tpdo
+            or self.faults.tpdo_delay
+        )
 
     def _process(self) -> None:
         for unit in self.axes:
@@ -394,5 +412,5 @@ class Drive:
             times.append(self.emergency.next_timer)
         times += [time for time, _ in self._late]
         if not all(unit.idle for unit in self.axes):
-            times.append(now + _TICK)
+            times.append(now + (_TICK if self._last_sync is None else _SYNC_TICK))
         return min((time for time in times if time is not None), default=_NEVER)

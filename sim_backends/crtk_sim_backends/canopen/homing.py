@@ -119,7 +119,9 @@ _STALL_TIME: Final = 0.05  # s at the torque limit without motion that is a stop
 class HomingAxis(AxisView, Protocol):
     """What homing sees of its axis besides."""
 
-    saturated: bool  # the torque is at its limit
+    @property
+    def saturated(self) -> bool:
+        """Whether the torque is at its limit."""
 
     @property
     def revolutions(self) -> float:

@@ -105,11 +105,11 @@ class BusDrive:
                     "state": axis.machine.state.name.lower(),
                     "statusword": axis.statusword(),
                     "controlword": axis.value(0x6040),
-                    "mode": axis.value(0x6061),
+                    "mode": axis.shown(0x6061),
                     "error": axis.value(0x603F),
                     "position": axis.position,
                     "velocity": axis.velocity,
-                    "torque": axis.value(0x6077),
+                    "torque": axis.shown(0x6077),
                     "revolutions": axis.revolutions,
                     "powered": axis.machine.state in POWERED,
                 }
@@ -169,6 +169,8 @@ class BusDrives:
             raise ValueError(f"object {index:04X}:{sub} is no number")
         if value is not None:
             dictionary[index, sub] = value
+            if written := dictionary.written.get(index):
+                written(sub)
         return dictionary[index, sub]
 
     def _eds(self, node: int) -> str:

@@ -51,6 +51,9 @@ class Pdo:
     allowed: float = 0.0  # end of the inhibit time
     held: bool = False  # TPDO that has changed and waits for that
 
+    def __post_init__(self) -> None:
+        self.plain = self.kind <= _CYCLIC and not self.event
+
 
 class ProcessData:
     """The RPDOs and TPDOs of a node.
@@ -69,7 +72,7 @@ class ProcessData:
         self._operational = operational
         self.receiving: dict[int, Pdo] = {}
         self.transmitting: list[Pdo] = []
-        self._event_driven: list[Pdo] = []
+        self.event_driven: list[Pdo] = []
         for number in range(PDOS):
             for base in (RECEIVE, TRANSMIT):
                 index = base + number
@@ -150,7 +153,7 @@ class ProcessData:
         existing = [RECEIVE + n for n in every if self._exists(RECEIVE + n)]
         self.receiving = {pdo.identifier: pdo for pdo in map(self._build, existing)}
         self.transmitting = [self._build(TRANSMIT + n) for n in every if self._exists(TRANSMIT + n)]
-        self._event_driven = [pdo for pdo in self.transmitting if pdo.kind > _CYCLIC]
+        self.event_driven = [pdo for pdo in self.transmitting if pdo.kind > _CYCLIC]
 
     def _build(self, index: int) -> Pdo:
         od = self._dictionary
@@ -181,6 +184,7 @@ class ProcessData:
         for code, wrong in ((PDO_TOO_SHORT, len(data) < size), (PDO_TOO_LONG, len(data) > size)):
             if wrong:
                 self._emergency.begin(code, bytes((len(data), size)), pdo.index)
+                pdo.plain = False  # the next right one ends the error
             else:
                 self._emergency.end(code, pdo.index)
         if len(data) < size:
@@ -250,7 +254,7 @@ class ProcessData:
     def on_events(self, now: float) -> list[tuple[int, bytes]]:
         """Event-driven TPDOs that have changed or whose event timer is over."""
         frames = []
-        for pdo in self._event_driven:
+        for pdo in self.event_driven:
             data = self._pack(pdo)
             pdo.held = now < pdo.allowed and data != pdo.sent
             if now < pdo.allowed:
@@ -282,7 +286,7 @@ class ProcessData:
     def next_timer(self) -> float | None:
         """When a deadline, an event timer or an inhibit time ends, None for never."""
         times = [pdo.deadline for pdo in self.receiving.values() if pdo.deadline is not None]
-        for pdo in self._event_driven:
+        for pdo in self.event_driven:
             if pdo.deadline is not None:
                 times.append(max(pdo.deadline, pdo.allowed))
             if pdo.held:
