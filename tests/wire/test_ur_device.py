@@ -322,7 +322,7 @@ def test_a_stream_that_takes_over_from_a_native_move_begins_where_that_comes_to_
         type(device).write(device, setpoint)
 
     def targets(device):
-        return device._state.target_q, device._state.target_qd
+        return device._robot.state.target_q, device._robot.state.target_qd
 
     move = arm.move_jp(at(2.0))
     bench.until_moving()

@@ -60,6 +60,7 @@ class ControlLink:
         self.has_local_control = False
         self.remote: bool | None = None
         self._where = where
+        self._awaited: set[int] = set()
         self._replies: dict[int, Reply] = {}
         self._remote_asked = 0
         self._remote_asked_at = -math.inf
@@ -130,7 +131,7 @@ class ControlLink:
             elif notice.sequence == self._remote_asked:
                 self._remote_asked = 0
                 self.control_is(None if notice.error is not None else bool(notice.value))
-            else:
+            elif notice.sequence in self._awaited:
                 self._replies[notice.sequence] = notice
         now = time.monotonic()
         self._kill_if_silent()
@@ -306,17 +307,21 @@ class ControlLink:
 
     def _answer(self, name: str, sequence: int) -> Generator[None, None, Any]:
         """Wait for the answer to a request and return its value."""
-        self._replies.clear()
         starts = self.process.status.starts
-        while sequence not in self._replies:
-            if self.process.status.starts != starts:
-                raise TransitionFailed(
-                    f"{name}: {self.loss or 'the control process was replaced'}",
-                    where=self._where,
-                    remedy="Send it again.",
-                )
-            yield
-        reply = self._replies.pop(sequence)
+        self._awaited.add(sequence)
+        try:
+            while sequence not in self._replies:
+                if self.process.status.starts != starts:
+                    raise TransitionFailed(
+                        f"{name}: {self.loss or 'the control process was replaced'}",
+                        where=self._where,
+                        remedy="Send it again.",
+                    )
+                yield
+            reply = self._replies.pop(sequence)
+        finally:
+            self._awaited.discard(sequence)
+            self._replies.pop(sequence, None)
         if reply.error is not None:
             raise TransitionFailed(
                 f"{reply.error.call}: {reply.error.text}",

@@ -40,6 +40,7 @@ DASHBOARD_METHODS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
         "safety_mode": ("safetymode", ()),
         "safety_status": ("safetystatus", ()),
         "program_state": ("programState", ()),
+        "loaded_program": ("getLoadedProgram", ()),
         "popup": ("popup", ("text",)),
         "add_to_log": ("addToLog", ("text",)),
     }

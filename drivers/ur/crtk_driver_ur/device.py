@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.control import ControlOptions
@@ -19,9 +19,11 @@ from crtk_driver_ur.frames import IDENTITY, Transform
 from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import CB3, JOINT_NAMES, RobotModel, model_named
 from crtk_driver_ur.motion_sequencer import MotionOptions
+from crtk_driver_ur.robot import Robot
 from crtk_driver_ur.rtde.stream import RTDE_PORT, RtdeStream, StateSample
-from crtk_driver_ur.safety import PROGRAM_PAUSED, RobotMode, RuntimeState, SafetyMode, condition_of
+from crtk_driver_ur.safety import PROGRAM_PAUSED, RobotMode, RuntimeState
 from crtk_driver_ur.samples import BASE_FRAME, TOOL_FRAME, SampleMaker, pose_of
+from crtk_driver_ur.services import UrServices
 from crtk_drivers.device import (
     Capabilities,
     CartesianLimits,
@@ -31,6 +33,7 @@ from crtk_drivers.device import (
     JointLimits,
     Mode,
     MoveProgress,
+    Service,
     Setpoint,
     Steps,
     StopPolicy,
@@ -40,7 +43,6 @@ from crtk_drivers.errors import (
     ConnectionFailed,
     ConnectionLost,
     DeviceError,
-    DeviceFault,
     Reason,
     TransitionFailed,
 )
@@ -54,15 +56,8 @@ ACCELERATION_RISE_TIME = 0.1
 """Seconds in which setpoints made here reach the acceleration limit: the controller publishes no jerk
 limit."""
 
-UNLOCK_AFTER = 5.1
-"""Seconds on the controller's clock that a protective stop lasts before it is unlocked: the controller
-refuses before 5 s (Dashboard Server manual)."""
-
 STOP_TIMEOUT = 5.0
 """Seconds that disable waits for the arm to stand, before it goes on to switch the power off."""
-
-AT_REST = 1e-3
-"""rad/s below which a target speed counts as standing still."""
 
 CLOSE_TIMEOUT = 0.7
 """Seconds for the control process to stop the arm and end."""
@@ -111,11 +106,17 @@ class UrDevice(Device):
         self._opening: RtdeStream | None = None
         self._aborted = False
         self._stream_lost = False
-        self._state: StateSample | None = None
-        self._stopped_at = -math.inf
+        self._robot = Robot(self._link, f"ur {self.address}")
         self._has_freedrive = False
         self._in_control = False
         self._why_stopped = _PROGRAM_STOPPED
+        self._services = UrServices(
+            self._robot,
+            self._link,
+            self._model,
+            lambda: self._in_control and self._link.program_runs,
+            f"ur {self.address}",
+        )
 
     # ------------------------------------------------------------------------------------ description
 
@@ -187,16 +188,7 @@ class UrDevice(Device):
     @property
     def condition(self) -> Condition:
         """See the base class."""
-        state = self._state
-        if state is None:
-            return Condition()
-        found = condition_of(
-            state.robot_mode,
-            state.safety_mode,
-            state.runtime_state,
-            state.robot_status_bits,
-            self._link.remote,
-        )
+        found = self._robot.condition
         if found.allows is not OperatingState.ENABLED or not self._in_control:
             return found
         if self._link.loss:
@@ -206,7 +198,7 @@ class UrDevice(Device):
     @property
     def counters(self) -> Mapping[str, float]:
         """Of the RTDE stream (packages) and of the control process."""
-        status, state = self._link.process.status, self._state
+        status, state = self._link.process.status, self._robot.state
         counters = {
             "control process starts": float(status.starts),
             "control process silent for (s)": status.silent_for if status.alive else math.nan,
@@ -222,6 +214,11 @@ class UrDevice(Device):
             counters["safety mode"] = float(state.safety_mode)
             counters["speed scaling"] = state.speed_scaling
         return counters
+
+    @property
+    def services(self) -> Mapping[str, Service]:
+        """See the base class."""
+        return self._services.table
 
     # ------------------------------------------------------------------------------------- connection
 
@@ -242,7 +239,7 @@ class UrDevice(Device):
             self._opening = None
         self._stream, self._stream_lost = stream, False
         self._has_freedrive = version >= FREEDRIVE_SINCE
-        self._state, self._in_control = None, False
+        self._robot.state, self._in_control = None, False
 
     def abort_open(self) -> None:
         """See the base class."""
@@ -267,7 +264,7 @@ class UrDevice(Device):
         stream, self._stream = self._stream, None
         if stream is not None:
             stream.close()
-        state = self._state
+        state = self._robot.state
         silent = state is None or time.monotonic() - state.received > DEAD_AFTER
         if self._stream_lost or silent:
             # Waiting for a library that lost its controller too would keep the caller.
@@ -287,16 +284,12 @@ class UrDevice(Device):
             raise
         if state is None:
             return None
-        before, self._state = self._state, state
+        self._robot.take(state)
         if state.runtime_state in (RuntimeState.STOPPING, RuntimeState.STOPPED):
             self._link.program_stands()
-        elif self._link.program_runs and self._paused():
+        elif self._link.program_runs and self._robot.paused:
             self._link.end_paused_program()
             self._why_stopped = PROGRAM_PAUSED
-        if state.safety_mode == SafetyMode.PROTECTIVE_STOP and (
-            before is None or before.safety_mode != SafetyMode.PROTECTIVE_STOP
-        ):
-            self._stopped_at = state.timestamp
         self._follow_tool(state)
         return self._samples.make(state)
 
@@ -362,9 +355,9 @@ class UrDevice(Device):
     def enable(self) -> Steps:
         """Unlock a protective stop, power on, release the brakes, start the control program."""
         yield from self._begin("enable")
-        yield from self._unlock()
+        yield from self._robot.unlock()
         self._require_free("enable")
-        yield from self._power_up()
+        yield from self._robot.release_brakes()
         self._check_model()
         yield from self._start_program("enable")
 
@@ -377,7 +370,7 @@ class UrDevice(Device):
     def pause(self) -> Steps:
         """Stop and keep the control program and the power."""
         self.stop()
-        yield from self._until(self._standing)
+        yield from self._robot.until(lambda: self._robot.standing)
         self._in_control = False
 
     def disable(self) -> Steps:
@@ -385,58 +378,37 @@ class UrDevice(Device):
         self._in_control = False
         if self._link.program_runs:
             self.stop()
-            yield from self._until(self._standing, STOP_TIMEOUT)
+            yield from self._robot.until(lambda: self._robot.standing, STOP_TIMEOUT)
             yield from self._link.stop_program()
-        if self._config.power_off_on_disable and self._mode() > RobotMode.POWER_OFF:
+        if self._config.power_off_on_disable and self._robot.mode > RobotMode.POWER_OFF:
             if self._link.connecting:
                 # The power is not to wait for that.
                 self._link.restart()
-            yield from self._link.ask("power_off")
-            yield from self._until(lambda: self._mode() <= RobotMode.POWER_OFF)
+            yield from self._robot.power_off()
 
     def _begin(self, command: str) -> Steps:
         """Forget what took control away, and see that it can be had again."""
         self._in_control, self._link.loss = False, ""
-        yield from self._until(lambda: self._state is not None and self._link.ready)
-        yield from self._require_remote(command)
-        yield from self._until(lambda: not self._paused(), OTHER_PROGRAM_TIMEOUT)
-
-    def _unlock(self) -> Steps:
-        if self._safety() != SafetyMode.PROTECTIVE_STOP:
-            return
-        yield from self._until(
-            lambda: (
-                self._state is not None and self._state.timestamp > self._stopped_at + UNLOCK_AFTER
-            )
-        )
-        yield from self._link.ask("close_safety_popup")
-        yield from self._link.ask("unlock_protective_stop")
-        yield from self._until(lambda: self._safety() != SafetyMode.PROTECTIVE_STOP)
-
-    def _power_up(self) -> Steps:
-        if self._mode() < RobotMode.IDLE:
-            yield from self._link.ask("power_on")
-            yield from self._until(lambda: self._mode() >= RobotMode.IDLE, safe=True)
-        if self._mode() != RobotMode.RUNNING:
-            yield from self._link.ask("brake_release")
-            yield from self._until(lambda: self._mode() == RobotMode.RUNNING, safe=True)
+        yield from self._robot.until(lambda: self._robot.state is not None and self._link.ready)
+        yield from self._robot.require_remote("state_command", f"{command}: ")
+        yield from self._robot.until(lambda: not self._robot.paused, OTHER_PROGRAM_TIMEOUT)
 
     def _start_program(self, command: str) -> Steps:
         if not (self._link.connected and self._link.program_runs):
             yield from self._require_no_program(command)
             yield from self._link.start_program()
         yield from self._configure()
-        yield from self._until(self._playing, safe=True)
+        yield from self._robot.until(lambda: self._robot.playing, safe=True)
         self._link.program_runs = self._in_control = True
         self._why_stopped = _PROGRAM_STOPPED
 
     def _require_no_program(self, command: str) -> Steps:
         """Leave a program alone that somebody else runs, for it may be moving the arm."""
-        yield from self._until(lambda: not self._playing(), OTHER_PROGRAM_TIMEOUT)
-        if self._playing() and self._link.left_program:
+        yield from self._robot.until(lambda: not self._robot.playing, OTHER_PROGRAM_TIMEOUT)
+        if self._robot.playing and self._link.left_program:
             yield from self._link.end_left_program()
-            yield from self._until(lambda: not self._playing(), OTHER_PROGRAM_TIMEOUT)
-        if self._playing():
+            yield from self._robot.until(lambda: not self._robot.playing, OTHER_PROGRAM_TIMEOUT)
+        if self._robot.playing:
             raise CommandRefused(
                 "state_command",
                 Reason.LOCAL_CONTROL,
@@ -447,7 +419,7 @@ class UrDevice(Device):
 
     def _check_model(self) -> None:
         """Compare where the controller and the configured model have the tool."""
-        state = self._state
+        state = self._robot.state
         if state is None or state.tcp_offset is None:
             return
         kinematics = ArmKinematics(self._model, Transform.from_pose_vector(state.tcp_offset))
@@ -473,24 +445,10 @@ class UrDevice(Device):
         if config.gravity is not None:
             yield from self._link.ask("set_gravity", direction=list(config.gravity))
 
-    def _require_remote(self, command: str) -> Steps:
-        if not self._link.has_local_control:
-            return
-        remote = yield from self._link.ask("is_in_remote_control")
-        self._link.control_is(bool(remote))
-        if not remote:
-            raise CommandRefused(
-                "state_command",
-                Reason.LOCAL_CONTROL,
-                f"{command}: the teach pendant has control",
-                where=f"ur {self.address}",
-                remedy="Switch it to remote control (top right corner), then send it again.",
-            )
-
     def _require_free(self, command: str) -> None:
         """Refuse while a guard is open or somebody holds the arm; fail while it must be attended to."""
-        self._require_safe()
-        found = self.condition
+        self._robot.require_safe()
+        found = self._robot.condition
         if found.allows is OperatingState.PAUSED:
             raise CommandRefused(
                 "state_command",
@@ -498,39 +456,6 @@ class UrDevice(Device):
                 f"{command}: {found.reason}",
                 where=f"ur {self.address}",
             )
-
-    def _require_safe(self) -> None:
-        found = self.condition
-        if found.allows is OperatingState.FAULT:
-            raise DeviceFault(found.reason, where=f"ur {self.address}")
-
-    def _until(
-        self, test: Callable[[], bool], timeout: float = math.inf, *, safe: bool = False
-    ) -> Steps:
-        """Wait for `test`, at most `timeout` seconds; with `safe`, fail when a stop comes in between."""
-        deadline = time.monotonic() + timeout
-        while not test() and time.monotonic() < deadline:
-            if safe:
-                self._require_safe()
-            yield
-
-    def _playing(self) -> bool:
-        return self._state is not None and self._state.runtime_state == RuntimeState.PLAYING
-
-    def _paused(self) -> bool:
-        return self._state is not None and self._state.runtime_state in (
-            RuntimeState.PAUSING,
-            RuntimeState.PAUSED,
-        )
-
-    def _standing(self) -> bool:
-        return self._state is None or max(map(abs, self._state.target_qd)) < AT_REST
-
-    def _mode(self) -> int:
-        return RobotMode.NO_CONTROLLER if self._state is None else self._state.robot_mode
-
-    def _safety(self) -> int:
-        return SafetyMode.UNDEFINED if self._state is None else self._state.safety_mode
 
     # -------------------------------------------------------------------------------------- kinematics
 

@@ -20,6 +20,7 @@ __all__ = [
     "SafetyMode",
     "SafetyStatus",
     "condition_of",
+    "name_of",
 ]
 
 
@@ -65,6 +66,14 @@ class RuntimeState(IntEnum):
     PAUSING = 3
     PAUSED = 4
     RESUMING = 5
+
+
+def name_of(kind: type[IntEnum], number: int) -> str:
+    """Return the name of a mode; of one that this driver does not know, its number."""
+    try:
+        return kind(number).name
+    except ValueError:
+        return f"unknown ({number})"
 
 
 class RobotStatus(IntFlag):

@@ -1,0 +1,156 @@
+"""The robot's power and safety: what the controller says last, and the procedures that change it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+from crtk_driver_ur.control_link import ControlLink
+from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.safety import RobotMode, RuntimeState, SafetyMode, condition_of
+from crtk_drivers.device import Condition, Steps
+from crtk_drivers.errors import CommandRefused, DeviceFault, Reason
+from crtk_drivers.state import OperatingState
+
+__all__ = ["Robot"]
+
+UNLOCK_AFTER = 5.1
+"""Seconds on the controller's clock that a protective stop lasts before it is unlocked: the controller
+refuses before 5 s (Dashboard Server manual)."""
+
+AT_REST = 1e-3
+"""rad/s below which a target speed counts as standing still."""
+
+
+class Robot:
+    """Everything belongs to the I/O thread, but `state` may be read from any.
+
+    Args:
+        link: for the dashboard.
+        where: the device, for messages.
+
+    Attributes:
+        state: the newest; None before the first.
+    """
+
+    def __init__(self, link: ControlLink, where: str) -> None:
+        self.state: StateSample | None = None
+        self._link = link
+        self._where = where
+        self._stopped_at = -math.inf
+
+    def take(self, state: StateSample) -> None:
+        """Take note of a new state."""
+        before, self.state = self.state, state
+        if state.safety_mode == SafetyMode.PROTECTIVE_STOP and (
+            before is None or before.safety_mode != SafetyMode.PROTECTIVE_STOP
+        ):
+            self._stopped_at = state.timestamp
+
+    @property
+    def condition(self) -> Condition:
+        """The best operating state that the controller allows."""
+        state = self.state
+        if state is None:
+            return Condition()
+        return condition_of(
+            state.robot_mode,
+            state.safety_mode,
+            state.runtime_state,
+            state.robot_status_bits,
+            self._link.remote,
+        )
+
+    @property
+    def mode(self) -> int:
+        """One of `RobotMode`, if this driver knows it."""
+        return RobotMode.NO_CONTROLLER if self.state is None else self.state.robot_mode
+
+    @property
+    def safety(self) -> int:
+        """One of `SafetyMode`, if this driver knows it."""
+        return SafetyMode.UNDEFINED if self.state is None else self.state.safety_mode
+
+    @property
+    def playing(self) -> bool:
+        """Whether a program runs."""
+        return self.state is not None and self.state.runtime_state == RuntimeState.PLAYING
+
+    @property
+    def paused(self) -> bool:
+        """Whether a program is paused, or about to be."""
+        return self.state is not None and self.state.runtime_state in (
+            RuntimeState.PAUSING,
+            RuntimeState.PAUSED,
+        )
+
+    @property
+    def standing(self) -> bool:
+        """Whether the controller wants the arm to stand."""
+        return self.state is None or max(map(abs, self.state.target_qd)) < AT_REST
+
+    # Procedures
+
+    def until(
+        self, test: Callable[[], bool], timeout: float = math.inf, *, safe: bool = False
+    ) -> Steps:
+        """Wait for `test`, at most `timeout` seconds; with `safe`, fail when a stop comes in between."""
+        deadline = time.monotonic() + timeout
+        while not test() and time.monotonic() < deadline:
+            if safe:
+                self.require_safe()
+            yield
+
+    def require_safe(self) -> None:
+        """Raise DeviceFault while something must be attended to."""
+        found = self.condition
+        if found.allows is OperatingState.FAULT:
+            raise DeviceFault(found.reason, where=self._where)
+
+    def require_remote(self, command: str, detail: str = "") -> Steps:
+        """Refuse `command` while the teach pendant has control; `detail` comes before the reason."""
+        if not self._link.has_local_control:
+            return
+        remote = yield from self._link.ask("is_in_remote_control")
+        self._link.control_is(bool(remote))
+        if not remote:
+            raise CommandRefused(
+                command,
+                Reason.LOCAL_CONTROL,
+                f"{detail}the teach pendant has control",
+                where=self._where,
+                remedy="Switch it to remote control (top right corner), then send it again.",
+            )
+
+    def unlock(self) -> Steps:
+        """Leave a protective stop, not before the controller allows it; nothing if there is none."""
+        if self.safety != SafetyMode.PROTECTIVE_STOP:
+            return
+        yield from self.until(
+            lambda: (
+                self.state is not None and self.state.timestamp > self._stopped_at + UNLOCK_AFTER
+            )
+        )
+        yield from self._link.ask("close_safety_popup")
+        yield from self._link.ask("unlock_protective_stop")
+        yield from self.until(lambda: self.safety != SafetyMode.PROTECTIVE_STOP)
+
+    def power_on(self) -> Steps:
+        """Power the arm; its brakes stay engaged. Nothing if it has power."""
+        if self.mode < RobotMode.IDLE:
+            yield from self._link.ask("power_on")
+            yield from self.until(lambda: self.mode >= RobotMode.IDLE, safe=True)
+
+    def release_brakes(self) -> Steps:
+        """Power the arm and release its brakes. Nothing if that is so."""
+        yield from self.power_on()
+        if self.mode != RobotMode.RUNNING:
+            yield from self._link.ask("brake_release")
+            yield from self.until(lambda: self.mode == RobotMode.RUNNING, safe=True)
+
+    def power_off(self) -> Steps:
+        """Switch the arm's power off. Nothing if it has none."""
+        if self.mode > RobotMode.POWER_OFF:
+            yield from self._link.ask("power_off")
+            yield from self.until(lambda: self.mode <= RobotMode.POWER_OFF)
