@@ -64,6 +64,7 @@ def test_a_pattern_selects_the_sender(sim, pair):
     b.send(frame(0x1))
     assert len(sent_through(pair, numbered(2))) == 2
     b.send(frame(0x2))
+    until(lambda: nodes(sim)["native-b"]["lost"] == 2)
     sim.control.clear()
     b.send(frame(0x3))
     assert ids(receive(a)) == [0x3]
@@ -112,7 +113,7 @@ def test_bus_off_is_an_error_frame_and_no_buffer_space_until_the_restart(sim, pa
     assert a.state is can.BusState.ERROR
     assert refused(a) == errno.ENOBUFS
     b.send(frame(0x100))
-    until(lambda: nodes(sim)["native-b"]["waiting"] == 0)
+    until(lambda: nodes(sim)["native-b"]["sent"] == 1)
     sim.control.clear("bus_off")
     b.send(frame(0x101))
     restarted, got = receive(a, 2)

@@ -200,6 +200,19 @@ def test_socketcand_keeps_to_its_protocol(sim):
         assert talk(client, b"<rawmode>") == b"< ok >"
 
 
+def test_frames_do_not_run_into_the_answer_that_a_client_waits_for(sim, witnesses):
+    """python-can fails to open a busy bus when they do."""
+    with socket.create_connection((sim.host, sim.ports["socketcand"]), WAIT) as client:
+        assert client.recv(100) == b"< hi >"
+        assert talk(client, b"< open can0 >") == b"< ok >"
+        client.sendall(b"< rawmode >")
+        until(lambda: sim.control.status()["nodes"]["socketcand"]["listening"])
+        witnesses[0].send(frame(0x5, b""))
+        receive(witnesses[1])
+        assert client.recv(1000) == b"< ok >"
+        assert talk(client, b"< echo >").startswith(b"< frame 005 ")
+
+
 def test_commands_may_come_in_pieces(sim, witnesses):
     with socket.create_connection((sim.host, sim.ports["socketcand"]), WAIT) as client:
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

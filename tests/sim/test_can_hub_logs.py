@@ -137,6 +137,16 @@ def test_a_replay_can_be_faster(tmp_path, speed):
         assert ids(receive(bus, 20)) == list(range(0x100, 0x114))
 
 
+def test_a_new_replay_ends_the_one_before(tmp_path):
+    slow = recorded(tmp_path, [(1.0 + n, 0x400 + n, b"") for n in range(100)])
+    with SIM.spawn(socketcand_port=0, terminals=0) as sim, open_bus(sim, "crtk") as bus:
+        sim.control.call("replay", path=str(slow))
+        assert ids(receive(bus)) == [0x400]
+        sim.control.call("replay", path=str(slow), speed=20.0)
+        assert ids(receive(bus, 3)) == [0x400, 0x401, 0x402]
+        assert [name for name in sim.control.status()["nodes"] if "replay" in name] == ["replay"]
+
+
 def test_a_replay_waits_for_a_slow_bus_and_loses_nothing(tmp_path):
     path = recorded(tmp_path, [(1.0, 0x400, bytes([n])) for n in range(60)])
     with (

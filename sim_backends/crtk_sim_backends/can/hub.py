@@ -219,7 +219,10 @@ class Hub:
             return self._queue(node, raw)
         now = time.monotonic()
         result = 0
-        for seconds, piece in self.hook(node.name, raw, now):
+        pieces = self.hook(node.name, raw, now)
+        if not pieces:
+            node.counters.lost += 1
+        for seconds, piece in pieces:
             if seconds > 0.0:
                 self.call_at(now + seconds, partial(self._queue, node, piece))
             else:

@@ -40,6 +40,6 @@ class Counters:
 
     sent: int = 0  # went onto the bus
     received: int = 0
-    lost: int = 0  # of those that it wanted to send: refused, or dropped because of its state
+    lost: int = 0  # of those that it wanted to send: refused, or dropped by a fault
     missed: int = 0  # of those for it: it did not read in time
     invalid: int = 0  # pieces of data from it that were no frame and no command

@@ -31,6 +31,7 @@ _COMMAND: Final = re.compile(rb"<([^<>]*)>")
 _LONGEST: Final = 1024  # bytes of an unfinished command; beyond, they are no command
 _BACKLOG_LIMIT: Final = 1 << 20
 _CLIENTS: Final = 100
+_HOLD: Final = 0.25  # s
 
 
 class CommandError(ValueError):
@@ -72,7 +73,12 @@ def parse_send(words: list[bytes]) -> bytes:
 
 
 class _Client:
-    """One connection: first it opens the channel, then it chooses raw mode."""
+    """One connection: first it opens the channel, then it chooses raw mode.
+
+    python-can fails to open when frames follow at once upon the answer to ``< rawmode >``. They are
+    held back until the client has sent something, which shows that it has read the answer, or for
+    a quarter of a second.
+    """
 
     def __init__(self, door: SocketcandDoor, hub: Hub, sock: socket.socket) -> None:
         self._door = door
@@ -80,6 +86,7 @@ class _Client:
         self._buffer = bytearray()
         self._opened = False
         self._closed = False
+        self._held: list[bytes] | None = None
         self._connection = Connection(sock, _BACKLOG_LIMIT)
         self._fd = sock.fileno()
         self._handlers: Mapping[bytes, Callable[[list[bytes]], None]] = {
@@ -116,6 +123,8 @@ class _Client:
             del self._buffer[:-_LONGEST]
 
     def _obey(self, words: list[bytes]) -> None:
+        if self._held is not None:
+            self._let_go()
         words = [bytes(word) for word in words]
         handler = self._handlers.get(words[0] if words else b"")
         try:
@@ -138,6 +147,19 @@ class _Client:
             raise CommandError("no channel is open")
         self.node.listening = True
         self._say(_OK)
+        self._held = []
+        self._hub.call_at(time.monotonic() + _HOLD, self._let_go)
+
+    def _let_go(self) -> None:
+        """Send the frames that were held back."""
+        held, self._held = self._held, None
+        for message in held or ():
+            self._send_frame(message)
+
+    def _send_frame(self, message: bytes) -> None:
+        if not self._connection.send_fresh(message, time.monotonic()):
+            self.node.counters.missed += 1
+        self._settle()
 
     def _send(self, words: list[bytes]) -> None:
         if not self._opened:
@@ -153,9 +175,12 @@ class _Client:
     def deliver(self, raw: bytes) -> None:
         """Send a frame, or lose it when the client does not read."""
         message = frame_message(raw, time.time())
-        if message and not self._connection.send_fresh(message, time.monotonic()):
-            self.node.counters.missed += 1
-        self._settle()
+        if not message:
+            return
+        if self._held is None:
+            self._send_frame(message)
+        else:
+            self._held.append(message)
 
     def state_changed(self, state: State) -> None:
         """Do nothing: the protocol has no words for it."""

@@ -1,0 +1,106 @@
+"""What only a kernel with CAN can show; run them with ``python tests/vcan/uml.py`` where there is none."""
+
+import errno
+import shutil
+import socket
+import subprocess
+import time
+
+import can
+import pytest
+
+from crtk_sim_backends.can import SIM
+
+WAIT = 5.0
+
+pytestmark = pytest.mark.skipif(
+    "vcan0" not in {name for _, name in socket.if_nameindex()}, reason="there is no vcan0"
+)
+
+
+def frame(can_id=0x123, data=b"\x01\x02"):
+    return can.Message(arbitration_id=can_id, data=data, is_extended_id=can_id > 0x7FF)
+
+
+def ip(*words):
+    subprocess.run(["ip", "link", *words], check=True)
+
+
+def test_the_interface_crtk_is_as_socketcan():
+    """The same calls, the same frames and flags, at both."""
+    seen = {}
+    with SIM.spawn(socketcand_port=0, terminals=0) as sim:
+        for interface, channel in (("socketcan", "vcan0"), ("crtk", sim.paths["crtk"])):
+            with (
+                can.Bus(interface=interface, channel=channel) as one,
+                can.Bus(interface=interface, channel=channel) as other,
+                can.Bus(interface=interface, channel=channel, receive_own_messages=True) as own,
+            ):
+                own.send(frame(0x12345678, b"own"))
+                one.send(
+                    can.Message(
+                        arbitration_id=0x5, is_remote_frame=True, dlc=3, is_extended_id=False
+                    )
+                )
+                seen[interface] = [
+                    [describe(bus.recv(WAIT)) for _ in range(count)] + [bus.recv(0.05)]
+                    for bus, count in ((one, 1), (other, 2), (own, 2))
+                ]
+    assert seen["crtk"] == seen["socketcan"]
+
+
+def describe(message):
+    """All but `is_rx`, which on one machine's SocketCAN is false for everybody's frames."""
+    flags = (message.is_extended_id, message.is_remote_frame, message.is_error_frame)
+    return message.arbitration_id, bytes(message.data), message.dlc, flags
+
+
+def test_an_interface_that_is_down_gives_the_same_error():
+    codes = {}
+    with can.Bus(interface="socketcan", channel="vcan0") as bus:
+        ip("set", "vcan0", "down")
+        try:
+            codes["socketcan"] = codes_of(bus)
+        finally:
+            ip("set", "vcan0", "up")
+    with (
+        SIM.spawn(socketcand_port=0, terminals=0) as sim,
+        can.Bus(interface="crtk", channel=sim.paths["crtk"]) as bus,
+    ):
+        sim.control.inject("down")
+        codes["crtk"] = codes_of(bus)
+    assert codes["crtk"] == codes["socketcan"] == (errno.ENETDOWN, errno.ENETDOWN, None)
+
+
+def codes_of(bus):
+    """Error codes of a wait, of sending, and what a second wait brings."""
+    with pytest.raises(can.CanOperationError) as receiving:
+        bus.recv(WAIT)
+    with pytest.raises(can.CanOperationError) as sending:
+        bus.send(frame())
+    return receiving.value.error_code, sending.value.error_code, bus.recv(0.05)
+
+
+@pytest.mark.skipif(shutil.which("slcand") is None, reason="there is no slcand")
+def test_the_real_slcand_makes_an_interface_of_a_terminal():
+    with (
+        SIM.spawn(socketcand_port=0, bitrate=1_000_000) as sim,
+        can.Bus(interface="crtk", channel=sim.paths["crtk"]) as hub,
+    ):
+        daemon = subprocess.Popen(["slcand", "-F", "-o", "-c", "-s8", sim.ttys["slcan"], "slc7"])
+        try:
+            deadline = time.monotonic() + WAIT
+            while "slc7" not in {name for _, name in socket.if_nameindex()}:
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+            ip("set", "slc7", "up")
+            with can.Bus(interface="socketcan", channel="slc7") as kernel:
+                for message in (frame(), frame(0x1234567, bytes(8)), frame(0x7FF, b"")):
+                    hub.send(message)
+                    assert kernel.recv(WAIT).equals(message, None, check_channel=False)
+                    kernel.send(message)
+                    assert hub.recv(WAIT).equals(message, None, check_channel=False)
+            assert sim.control.status()["nodes"]["slcan"]["missed"] == 0
+        finally:
+            daemon.terminate()
+            daemon.wait(WAIT)
