@@ -10,14 +10,14 @@ import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from crtk_driver_canopen import eds
 from crtk_driver_canopen.config import CanopenConfig, HomingConfig, JointConfig
 from crtk_driver_canopen.heartbeat import ensure_abort_option, ensure_heartbeat
 from crtk_driver_canopen.identity import Identity, check_identity, read_identity
 from crtk_driver_canopen.layout import Layout
 from crtk_driver_canopen.master import Master
 from crtk_driver_canopen.modes import MODES, OpMode, mode_text, supported
-from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType, parse_object
+from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType
+from crtk_driver_canopen.parameters import write_parameters
 from crtk_driver_canopen.pdo import Direction, configure, disable
 from crtk_driver_canopen.sdo import Sdo
 from crtk_driver_canopen.statemachine import STAYS_IN_QUICK_STOP
@@ -28,7 +28,7 @@ from crtk_driver_canopen.units import (
     read_unit_objects,
     resolve,
 )
-from crtk_drivers.errors import ConfigError, DeviceError
+from crtk_drivers.errors import DeviceError
 
 __all__ = ["Prepared", "prepare"]
 
@@ -142,8 +142,7 @@ def _axis(
     notes: list[str],
 ) -> Prepared:
     modes = _modes(sdo, name, joint)
-    for entry, value in _written(name, joint):
-        sdo.ensure(entry, value, f"Correct the parameters of joint {name}.")
+    write_parameters(sdo, name, joint)
     if joint.quick_stop_option is not None:
         sdo.ensure(OBJECTS["quick_stop_option"], joint.quick_stop_option)
     if joint.abort_option is not None:
@@ -176,31 +175,6 @@ def _modes(sdo: Sdo, name: str, joint: JointConfig) -> frozenset[OpMode]:
             remedy=f"Change `joints.{name}.modes`, or `joints.{name}.homing`.",
         )
     return modes
-
-
-def _written(name: str, joint: JointConfig) -> list[tuple[Entry, int]]:
-    """Return what the configuration wants to be written: whole numbers of a DCF, then parameters."""
-    sheet = eds.load(joint.eds, joint.node) if joint.eds else None
-    values: list[tuple[Entry, int]] = []
-    if sheet is not None:
-        for repair in sheet.repairs:
-            logger.info("joint %s: %s", name, repair)
-        values += [(entry, value) for entry, value in sheet.values() if isinstance(value, int)]
-    for text, value in joint.parameters.items():
-        index, sub = parse_object(text)
-        known = None if sheet is None else sheet.entry(index, sub)
-        entry = known or _STANDARD.get((index, sub))
-        if entry is None or not entry.type.format:
-            raise ConfigError(
-                f"the type of {text!r} is not known",
-                where=f"joints.{name}.parameters",
-                remedy="Give the drive's EDS file as `eds`.",
-            )
-        values.append((entry, value))
-    return values
-
-
-_STANDARD = {(entry.index, entry.sub): entry for entry in OBJECTS.values()}
 
 
 def _homing(sdo: Sdo, homing: HomingConfig, units: JointUnits) -> None:
