@@ -141,6 +141,25 @@ def test_settings_that_the_box_does_not_keep_are_an_error(box) -> None:
         bench.front.close()
 
 
+def test_a_stream_that_is_switched_off_in_the_sensor_is_told(box) -> None:
+    WebPages(box.host, box.ports["http"]).write("comm.cgi", {"comrdte": 0})
+    bench = NetFtBench(box, configuration(box, transport="udp"))
+    bench.session.start()
+    try:
+        eventually(
+            lambda: "switched off in the sensor" in bench.session.engine.status.detail, "told"
+        )
+        assert not bench.session.engine.connected
+        with driver_at(box) as other:  # which may use TCP
+            other.until_load(LOAD, tolerance=0.02)
+        WebPages(box.host, box.ports["http"]).write("comm.cgi", {"comrdte": 1})
+        bench.connected()
+        bench.until_load(LOAD)
+    finally:
+        WebPages(box.host, box.ports["http"]).write("comm.cgi", {"comrdte": 1})
+        bench.front.close()
+
+
 # TCP instead of UDP.
 
 

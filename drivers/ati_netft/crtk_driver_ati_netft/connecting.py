@@ -148,6 +148,12 @@ def _open(
     left = deadline - time.monotonic()
     share = _UDP_SHARE if config.transport == "auto" else 1.0
     try:
+        if info.rdt_enabled is False:
+            raise ConnectionFailed(
+                "RDT is switched off in the sensor",
+                where=f"RDT {config.host}:{config.rdt_port}",
+                remedy="Switch it on at the sensor's web page (Communications).",
+            )
         return _open_udp(config, profile, info, before, time.monotonic() + left * share, tell)
     except ConnectionFailed as error:
         if config.transport == "udp":
