@@ -208,6 +208,9 @@ def test_a_shadow_obeys_without_an_answer() -> None:
             return [struct.unpack("<i", answer.data)[0] for answer in answers]
 
         wait_until(lambda: positions() == [2500, 2500])
+        wire.send(instruction(EVERYONE, 0x83, struct.pack("<HHBI", GOAL_POSITION, 4, 2, 2000)))
+        assert wire.ask(read(3, GOAL_POSITION, 4), 15) == done(3, 0, struct.pack("<I", 2000))
+        wait_until(lambda: positions() == [2000, 2000])
 
 
 def test_a_servo_hears_only_its_own_baud_rate(wire: Wire) -> None:
