@@ -10,6 +10,8 @@ from crtk_driver_dynamixel.bus import Bus, ServoLink
 from crtk_driver_dynamixel.port import Port
 
 WAIT = 10.0
+FAST = 100_000_000
+"""Bits a second, at which bytes take no time worth the name."""
 
 
 class Peer:
@@ -50,8 +52,9 @@ class Peer:
         self._answer_all = answer
 
     def say(self, data):
-        """Send without being asked."""
+        """Send without being asked, and wait until it is there."""
         os.write(self._master, data)
+        assert select.select([self._slave], [], [], WAIT)[0]
 
     def wait_for(self, count):
         """Wait until so many requests were heard, and return them."""
@@ -87,7 +90,7 @@ def request_size(buffer):
     return 4 + buffer[3] if len(buffer) >= 4 else 4
 
 
-def open_bus(peer, links=None, *, budget=0.2, baud=100_000_000):
+def open_bus(peer, links=None, *, budget=0.2, baud=FAST):
     """A bus on a peer whose servos answer at once; at any slow rate nobody could."""
     known = {id: ServoLink(return_delay=0.0) for id in range(1, 20)} | (links or {})
     bus = Bus(Port(peer.name, baud), known, latency_budget=budget)

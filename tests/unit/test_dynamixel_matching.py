@@ -64,9 +64,10 @@ def test_of_two_the_later_counts():
 
 
 def test_foreign_ones_and_those_of_another_length_are_strays():
-    matcher, strays = placed(status(7), Status(4, 0, False, b"abc"), status(4))
+    matcher, strays = placed(status(7), Status(4, 0, False, b"abc"))
     assert strays == [7, 4]
-    assert matcher.at == 1
+    assert matcher.at == 0
+    assert not matcher.place(status(4))
 
 
 def test_an_error_number_is_an_answer_without_data():

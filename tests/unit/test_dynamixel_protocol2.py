@@ -3,7 +3,7 @@
 import random
 
 import pytest
-from dynamixel_bytes import status2
+from dynamixel_bytes import fast_status2, status2
 from dynamixel_sdk import COMM_SUCCESS, Protocol2PacketHandler
 from hypothesis import given
 from hypothesis import strategies as st
@@ -271,6 +271,14 @@ def test_an_echo_is_no_status(status, id, data):
     parser = StatusParser()
     assert parser.feed(protocol2.write(id, 116, data) + status2(*status)) == [expected(*status)]
     assert (parser.echoes, parser.garbage) == (1, 0)
+
+
+def test_the_reply_to_a_fast_read_has_no_stuffing():
+    data = b"\x00\x03\xff\xff\xfd\xfd"
+    packet = fast_status2([(3, 0, data[2:])])
+    (status,) = StatusParser().feed(packet)
+    assert status == Status(0xFE, 0, False, packet[9:-2])
+    assert status.params.endswith(data[2:])
 
 
 def test_random_noise_is_not_taken_for_statuses():

@@ -4,7 +4,7 @@ from contextlib import contextmanager
 
 import pytest
 from dynamixel_bytes import fast_status2, status1, status2
-from dynamixel_peer import Peer, open_bus
+from dynamixel_peer import FAST, Peer, open_bus
 
 from crtk_driver_dynamixel import groups, line, protocol1, protocol2
 from crtk_driver_dynamixel.bus import ServoLink
@@ -18,9 +18,9 @@ LATEST = 5.0
 
 
 @contextmanager
-def bus_on(links=None, *, budget=0.2):
+def bus_on(links=None, *, budget=0.2, baud=FAST):
     with Peer() as peer:
-        bus = open_bus(peer, links, budget=budget)
+        bus = open_bus(peer, links, budget=budget, baud=baud)
         try:
             yield peer, bus
         finally:
@@ -154,6 +154,7 @@ def test_a_silent_servo_whose_followers_stall():
         assert failures(result) == {2: Failure.SILENT}
         assert values(result) == {1: data(1), 3: data(3), 4: data(4)}
         assert peer.requests[1:] == [protocol2.sync_read([3, 4], 132, 4)]
+        assert bus.line_counters.waits == 0
 
 
 def test_a_truncated_reply_whose_followers_stall():
@@ -213,15 +214,18 @@ def test_a_chain_that_gets_its_power_back_is_found_again():
         assert peer.requests[-1] == protocol2.sync_read([1, 2], 132, 4)
 
 
-def test_late_replies_of_the_last_servo_are_not_taken():
+def test_late_replies_of_the_last_servo_are_not_taken(monkeypatch):
+    monkeypatch.setattr(line, "LATEST", LATEST)
     with bus_on(budget=SHORT) as (peer, bus):
         group = bus.sync_group([1, 2, 3], 132, 4)
         peer.script(
             statuses([1, 2], turn=1),
-            statuses([3], turn=1) + statuses([1, 2, 3], turn=2),
+            [statuses([3], turn=1), SHORT / 3, statuses([1, 2, 3], turn=2)],
+            statuses([3], turn=3),
         )
         assert failures(group.run()) == {3: Failure.SILENT}
         assert values(group.run()) == {id: data(id, 2) for id in (1, 2, 3)}
+        assert bus.read(3, 132, 4) == data(3, 3)
         assert (bus.line_counters.strays, bus.line_counters.waits) == (1, 0)
 
 
@@ -246,6 +250,33 @@ def test_a_late_fast_reply_is_not_taken(monkeypatch):
         )
         assert {value[1] for value in values(group.run()).values()} <= {2}
         assert values(group.run()) == {id: data(id, 2) for id in (1, 2)}
+        assert bus.line_counters.waits == 0
+
+
+def test_a_late_fast_reply_is_waited_for_before_another_is_asked(monkeypatch):
+    monkeypatch.setattr(line, "LATEST", LATEST)
+    with bus_on(budget=SHORT) as (peer, bus):
+        group = bus.sync_group([1], 132, 4, fast=True)
+        peer.script([4 * SHORT, fast([1], turn=1)])
+        peer.answer_all(
+            lambda request: (fast if request[7] == 0x8A else statuses)(request[12:-2], 3)
+        )
+        group.run()
+        assert values(group.run()) == {1: data(1, 3)}
+
+
+def test_a_reply_that_comes_too_early_does_not_prove_others_missing():
+    """At this rate no servo can have answered yet: it was left over from before."""
+    with bus_on(baud=1200) as (peer, bus):
+        peer.script([statuses([3], 1), 0.01, statuses([1, 2, 3], 2)])
+        assert values(bus.sync_read([1, 2, 3], 132, 4)) == {id: data(id, 2) for id in (1, 2, 3)}
+
+
+def test_deadlines_follow_the_servos_settings():
+    with bus_on({1: ServoLink(return_delay=100.0)}, budget=SHORT) as (_, bus):
+        group = bus.sync_group([1], 132, 4)
+        bus.set_link(1, return_delay=0.0)
+        assert failures(group.run()) == {1: Failure.SILENT}
 
 
 def test_a_reply_out_of_order_is_taken_back_when_those_before_it_follow():
@@ -275,7 +306,9 @@ def test_an_adapter_that_echoes():
                 if asked is quick:
                     request = protocol2.fast_sync_read([1, 2], 132, 4)
                 peer.script([request, 0.002, replies])
-                assert values(asked.run()) == {id: data(id, turn) for id in (1, 2)}
+                result = asked.run()
+                assert values(result) == {id: data(id, turn) for id in (1, 2)}
+                assert result.at_once == (turn > 0 or asked is quick)
         assert bus.line_counters.echoes == 6
         peer.script(statuses([1, 2]))
         assert group.run().complete

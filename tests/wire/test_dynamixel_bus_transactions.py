@@ -135,7 +135,7 @@ def test_an_echo_is_passed_over():
 
 def test_an_answer_before_the_request_is_not_taken():
     with bus_on() as (peer, bus):
-        peer.script(status2(1, b"ab"), status2(1, b"cd"))
+        peer.script(status2(1, b"ab"), [SHORT, status2(1, b"cd")])
         assert bus.read(1, 132, 2) == b"ab"
         peer.say(status2(1, b"xx"))  # doubled
         assert bus.read(1, 132, 2) == b"cd"

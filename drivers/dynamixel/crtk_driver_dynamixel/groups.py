@@ -81,6 +81,11 @@ class GroupResult:
         return self._replies
 
     @property
+    def at_once(self) -> bool:
+        """Whether all replies came as expected and were taken at once, rather than searched for."""
+        return self._whole is not None
+
+    @property
     def alert(self) -> bool:
         """Whether any servo reports a hardware error."""
         if self._whole is not None:

@@ -133,7 +133,7 @@ class Port:
         except (OSError, termios.error) as error:
             self.close()
             raise self._not_opened(device, error) from error
-        self._stable = stable_name(device, self._by_id) or self._stable
+        self._stable = stable_name(device, self._by_id)
         self.latency = latency.lower(device, lambda: opened.set_low_latency_mode(True))
         self._poll = select.poll()
         self._poll.register(self._fd, select.POLLIN)
