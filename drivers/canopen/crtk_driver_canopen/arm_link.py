@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +24,8 @@ from crtk_driver_canopen.layout import Layout
 from crtk_driver_canopen.master import BootUp, Master
 from crtk_driver_canopen.modes import OpMode
 from crtk_driver_canopen.objects import OBJECTS
+from crtk_driver_canopen.sdo import Sdo
+from crtk_driver_canopen.statemachine import State
 from crtk_driver_canopen.units import GroupUnits
 from crtk_drivers.errors import ConnectionFailed, CrtkError
 from crtk_drivers.samples import Stamp
@@ -34,6 +36,9 @@ logger = logging.getLogger(__name__)
 
 NMT_TIME: Final = 1.0
 """Seconds for a node to follow an NMT command; it tells by its next heartbeat."""
+
+UNHEARD: Final = frozenset({0x7500, 0x8100, 0x8700})
+"""Classes of error codes (603F) of a drive that missed heartbeats, PDOs or SYNC."""
 
 COLLECT: Final = 0.6
 """Part of a period in which the drives' PDOs are waited for: the rest is for what they are sent."""
@@ -169,21 +174,40 @@ class ArmLink:
         self.restarted.clear()
 
     def _settle(self, deadline: float) -> None:
-        """Exchange until every drive has told where it is."""
+        """Exchange until every drive has told where it is, and no longer complains of our silence."""
         self.cycle.start()
-        while not self.cycle.complete:
+        if not self._run_until(lambda: self.cycle.complete, deadline):
+            silent = sorted({pdo.node for pdo in self.cycle.stale(0)})
+            raise ConnectionFailed(
+                f"no PDOs come from node {', '.join(map(str, silent))}",
+                where=self.where,
+                remedy="Is there another SYNC producer, or another master, on the bus?",
+            )
+        reset = [axis for axis in self.axes if self._missed_us(axis)]
+        for axis in reset:
+            axis.drive.reset_fault()
+        self._run_until(lambda: all(axis.drive.reached for axis in reset), deadline)
+
+    def _missed_us(self, axis: Axis) -> bool:
+        """Whether a drive is in fault only because nobody talked to it: before we came there was nobody."""
+        if axis.drive.state is not State.FAULT:
+            return False
+        sdo = Sdo(self.master.sdo(axis.config.node), axis.config.axis)
+        code = sdo.find(OBJECTS["error_code"]) or 0
+        return code & 0xFF00 in UNHEARD
+
+    def _run_until(self, done: Callable[[], bool], deadline: float) -> bool:
+        """Exchange in the pace of the cycle; return whether it came to be so before the deadline."""
+        period = self._config.period
+        while not done():
             began = time.monotonic()
             if began > deadline:
-                silent = sorted({pdo.node for pdo in self.cycle.stale(0)})
-                raise ConnectionFailed(
-                    f"no PDOs come from node {', '.join(map(str, silent))}",
-                    where=self.where,
-                    remedy="Is there another SYNC producer, or another master, on the bus?",
-                )
-            self.exchange(began + self._config.period)
+                return False
+            self.exchange(began + period)
             self.follow()
             self.send()
-            time.sleep(max(0.0, began + self._config.period - time.monotonic()))
+            time.sleep(max(0.0, began + period - time.monotonic()))
+        return True
 
     def set_up_again(self, node: int) -> None:
         """Set up a node that has started anew; the others go without SYNC meanwhile.
