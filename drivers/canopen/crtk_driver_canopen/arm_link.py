@@ -187,6 +187,8 @@ class ArmLink:
         for axis in reset:
             axis.drive.reset_fault()
         self._run_until(lambda: all(axis.drive.reached for axis in reset), deadline)
+        # One that was left holding, and has not missed us yet, has its power taken now.
+        self._run_until(lambda: not any(axis.is_enabled for axis in self.axes), deadline)
 
     def _missed_us(self, axis: Axis) -> bool:
         """Whether a drive is in fault only because nobody talked to it: before we came there was nobody."""
