@@ -1,4 +1,4 @@
-"""Clients of a NetFT sensor box that share no code with the driver or the simulator."""
+"""Clients of a NetFT sensor box that share no code with driver or simulator, and a box without sockets."""
 
 from __future__ import annotations
 

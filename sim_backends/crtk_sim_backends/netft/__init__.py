@@ -71,8 +71,8 @@ class NetFtSimulator:
 
 
 def _banner(config: SimConfig, host: str, ports: dict[str, int]) -> Iterator[str]:
-    yield f"simulated {config.family.product}, sensor {config.sensor.part}, at {host}"
-    yield "ports: " + ", ".join(f"{name} {port}" for name, port in sorted(ports.items()))
+    yield f"{config.family.product}, sensor {config.sensor.part}, at {host}"
+    yield "ports: " + ", ".join(f"{name} {port}" for name, port in ports.items())
     if config.faults:
         yield f"faults from {config.faults}"
     yield "stop it with Ctrl-C"

@@ -92,8 +92,8 @@ class NetFtServer:
         self._stopping = False
         self._ports: dict[str, Port] = {}
         self.host, self._rdt = bind_somewhere(config.host, self._bind)
-        self.ports = {name: port.number for name, port in self._ports.items()}
-        self.ports[rdt_port.NAME] = self._rdt.number
+        self.ports = {rdt_port.NAME: self._rdt.number}
+        self.ports.update((name, port.number) for name, port in self._ports.items())
         self._now = self._epoch = time.monotonic()
         self.box = Box(config, self._epoch)
         self._faults = FaultPlayer(KINDS, faults, self._begin, self._end, ("port", "axis"))
@@ -109,9 +109,10 @@ class NetFtServer:
     def _bind(self, host: str) -> RdtPort:
         config = self.config
         stream = RdtPort(host, config.rdt_port)
-        wanted = {"tcp": config.tcp_port, CONTROL: config.control_port}
+        wanted = {"tcp": config.tcp_port}
         if config.family.web:
             wanted["http"] = config.http_port
+        wanted[CONTROL] = config.control_port
         try:
             for name, number in wanted.items():
                 self._ports[name] = Port(name, _listen(host, number, name))
