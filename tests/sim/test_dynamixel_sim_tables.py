@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from crtk_sim_backends.dynamixel.bus import make_servos
+from crtk_sim_backends.dynamixel.config import parse_servos
 from crtk_sim_backends.dynamixel.models import MODELS, Model
 from crtk_sim_backends.dynamixel.registers import LEGACY, Access
 
@@ -89,3 +91,11 @@ def test_firmware_changes_tables() -> None:
     assert [block.data for block in xl330.table(52).blocks] == [208]
     assert "present_load" in MODELS["xl430-w250"].table(52)
     assert "goal_current" not in MODELS["xl430-w250"].table(52)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_new_servo_is_at_rest_and_well(name: str) -> None:
+    (servo,) = make_servos(parse_servos(f"1:{name}"), 1_000_000, 0)
+    servo.refresh(1.0)
+    assert (servo.error_bits, servo.drive.velocity, servo.baud) == (0, 0.0, 1_000_000)
+    assert servo["present_position"] == servo.model.units.zero == servo["goal_position"]

@@ -101,7 +101,11 @@ def _values(model: Model, firmware: int) -> dict[str, tuple[int, int, int]]:
         "firmware_version": (firmware, 0, 255),
     }
     if model.series in LEGACY:
-        return values | {"goal_position": (model.units.zero, *_legacy_goals(model))}
+        return values | {
+            "max_voltage_limit": (high, 50, 250),
+            "min_voltage_limit": (low, 50, 250),
+            "goal_position": (model.units.zero, *_legacy_goals(model)),
+        }
     values |= {
         "max_voltage_limit": (high, low, high),
         "min_voltage_limit": (low, low, high),
@@ -175,6 +179,8 @@ _ROWS: Final = (
     ("xh430-v210", 1050, Series.X, _X, 0.00134, 689, 230, 2.6, 52.0, 0.7, _24V),
     ("xh540-w270", 1100, Series.X540, _X, 0.00269, 2047, 170, 9.9, 39.0, 4.9, _12V),
     ("xh540-w150", 1110, Series.X540, _X, 0.00269, 2047, 300, 7.1, 70.0, 4.9, _12V),
+    ("xh540-v270", 1140, Series.X540, _X, 0.00269, 1188, 150, 9.2, 34.0, 2.4, _24V),
+    ("xh540-v150", 1150, Series.X540, _X, 0.00269, 1188, 265, 6.4, 60.0, 2.4, _24V),
     ("mx-28", 30, Series.MX, _X, None, 0, 230, 2.5, 55.0, 1.4, _12V),
     ("mx-64", 311, Series.MX, _X, 0.00336, 1941, 435, 6.0, 63.0, 4.1, _12V),
     ("mx-106", 321, Series.MX, _X, 0.00336, 2047, 210, 8.4, 45.0, 5.2, _12V),
@@ -185,8 +191,12 @@ _ROWS: Final = (
     ("pm54-040-s250", 2110, Series.P, _p(502_834), 0.001, 4470, 2840, 7.8, 28.4, 3.8, _P24),
     ("pm54-060-s250", 2120, Series.P, _p(502_834), 0.001, 7980, 2840, 20.0, 33.1, 6.0, _P24),
     ("ax-12a", 12, Series.AX, _AX, None, 0, 1023, 1.5, 59.0, 1.5, (12.0, (60, 140))),
+    ("ax-18a", 18, Series.AX, _AX, None, 0, 1023, 1.8, 97.0, 2.2, (12.0, (60, 140))),
+    ("rx-28", 28, Series.AX, _AX, None, 0, 1023, 3.7, 85.0, 1.9, (14.8, (60, 240))),
+    ("rx-64", 64, Series.AX, _AX, None, 0, 1023, 5.3, 64.0, 2.6, (14.8, (60, 240))),
     ("mx-28-1.0", 29, Series.MX_LEGACY, _MX1, None, 0, 1023, 2.5, 55.0, 1.4, (12.0, (60, 160))),
     ("mx-64-1.0", 310, Series.MX_LEGACY, _MX1, 0.0045, 0, 1023, 6.0, 63.0, 4.1, (12.0, (60, 160))),
+    ("mx-106-1.0", 320, Series.MX_LEGACY, _MX1, 0.0045, 0, 1023, 8.4, 45.0, 5.2, (12.0, (60, 160))),
 )
 
 MODELS: Final[Mapping[str, Model]] = MappingProxyType(
