@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import can
 import pytest
@@ -220,6 +221,29 @@ def test_two_processes_talk_to_each_other(sim, at):
     finally:
         other.kill()
         other.wait()
+
+
+def test_many_threads_may_send_at_one_bus():
+    """The hub may have read a frame before the thread that sent it has counted it."""
+    interval = sys.getswitchinterval()
+    with (
+        SIM.spawn(socketcand_port=0, terminals=0, bitrate=1_000_000, queue=100_000) as sim,
+        open_bus(sim, "crtk", name="native-a") as bus,
+    ):
+        sys.setswitchinterval(1e-6)
+        try:
+            with ThreadPoolExecutor(4) as pool:
+                for done in [pool.submit(send_many, bus, 500) for _ in range(4)]:
+                    done.result(WAIT)
+        finally:
+            sys.setswitchinterval(interval)
+        until(lambda: sim.control.status()["nodes"]["native-a"]["sent"] == 2000)
+        bus.send(frame())
+
+
+def send_many(bus, count):
+    for _ in range(count):
+        bus.send(frame())
 
 
 def test_what_was_sent_before_a_client_left_still_goes_over_the_bus():

@@ -185,9 +185,9 @@ def test_a_babbling_node_takes_the_bus(sim, pair):
 
 
 def test_the_highest_priority_at_full_rate_starves_the_others():
-    """5000 frames/s are far above 50 kbit/s: nobody else wins an arbitration."""
+    """5000 frames/s are far above 20 kbit/s: nobody else wins an arbitration."""
     with (
-        SIM.spawn(socketcand_port=0, terminals=0, bitrate=50_000, queue=100) as sim,
+        SIM.spawn(socketcand_port=0, terminals=0, bitrate=20_000, queue=100) as sim,
         open_bus(sim, "crtk", name="native-a") as a,
     ):
         sim.control.inject("babbling", id=0, rate=5000, length=8)
@@ -199,7 +199,7 @@ def test_the_highest_priority_at_full_rate_starves_the_others():
         assert nodes(sim)["native-a"]["sent"] == 0
         until(lambda: sim.control.status()["load"] > 0.5)
         sim.control.clear()
-        until(lambda: nodes(sim)["native-a"]["sent"] > 50)
+        until(lambda: nodes(sim)["native-a"]["sent"] > 0)
 
 
 @pytest.mark.parametrize(("what", "number"), [("protocol", 0x88), ("no_ack", 0xA0)])

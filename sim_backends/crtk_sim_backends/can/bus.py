@@ -22,7 +22,7 @@ from crtk_sim_backends.can.native import Page
 from crtk_sim_backends.can.port import DEAF, REFUSING, State
 
 _HELLO_TIMEOUT: Final = 2.0  # s
-_UNPACED_TIMEOUT: Final = 1.0  # s; longest wait for a hub without a bit rate to take a frame
+_HUB_TIMEOUT: Final = 1.0  # s; longest wait for a hub that does not get the time to read
 _SELECTABLE: Final = 1024  # select waits to the microsecond, poll rounds up to the millisecond
 _QUEUE_POLL: Final = 0.0005  # s; between two looks at a full queue
 
@@ -52,7 +52,7 @@ class HubBus(can.BusABC):  # type: ignore[misc]
         path = native.socket_path(str(channel))
         self.channel_info = f"crtk hub at {path}"
         self.channel = channel
-        self._sent = 0  # frames, modulo 2**32
+        self._sent = 0  # frames
         self._poll = select.poll()
         self._page: Page | None = None
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -193,9 +193,12 @@ class HubBus(can.BusABC):  # type: ignore[misc]
             if time.monotonic() >= deadline:
                 raise reason
             time.sleep(_QUEUE_POLL)
-        paced = page.numbers[Page.LIMIT] > 0
-        self._put(raw, deadline if paced else max(deadline, now + _UNPACED_TIMEOUT))
-        self._sent = (self._sent + 1) & 0xFFFFFFFF
+        self._sent += 1  # before the hub can count it, for what other threads make of both
+        try:
+            self._put(raw, max(deadline, now + _HUB_TIMEOUT))
+        except can.CanOperationError:
+            self._sent -= 1
+            raise
 
     def _refusal(self, page: Page) -> can.CanOperationError | None:
         """Why a frame cannot be sent now; None when it can."""
