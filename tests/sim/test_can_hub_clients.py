@@ -1,5 +1,6 @@
 """Unmodified python-can at every door of a hub in another process."""
 
+import asyncio
 import errno
 import select
 import socket
@@ -115,6 +116,23 @@ def test_a_notifier_and_periodic_tasks_work(at):
     task.stop()
     notifier.stop()
     assert ids(got) == [0x80] * 3
+
+
+def test_a_notifier_works_in_an_event_loop(at):
+    """It reads one frame each time that the file descriptor is readable."""
+    one, other = at("crtk"), at("crtk")
+
+    async def collect():
+        reader = can.AsyncBufferedReader()
+        notifier = can.Notifier(other, [reader], loop=asyncio.get_running_loop())
+        try:
+            for number in range(20):
+                one.send(frame(number))
+            return [await asyncio.wait_for(reader.get_message(), WAIT) for _ in range(20)]
+        finally:
+            notifier.stop()
+
+    assert ids(asyncio.run(collect())) == list(range(20))
 
 
 def test_what_a_classic_interface_cannot_send_is_refused(at):

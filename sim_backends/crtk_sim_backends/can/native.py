@@ -31,7 +31,7 @@ MAGIC: Final = b"CRTK-CAN"
 VERSION: Final = 1
 ECHO: Final = 1  # flag of a hello: send me my own frames too
 
-MAX_PACKET: Final = 4096
+MAX_PACKET: Final = 4096  # bytes; 256 frames
 STATE_PACKET: Final = struct.Struct("<I")
 PAGE_SIZE: Final = mmap.PAGESIZE
 
@@ -235,7 +235,7 @@ def _listen(path: str) -> socket.socket:
         ) from error
     try:
         if Path(path).parent == runtime_folder():
-            runtime_folder().mkdir(mode=0o700, exist_ok=True)
+            _make_runtime_folder()
         _remove_stale(path)
         sock.bind(path)
         sock.listen(32)
@@ -250,6 +250,13 @@ def _listen(path: str) -> socket.socket:
         sock.close()
         raise
     return sock
+
+
+def _make_runtime_folder() -> None:
+    folder = runtime_folder()
+    folder.mkdir(mode=0o700, exist_ok=True)
+    if folder.stat().st_uid != os.getuid():
+        raise SimStartError(f"{folder} belongs to another user; give the path of a socket instead")
 
 
 def _remove_stale(path: str) -> None:
