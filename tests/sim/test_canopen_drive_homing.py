@@ -146,6 +146,14 @@ def test_switch_that_is_not_there_is_an_error():
     assert bench.statusword & 0x6F == 0x27
 
 
+@pytest.mark.parametrize("method", [19, 24, 26, 27])
+def test_switch_that_is_passed_while_slowing_down(method):
+    bench = Bench(MotorConfig(start=-1.2, **{**MOTOR, "home": (LEFT, LEFT + 0.04)}))
+    assert home(bench, method) == (0, 1, 1)
+    edge = LEFT if method < 25 else LEFT + 0.04
+    assert home_position(bench) == pytest.approx(edge, abs=0.002)
+
+
 def test_method_is_repeatable():
     bench = Bench(MotorConfig(start=0.0, **MOTOR))
     homes = []

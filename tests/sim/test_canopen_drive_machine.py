@@ -127,6 +127,15 @@ def test_quick_stop_option_that_stays(bench, option, ramp):
     assert abs(bench.position() - where) < 5
 
 
+def test_quick_stop_that_disables_cannot_be_left(bench):
+    bench.write(0x605A, 0, 1, "h")
+    moving(bench)
+    bench.control(QUICK_STOP)
+    bench.control(ENABLE)
+    assert state_of(bench) == QSA
+    time_until(bench, SOD)
+
+
 @pytest.mark.parametrize(
     ("index", "option", "word", "after", "ramp"),
     [

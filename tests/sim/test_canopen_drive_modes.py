@@ -122,6 +122,19 @@ def test_pp_relative(bench, option, end):
     assert bench.position() == pytest.approx(end * COUNTS, rel=0.01)
 
 
+def test_pp_needs_an_edge_after_a_change_of_the_mode(bench):
+    bench.enable(PP)
+    bench.write(0x607A, 0, COUNTS, "i")
+    bench.control(0x1F)
+    bench.until(lambda: bench.statusword & REACHED)
+    bench.mode(PV)
+    bench.mode(PP)
+    bench.write(0x607A, 0, 5 * COUNTS, "i")
+    bench.control(0x3F)
+    bench.run(0.5)
+    assert bench.position() == pytest.approx(COUNTS, abs=10)
+
+
 def test_pp_stays_within_the_software_limits(bench):
     bench.write(0x607D, 2, COUNTS, "i")
     bench.enable(PP)
@@ -267,6 +280,15 @@ def test_csp_stays_within_the_software_limits(bench):
     assert bench.statusword & LIMIT
 
 
+def test_csp_adds_its_offset(bench):
+    bench.write(0x60B0, 0, 300, "i")
+    send = cyclic(bench, CSP, 0x607A)
+    for _ in range(20):
+        send(0)
+    bench.run(0.2)
+    assert bench.position() == pytest.approx(300, abs=5)
+
+
 def test_csv_follows_and_adds_its_offset(bench):
     bench.write(0x60B1, 0, COUNTS, "i")
     send = cyclic(bench, CSV, 0x60FF)
@@ -347,6 +369,23 @@ def test_stuck_motor_is_a_following_error_in_pp(bench):
     bench.until(lambda: bench.statusword & 0x4F == 0x08, 2.0)
     assert bench.read(0x603F, 0, "H") == 0x8611
     assert bench.statusword & 0x4F == 0x08
+
+
+@pytest.mark.parametrize("reaction", [0, 2])
+def test_motor_that_was_stuck_does_not_catch_up_when_enabled_again(bench, reaction):
+    bench.write(0x605E, 0, reaction, "h")
+    bench.enable(PP)
+    bench.axis.motor.stuck = True
+    go_to(bench, 5 * COUNTS)
+    bench.until(lambda: bench.statusword & 0x4F == 0x08, 2.0)
+    bench.axis.motor.stuck = False
+    bench.run(0.1)
+    here = bench.position()
+    bench.control(0)
+    bench.control(0x80)
+    bench.enable()
+    bench.run(0.5)
+    assert bench.position() == pytest.approx(here, abs=10)
 
 
 def test_stuck_motor_is_blocked_in_pv(bench):

@@ -184,8 +184,10 @@ def test_emcy_keeps_its_inhibit_time(bench):
 def test_emcy_can_have_another_identifier_or_none(bench):
     assert bench.abort_of(bench.write, 0x1014, 0, 0x181) == 0x06090030  # while it exists
     bench.write(0x1014, 0, VALID_BIT)
+    bench.sent.clear()
     bench.axis.fault(0x1000)
     bench.run(0.01)
+    assert bench.sent == []
     bench.write(0x1014, 0, 0x181)
     bench.axis.fault(0x2310)
     bench.run(0.01)

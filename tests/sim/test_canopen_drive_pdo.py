@@ -217,6 +217,15 @@ def test_short_pdo_is_an_error_and_has_no_effect(bench):
     assert bench.read(0x6040, 0, "H") == 0
 
 
+def test_error_of_the_length_ends_with_the_next_right_pdo(bench):
+    bench.map(RPDO, 0, [CONTROL], kind=1)
+    bench.start()
+    bench.frame(0x200 + NODE, "06")
+    assert (0x80 + NODE, "00 00 00 00 00 00 00 00") in bench.frame(0x200 + NODE, "06 00")
+    bench.frame(0x80)
+    assert bench.read(0x6040, 0, "H") == 6
+
+
 def test_long_pdo_is_an_error_and_has_its_effect(bench):
     bench.start()
     assert (0x80 + NODE, "20 82 11 03 02 00 00 00") in bench.frame(0x200 + NODE, "06 00 01")

@@ -52,7 +52,6 @@ class _BlockDownload:
     block: int
     data: bytearray = field(default_factory=bytearray)
     sequence: int = 0  # of the last segment received in order
-    lost: bool = False  # a segment of this block is missing
     ended: bool = False
 
 
@@ -245,17 +244,15 @@ class SdoServer:
         sequence, last = data[0] & 0x7F, data[0] >> 7
         if not 1 <= sequence <= transfer.block:
             raise SdoAbort(Abort.SEQUENCE)
-        if sequence == transfer.sequence + 1 and not transfer.lost:
+        if sequence == transfer.sequence + 1:  # after a lost one there is none
             transfer.sequence = sequence
             transfer.data += data[1:]
             transfer.ended = bool(last)
             if len(transfer.data) > LONGEST_DOMAIN + _SEGMENT:
                 raise SdoAbort(Abort.MEMORY)
-        elif sequence > transfer.sequence:
-            transfer.lost = True
         if not last and sequence != transfer.block:
             return []
-        confirmed, transfer.sequence, transfer.lost = transfer.sequence, 0, False
+        confirmed, transfer.sequence = transfer.sequence, 0
         return [bytes((0xA2, confirmed, transfer.block)) + bytes(5)]
 
     def _end_block_download(self, data: bytes) -> list[bytes]:
