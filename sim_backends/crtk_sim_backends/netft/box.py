@@ -5,7 +5,7 @@ from __future__ import annotations
 import ipaddress
 import logging
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -60,7 +60,7 @@ class Box:
         self._number = 0
         self._trace: deque[dict[str, Any]] = deque(maxlen=_TRACE_SIZE)
 
-    def note(self, port: str, sender: str, now: float, **values: Any) -> None:
+    def note(self, port: str, sender: str, now: float, values: Mapping[str, Any]) -> None:
         """Keep a request for the trace of the control socket."""
         self._number += 1
         self._trace.append(
@@ -69,7 +69,7 @@ class Box:
                 "time_ns": int(now * 1e9),
                 "connection": sender,
                 "recipe": port,
-                "values": values,
+                "values": dict(values),
             }
         )
 
@@ -120,9 +120,9 @@ class Box:
         name = f"{sender[0]}:{sender[1]}"
         if found is None or not self.settings.rdt_enabled:
             self.counters.bad_requests += 1
-            self.note("rdt", name, now, data=data[:32].hex())
+            self.note("rdt", name, now, {"data": data[:32].hex()})
             return
-        self.note("rdt", name, now, command=found.command, count=found.count)
+        self.note("rdt", name, now, {"command": found.command, "count": found.count})
         profile = self.profile
         if found.command in profile.single:
             self._start(found, sender, 1, now)

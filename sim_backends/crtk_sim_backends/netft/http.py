@@ -81,7 +81,7 @@ class HttpSession:
         pairs = parse_qsl(target.query, keep_blank_values=True)
         page = target.path.lstrip("/")
         self._box.counters.pages += 1
-        self._box.note("http", self._sender, now, page=page, **dict(pairs))
+        self._box.note("http", self._sender, now, {**dict(pairs), "page": page})
         if page == "netftapi2.xml":
             index = dict(pairs).get("index", "")
             body = pages.sensor_page(

@@ -179,7 +179,7 @@ class Settings:
 
         Unknown variables and values that are no numbers change nothing; the rest is clamped.
         """
-        if page not in _PAGES:
+        if page not in PAGES:
             return False
         named = dict(pairs)
         target = self.configuration
@@ -190,7 +190,7 @@ class Settings:
             target = self.configurations[_clamp(index, 0, CONFIGURATIONS - 1)]
         for name, text in named.items():
             match = re.fullmatch(r"([a-z]+)(\d*)", name)
-            setter = _PAGES[page].get(match[1]) if match else None
+            setter = PAGES[page].get(match[1]) if match else None
             if setter is not None and match is not None:
                 setter(self, target, int(match[2] or -1), text)
         return True
@@ -231,7 +231,7 @@ def _of_configuration(attribute: str, low: int, high: int) -> _Setter:
 
 def _text(attribute: str) -> _Setter:
     def setter(settings: Settings, target: Configuration, index: int, text: str) -> None:
-        setattr(target, attribute, text[:32])
+        setattr(target, attribute, "".join(filter(str.isprintable, text))[:32])
 
     return setter
 
@@ -278,12 +278,12 @@ def _transform(settings: Settings, target: Configuration, index: int, text: str)
 
 def _network(key: str) -> _Setter:
     def setter(settings: Settings, target: Configuration, index: int, text: str) -> None:
-        settings.network[key] = text[:15]
+        settings.network[key] = "".join(filter(str.isprintable, text))[:15]
 
     return setter
 
 
-_PAGES: Final[Mapping[str, Mapping[str, _Setter]]] = {
+PAGES: Final[Mapping[str, Mapping[str, _Setter]]] = {
     "setting.cgi": {
         "setcfgsel": _whole("active", 0, CONFIGURATIONS - 1),
         "setuserfilter": _filter,

@@ -64,7 +64,7 @@ class TcpSession:
         box.counters.tcp_requests += 1
         command = self._commands.get(request[0])
         if request[0] != 0 or any(request[16:]):
-            box.note("tcp", self._sender, self._clock(), request=request.hex())
+            box.note("tcp", self._sender, self._clock(), {"request": request.hex()})
         if command is None:
             return struct.pack(">HBB", _HEADER, request[0], _REFUSED)
         return command(request)
