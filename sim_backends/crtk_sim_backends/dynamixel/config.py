@@ -107,6 +107,9 @@ class SimConfig:
     faults: str = _option("", "fault file (YAML) to play from the start")
     host: str = _option(AUTO, "loopback address of the control socket; 'auto' finds a free one")
     control_port: int = _option(0, "port of the control socket; 0: any free one")
+    realtime: bool = _option(
+        False, "run with real-time priority (SCHED_FIFO) when the system permits it"
+    )
     trace_size: int = _option(5000, "how many received instructions the trace keeps")
 
     def __post_init__(self) -> None:

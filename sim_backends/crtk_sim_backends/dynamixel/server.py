@@ -36,7 +36,12 @@ from crtk_sim_backends.dynamixel.servo import Servo
 from crtk_sim_backends.dynamixel.tty import Tty
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import FaultError, check_fault, read_faults, unknown
-from crtk_sim_backends.process import SimStartError, bind_somewhere, listen
+from crtk_sim_backends.process import (
+    SimStartError,
+    bind_somewhere,
+    listen,
+    use_realtime_priority,
+)
 
 log = logging.getLogger(__name__)
 
@@ -157,6 +162,8 @@ class DynamixelServer:
 
     def run(self) -> None:
         """Run until :meth:`stop`, or until the parent process has died."""
+        if self.config.realtime:
+            use_realtime_priority()
         gc.collect()
         gc.freeze()
         self._epoch = time.monotonic()
