@@ -50,7 +50,7 @@ def run(script: Path, folder: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_the_python_of_a_page_runs(page: Path, tmp_path: Path) -> None:
-    script = tmp_path / f"{page.stem}.py"
+    script = tmp_path / f"page_{page.stem}.py"  # canopen.py would hide the library
     script.write_text(program(page.read_text()))
     run(script, tmp_path)
 
