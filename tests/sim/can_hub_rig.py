@@ -6,7 +6,7 @@ import can
 
 DOORS = ("crtk", "socketcand", "slcan")
 NODES = {"crtk": "native", "socketcand": "socketcand", "slcan": "slcan"}
-WAIT = 3.0  # s; the longest that anything may take
+WAIT = 15.0  # s; the longest that anything may take, on a machine that does much else
 
 
 def listening(sim, door):

@@ -221,7 +221,7 @@ OTHER_PROCESS = """
 import sys, can
 with can.Bus(interface="crtk", channel=sys.argv[1]) as bus:
     bus.send(can.Message(arbitration_id=0x700, is_extended_id=False))
-    message = bus.recv(5.0)
+    message = bus.recv(15.0)
     message.arbitration_id += 1
     bus.send(message)
 """

@@ -37,7 +37,6 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable
-from fnmatch import fnmatchcase
 from functools import partial
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
@@ -191,10 +190,6 @@ class Hub:
         """How many frames of a node wait for the bus."""
         return 0 if self._medium is None else self._medium.waiting(node)
 
-    def matching(self, pattern: str) -> list[Node]:
-        """Nodes whose names match a shell pattern."""
-        return [node for node in self.nodes if fnmatchcase(node.name, pattern)]
-
     def set_state(self, node: Node, state: State) -> None:
         """Change what is wrong with a node's interface, and tell it."""
         if state == node.state:
@@ -319,8 +314,6 @@ class Hub:
         Raises:
             SimStartError: when another hub has it, or the place cannot be written.
         """
-        from crtk_sim_backends.can.native import SocketDoor
-
         return self._opened(SocketDoor(self, path))
 
     def open_socketcand(self, host: str, port: int, channel: str = "can0") -> SocketcandDoor:
@@ -329,8 +322,6 @@ class Hub:
         Raises:
             SimStartError: when the address cannot be bound.
         """
-        from crtk_sim_backends.can.socketcand import SocketcandDoor
-
         return self._opened(SocketcandDoor(self, host, port, channel))
 
     def open_slcan(self, link: str = "") -> SlcanDoor:
@@ -339,8 +330,6 @@ class Hub:
         Raises:
             SimStartError: when there is no pty left, or the link cannot be made.
         """
-        from crtk_sim_backends.can.slcan import SlcanDoor
-
         return self._opened(SlcanDoor(self, link))
 
     def _opened(self, door: DoorKind) -> DoorKind:

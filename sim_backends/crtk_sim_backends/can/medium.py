@@ -132,6 +132,8 @@ class Medium(Generic[Sender]):
         arrived, raw = queue.popleft()
         if queue:
             self._contend(sender, queue[0][1])
+        else:
+            del self._queues[sender]
         bits = self._count_bits(raw)
         seconds = bits / self.bitrate
         self._free_at = max(self._free_at, arrived) + seconds
