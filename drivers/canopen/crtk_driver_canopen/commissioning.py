@@ -205,7 +205,7 @@ def _map(sdo: Sdo, layout: Layout, node: int) -> None:
                 disable(sdo, node, direction, number)
         for pdo in mine:
             if configure(sdo, pdo):
-                logger.info("%s: %s written", sdo.where, pdo)
+                logger.debug("%s: %s written", sdo.where, pdo)
     cob_id = Entry(0x1005, 0, ObjectType.U32, "COB-ID of SYNC")
     found = sdo.find(cob_id)
     if found is not None and found & 0x400007FF != 0x80:

@@ -68,7 +68,7 @@ def _sim_options(config: DynamixelConfig) -> Mapping[str, Any]:
         raise ConfigError(
             "the simulated buses are of one rate", remedy="Set baud to one rate for all with --sim."
         )
-    return {"servos": servos, "baud": bauds.pop()}
+    return {"servos": servos, "baud": bauds.pop(), "realtime": True}
 
 
 def _servos(config: DynamixelConfig) -> str:
