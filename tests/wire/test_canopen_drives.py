@@ -53,7 +53,7 @@ def arm(sim: RunningSim, joint: dict[str, Any] | None = None, **keys: Any) -> Ca
     limits = {"lower": -6.0, "upper": 6.0, "velocity": 5.0, "gear": 1.0}
     joints = {f"joint_{n}": {"node": n, **limits, **(joint or {})} for n in (1, 2)}
     bus = {"interface": "crtk", "channel": sim.paths["crtk"]}
-    values = {"bus": bus, "joints": joints, "period": PERIOD, **keys}
+    values = {"bus": bus, "joints": joints, "period": PERIOD} | keys
     return load(CanopenConfig, from_values(values))
 
 
@@ -157,6 +157,30 @@ def test_a_stream_of_positions_is_followed(make: Callable[..., Rig]) -> None:
     )
     assert all(drive.failure is None for drive in rig.drives)
     assert rig.cycle.counters.short == rig.cycle.counters.foreign_syncs == 0
+
+
+DOORS: dict[str, Callable[[RunningSim], dict[str, Any]]] = {
+    "socketcand": lambda sim: {
+        "interface": "socketcand",
+        "channel": "can0",
+        "options": {"host": sim.host, "port": sim.ports["socketcand"]},
+    },
+    "slcan": lambda sim: {
+        "interface": "slcan",
+        "channel": next(iter(sim.ttys.values())),
+        "options": {"sleep_after_open": 0.0},
+    },
+}
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_the_bus_may_be_any_of_python_can(
+    make: Callable[..., Rig], sim: RunningSim, door: str
+) -> None:
+    rig = make(bus=DOORS[door](sim))
+    rig.enable()
+    rig.until(lambda: not any(rig.cycle.ages))
+    assert all(drive.reached for drive in rig.drives)
 
 
 def test_a_fault_stops_one_and_is_reset_by_an_edge(

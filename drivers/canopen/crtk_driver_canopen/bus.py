@@ -12,6 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, Final
 
 from crtk_driver_canopen.bus_state import (
@@ -65,6 +66,11 @@ class BusAddress:
 
 
 _KERNEL_SETS_BITRATE: Final = frozenset({"socketcan", "socketcand", "virtual", "udp_multicast"})
+
+_DEFAULT_OPTIONS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
+    {"socketcand": {"tcp_tune": True}}
+)
+"""Where python-can's own defaults are too slow for a cycle: without it TCP collects small frames."""
 
 
 class CanLink:
@@ -129,7 +135,7 @@ class CanLink:
         """
         self.close()
         address = self.address
-        options = dict(address.options)
+        options = {**_DEFAULT_OPTIONS.get(address.interface, {}), **address.options}
         if address.interface not in _KERNEL_SETS_BITRATE:
             options.setdefault("bitrate", address.bitrate)
         try:
