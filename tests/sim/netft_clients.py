@@ -70,21 +70,21 @@ class RdtClient:
             found += self.receive()
         return found
 
-    def silent(self, seconds: float = 0.1) -> bool:
-        """Whether nothing comes for a while."""
+    def until_silent(self, seconds: float = 0.1) -> list[Record]:
+        """Return all records until nothing comes for a while."""
+        found: list[Record] = []
         self._socket.settimeout(seconds)
         try:
-            self._socket.recv(65536)
+            while True:
+                found += self.receive()
         except TimeoutError:
-            return True
+            return found
         finally:
             self._socket.settimeout(LONG)
-        return False
 
-    def drain(self) -> None:
-        """Throw away what has come."""
-        while not self.silent(0.02):
-            pass
+    def silent(self, seconds: float = 0.1) -> bool:
+        """Whether nothing comes for a while."""
+        return not self.until_silent(seconds)
 
     def __enter__(self) -> Self:
         return self
