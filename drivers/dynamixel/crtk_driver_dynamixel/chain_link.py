@@ -473,18 +473,25 @@ class ChainLink:
         roles = {name: (name,) for name in names}
         return {place: values for place, (values, _) in self._read_once(places, roles).items()}
 
+    def read_positions(self, places: Iterable[int]) -> dict[int, int]:
+        """Return where servos are now, in counts; who does not answer is left out."""
+        found = self._read_once(places, {"position": POSITION})
+        return {place: values["position"] for place, (values, _) in found.items()}
+
     def _read_once(
         self, places: Iterable[int], roles: Mapping[str, Sequence[str]]
     ) -> dict[int, tuple[Values, int]]:
-        """Return values by role and error bits of the status, of those that answer."""
-        members = [
+        """Return values by role and error bits of the status, of those that answer once or the other time."""
+        missing = [
             Member(place, items) for place in places if (items := self._present(place, roles))
         ]
-        return {
-            place: (values_of(items, first, data), hardware)
-            for items, first, place, data, _, hardware in self._reads(members).run()
-            if data is not None
-        }
+        found: dict[int, tuple[Values, int]] = {}
+        for _ in range(2):
+            for roles_read, first, place, data, _, hardware in self._reads(missing).run():
+                if data is not None:
+                    found[place] = values_of(roles_read, first, data), hardware
+            missing = [member for member in missing if member.place not in found]
+        return found
 
     def learn(self, place: int, values: Values) -> None:
         """Keep what registers of a servo were found to hold, and speak to it accordingly."""
@@ -570,7 +577,7 @@ class ChainLink:
         """Whether a servo answers a ping now."""
         state = self.states[place]
         try:
-            self._buses[state.servo.bus].ping(state.servo.id, attempts=1)
+            self._buses[state.servo.bus].ping(state.servo.id)
         except (ServoSilent, ServoCorrupt):
             return False
         return True

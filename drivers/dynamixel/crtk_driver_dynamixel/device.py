@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crtk_driver_dynamixel.calibration import load_calibration
 from crtk_driver_dynamixel.chain_link import ChainLink, Frame, lost
@@ -33,7 +34,7 @@ from crtk_drivers.device import (
     StopPolicy,
 )
 from crtk_drivers.errors import ConnectionLost
-from crtk_drivers.samples import JointState, Sample, Value, Vector, vector
+from crtk_drivers.samples import JointState, Sample, Stamp, Value, Vector, vector
 from crtk_drivers.state import OperatingState
 
 logger = logging.getLogger(__name__)
@@ -79,6 +80,8 @@ class _ChainDevice(Device):
         self.part = part
         self._config = config
         self._seen_cycle = -1
+        self._stamp = -math.inf
+        self._last: Mapping[str, Value] = {}
         self._is_open = False
         self._condition = Condition()
 
@@ -94,6 +97,7 @@ class _ChainDevice(Device):
         self.link.open(deadline)
         self._is_open = True
         self._seen_cycle = -1
+        self._stamp, self._last = -math.inf, {}
         self.part.found()
         self._condition = Condition()
 
@@ -112,8 +116,8 @@ class _ChainDevice(Device):
     def read(self, deadline: float) -> Sample | None:
         """See the base class. Arm and gripper share what a cycle reads.
 
-        A joint vector is whole or not there: until `silent_timeout` the last one ages, then there is a fault
-        that names the servo.
+        A joint vector has the stamp of the oldest value in it, and there is none as long as that does not get
+        newer. After `silent_timeout` a fault names the servo, and the last vector goes on as invalid.
         """
         link = self.link
         if self._seen_cycle == link.cycles:
@@ -126,12 +130,29 @@ class _ChainDevice(Device):
             raise lost(self.address)
         self.part.step()
         self._judge(frame, now)
-        state = self._state(frame)
-        if state is not None:
-            return Sample(frame.stamp, {"measured_js": state})
+        stamp, usable, is_whole = self._acquired(frame)
+        if stamp.monotonic > self._stamp:
+            self._stamp = stamp.monotonic
+            self._last = {"measured_js": self._state(frame, usable, is_whole=is_whole)}
+            return Sample(stamp, self._last)
         # The link is there, and the fault tells who is missing.
-        nothing: Mapping[str, Value] = {}
-        return Sample(frame.stamp, nothing) if silent else None
+        return Sample(Stamp(0, frame.stamp.monotonic), self._last) if silent else None
+
+    def _acquired(self, frame: Frame) -> tuple[Stamp, NDArray[np.bool_], bool]:
+        """Return when the oldest value of the joint vector was acquired, from which servos its positions are
+        taken, and whether none of the others is older.
+        """
+        usable = self.part.own(frame.valid)
+        if usable.all():
+            return frame.stamp, usable, True
+        chain, seen = self.part.chain, self.part.own(frame.seen)
+        for joint in range(len(self.capabilities.joints)):
+            servos = list(chain.of_joint(joint))
+            usable[servos] |= not usable[servos].any()
+        oldest = float(chain.positions(seen, usable).min())
+        age = frame.stamp.monotonic - oldest
+        stamp = Stamp(frame.stamp.wall_ns - round(age * 1e9), oldest)
+        return stamp, usable, bool(seen.min() >= oldest)
 
     def _judge(self, frame: Frame, now: float) -> None:
         trouble = self.part.trouble(frame, now)
@@ -143,8 +164,13 @@ class _ChainDevice(Device):
             self._condition = Condition(OperatingState.FAULT, trouble)
 
     @abstractmethod
-    def _state(self, frame: Frame) -> JointState | None:
-        """Return what the joints do, None if one of them is not known."""
+    def _state(self, frame: Frame, usable: NDArray[np.bool_], *, is_whole: bool) -> JointState:
+        """Return what the joints do.
+
+        Args:
+            usable: (servos,) those whose positions are taken.
+            is_whole: the others are as good, so that efforts are known.
+        """
 
     # -------------------------------------------------------------------------------------- setpoints
 
@@ -268,15 +294,12 @@ class ArmDevice(_ChainDevice):
         """See the base class."""
         return {} if self._gripper is None else {GRIPPER: self._gripper}
 
-    def _state(self, frame: Frame) -> JointState | None:
+    def _state(self, frame: Frame, usable: NDArray[np.bool_], *, is_whole: bool) -> JointState:
         chain, scaling = self.part.chain, self.part.chain.scaling
-        valid = self.part.own(frame.valid)
-        position = chain.positions(scaling.position.to_si(self.part.own(frame.position)), valid)
-        if np.isnan(position).any():
-            return None
-        velocity = chain.positions(scaling.velocity.to_si(self.part.own(frame.velocity)), valid)
+        position = chain.positions(scaling.position.to_si(self.part.own(frame.position)), usable)
+        velocity = chain.positions(scaling.velocity.to_si(self.part.own(frame.velocity)), usable)
         effort: Vector | tuple[()] = ()
-        if self._has_efforts and valid.all():
+        if self._has_efforts and is_whole:
             effort = chain.efforts(scaling.effort.to_si(self.part.own(frame.effort)))
         return JointState(vector(position), vector(velocity), vector(effort))
 
@@ -319,16 +342,13 @@ class GripperDevice(_ChainDevice):
         """See the base class."""
         return self._capabilities
 
-    def _state(self, frame: Frame) -> JointState | None:
+    def _state(self, frame: Frame, usable: NDArray[np.bool_], *, is_whole: bool) -> JointState:
         chain, scaling, finger = self.part.chain, self.part.chain.scaling, self._finger
-        valid = self.part.own(frame.valid)
-        angles = chain.positions(scaling.position.to_si(self.part.own(frame.position)), valid)
-        if np.isnan(angles).any():
-            return None
-        speeds = chain.positions(scaling.velocity.to_si(self.part.own(frame.velocity)), valid)
+        angles = chain.positions(scaling.position.to_si(self.part.own(frame.position)), usable)
+        speeds = chain.positions(scaling.velocity.to_si(self.part.own(frame.velocity)), usable)
         self._angle = angle = float(angles[0])
         effort: tuple[float, ...] = ()
-        if self._measures_effort and valid.all():
+        if self._measures_effort and is_whole:
             torques = chain.efforts(scaling.effort.to_si(self.part.own(frame.effort)))
             effort = (finger.effort(float(torques[0]), angle),)
         return JointState(

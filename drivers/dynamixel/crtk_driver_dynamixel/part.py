@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
@@ -366,7 +366,7 @@ class Part:
         """Read what may have changed, and write the EEPROM where it differs."""
         link = self._link
         for place in self.places:
-            self._refresh(place)
+            yield from self._refresh(place)
             yield
             state, servo = link.states[place], link.chain.servos[place]
             first = link.chain.servos[link.chain.of_joint(servo.joint)[0]]
@@ -384,22 +384,37 @@ class Part:
                 and setting.item.name != "operating_mode"  # `_switch` does that
             }
             if wanted:
-                self._write_eeprom(place, wanted)
+                yield from self._write_eeprom(place, wanted)
                 yield
             found = registers.obstacles(servo, state.values)
             if found:
                 raise TransitionFailed("; ".join(found), where=link.address)
 
-    def _refresh(self, place: int) -> None:
+    def _refresh(self, place: int) -> Steps:
         state = self._link.states[place]
         kept: dict[str, int] = {n: state.values[n] for n in KEPT if n in state.values}
-        try:
-            self._link.refresh(state)
-        except (ServoSilent, ServoCorrupt, ServoRefused) as error:
-            raise TransitionFailed(error.message, where=error.where, remedy=error.remedy) from error
+        yield from self._insist(lambda: self._link.refresh(state))
         state.values.update(kept)  # what it had before it lost its power, if it did
 
-    def _write_eeprom(self, place: int, wanted: Values) -> None:
+    def _insist(self, action: Callable[[], None]) -> Steps:
+        """Do something with one servo again until it answers.
+
+        Raises:
+            TransitionFailed: it never does, or says no.
+        """
+        for attempt in range(ATTEMPTS):
+            try:
+                action()
+            except (ServoSilent, ServoCorrupt, ServoRefused) as error:
+                if isinstance(error, ServoRefused) or attempt == ATTEMPTS - 1:
+                    raise TransitionFailed(
+                        error.message, where=error.where, remedy=error.remedy
+                    ) from error
+                yield
+            else:
+                return
+
+    def _write_eeprom(self, place: int, wanted: Values) -> Steps:
         link, state = self._link, self._link.states[place]
         described = ", ".join(f"{n} {state.values[n]} to {value}" for n, value in wanted.items())
         if not self._config.write_eeprom:
@@ -414,10 +429,7 @@ class Part:
                 where=link.address,
                 remedy="Support the arm, send disable, and enable again.",
             )
-        try:
-            link.write_checked(place, wanted)
-        except (ServoSilent, ServoCorrupt, ServoRefused) as error:
-            raise TransitionFailed(error.message, where=error.where, remedy=error.remedy) from error
+        yield from self._insist(lambda: link.write_checked(place, wanted))
         wrong = [name for name, value in wanted.items() if state.values[name] != value]
         if wrong:
             raise TransitionFailed(
@@ -447,7 +459,8 @@ class Part:
             yield from self._make_sure(changing)
         waiting, wrong = list(places), dict[int, list[str]]()
         for _ in range(ATTEMPTS):
-            wanted = {p: self._still(p, kind) for p in waiting if self._frame.valid[p]}
+            here = link.read_positions(waiting)
+            wanted = {place: self._still(place, kind, count) for place, count in here.items()}
             link.write_values(wanted)
             wrong = self._wrong(wanted)
             held = [place for place in wanted if place not in wrong]
@@ -468,8 +481,8 @@ class Part:
     def _mode(self, place: int, kind: Kind) -> int:
         return int(MODES.get(kind, self._link.chain.servos[place].units.mode))
 
-    def _still(self, place: int, kind: Kind) -> dict[str, int]:
-        """Return what the RAM of a servo must hold before torque goes on, its goal included."""
+    def _still(self, place: int, kind: Kind, count: int) -> dict[str, int]:
+        """Return what the RAM of a servo at a count must hold before torque goes on, its goal included."""
         link = self._link
         state, servo = link.states[place], link.chain.servos[place]
         wanted: dict[str, int] = {n: state.values[n] for n in KEPT if n in state.values}
@@ -480,16 +493,16 @@ class Part:
         elif kind is Kind.VELOCITY:
             wanted["goal_velocity"] = 0
         else:
-            wanted["goal_position"] = self._here(place)
+            wanted["goal_position"] = self._goal_at(place, count)
         return {name: value for name, value in wanted.items() if state.has(name)}
 
-    def _here(self, place: int) -> int:
+    def _goal_at(self, place: int, count: int) -> int:
         """Return where a servo is, as a goal that it takes.
 
         Raises:
             DeviceFault: it is where it takes no goal, and would jump.
         """
-        values, count = self._link.states[place].values, int(self._frame.position[place])
+        values = self._link.states[place].values
         if self._mode(place, Kind.POSITION) == OperatingMode.POSITION:
             family = self._link.chain.servos[place].units.model.family
             low = values.get("min_position_limit", family.lowest)
