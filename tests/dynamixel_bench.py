@@ -16,12 +16,13 @@ from crtk_driver_dynamixel import PLUGIN
 from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_drivers import runtime
 from crtk_drivers.config import from_values, load
+from crtk_drivers.device import Device
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import Stamp
 from crtk_drivers.session import Session
-from crtk_drivers.state import OperatingState, Status
+from crtk_drivers.state import Status
 from crtk_sim_backends.dynamixel import SIM, RunningSim
 
 LONG = 20.0
@@ -41,7 +42,7 @@ WEIGHTLESS = ",".join(
 PATIENT: Mapping[str, Any] = {
     "sample_timeout": 3.0,
     "open_timeout": 10.0,
-    "rate": 100.0,
+    "rate": 200.0,
     "latency_budget": 0.02,
     "silent_timeout": 0.5,
     "slow_interval": 0.05,
@@ -200,6 +201,17 @@ class DynamixelBench:
         if "gripper" in self.session.children:
             self.arm.gripper.enable(timeout=LONG)
 
+    def reset(self) -> None:
+        """No fault, arm and gripper ENABLED, all joints at zero and at rest."""
+        self.sim.control.clear()
+        self.until_connected()
+        for device in (self.arm, self.arm.gripper):
+            if not device.is_enabled():
+                device.enable(timeout=LONG)
+            device.hold()
+        assert self.arm.move_jp(np.zeros(6)).wait(LONG)
+        self.until_still()
+
     def cycles(self, count: int = 5) -> None:
         """Wait for some cycles."""
         goal = self.arm.health().samples + count
@@ -338,7 +350,7 @@ def lenient() -> Iterator[None]:
 
 @contextmanager
 def driver_at(
-    sim: RunningSim, values: Mapping[str, Any], *, start: bool = True, patient: bool = True
+    sim: RunningSim, values: Mapping[str, Any], *, start: bool = True
 ) -> Iterator[DynamixelBench]:
     """A driver for simulated servos that run already."""
     with lenient():
@@ -354,6 +366,17 @@ def driver_at(
 
 
 @contextmanager
+def opened(sim: RunningSim, values: Mapping[str, Any], **more: Any) -> Iterator[Device]:
+    """The device alone, opened in this thread as the I/O thread would."""
+    device = PLUGIN.create(configuration(sim, {**values, **more}))
+    try:
+        device.open(time.monotonic() + LONG)
+        yield device
+    finally:
+        device.close()
+
+
+@contextmanager
 def dynamixel_bench(
     values: Mapping[str, Any] | None = None, *, start: bool = True, **options: Any
 ) -> Iterator[DynamixelBench]:
@@ -361,8 +384,3 @@ def dynamixel_bench(
     chosen = arm_values() if values is None else values
     with sim_for(chosen, **options) as sim, driver_at(sim, chosen, start=start) as bench:
         yield bench
-
-
-def is_faulty(engine: Engine) -> bool:
-    """Whether an engine is in FAULT."""
-    return engine.status.state is OperatingState.FAULT

@@ -1,8 +1,6 @@
 """Chains of every shape: packaged arms, grippers, shadows, several buses, both protocols, many turns."""
 
 import math
-import time
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -16,6 +14,7 @@ from dynamixel_bench import (
     driver_at,
     dynamixel_bench,
     eventually,
+    opened,
     place,
     set_upright,
     sim_for,
@@ -23,7 +22,6 @@ from dynamixel_bench import (
 )
 
 import crtk_drivers
-from crtk_driver_dynamixel import PLUGIN
 from crtk_driver_dynamixel.arms import names
 from crtk_driver_dynamixel.calibration import Calibration, ServoCalibration, save_calibration
 from crtk_driver_dynamixel.gripper import SliderCrank
@@ -247,17 +245,6 @@ def test_turns_are_known_after_a_power_off(tmp_path):
             assert bench.arm.measured_js().position == pytest.approx([8.0], abs=8e-3)
             bench.arm.enable()
             bench.cycles(10)
-
-
-@contextmanager
-def opened(sim, values, **more):
-    """The device, opened in this thread as the I/O thread would."""
-    device = PLUGIN.create(configuration(sim, {**values, **more}))
-    try:
-        device.open(time.monotonic() + LONG)
-        yield device
-    finally:
-        device.close()
 
 
 def test_turns_that_a_servo_forgets_while_it_restarts(tmp_path):
