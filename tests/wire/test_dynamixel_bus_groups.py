@@ -10,7 +10,7 @@ from crtk_driver_dynamixel import groups, line, protocol1, protocol2
 from crtk_driver_dynamixel.bus import ServoLink
 from crtk_driver_dynamixel.replies import Failure
 
-SHORT = 0.05
+SHORT = 0.15
 """Seconds of patience where silence is expected."""
 
 LATEST = 5.0
@@ -229,6 +229,16 @@ def test_late_replies_of_the_last_servo_are_not_taken(monkeypatch):
         assert (bus.line_counters.strays, bus.line_counters.waits) == (1, 0)
 
 
+def test_a_reply_that_is_owed_cannot_come_behind_those_to_a_later_request(monkeypatch):
+    monkeypatch.setattr(line, "LATEST", LATEST)
+    with bus_on(budget=SHORT) as (peer, bus):
+        peer.script(statuses([1]), statuses([1, 2], turn=2), statuses([2], turn=3))
+        assert failures(bus.sync_read([1, 2], 132, 4)) == {2: Failure.SILENT}
+        assert bus.sync_read([1, 2], 132, 4).complete
+        assert bus.read(2, 132, 4) == data(2, 3)
+        assert bus.line_counters.waits == 0
+
+
 def test_late_replies_of_all_servos_are_not_taken(monkeypatch):
     monkeypatch.setattr(line, "LATEST", LATEST)
     with bus_on(budget=SHORT) as (peer, bus):
@@ -244,13 +254,10 @@ def test_a_late_fast_reply_is_not_taken(monkeypatch):
     monkeypatch.setattr(line, "LATEST", LATEST)
     with bus_on(budget=SHORT) as (peer, bus):
         group = bus.sync_group([1, 2], 132, 4, fast=True)
-        peer.script([3 * SHORT, fast([1, 2], turn=1)])
-        peer.answer_all(
-            lambda request: (fast if request[7] == 0x8A else statuses)(request[12:-2], 2)
-        )
-        assert {value[1] for value in values(group.run()).values()} <= {2}
-        assert values(group.run()) == {id: data(id, 2) for id in (1, 2)}
-        assert bus.line_counters.waits == 0
+        peer.script(None, None, fast([1, 2], turn=1) + statuses([2], turn=2), fast([1, 2], turn=3))
+        assert values(group.run()) == {2: data(2, 2)}
+        assert values(group.run()) == {id: data(id, 3) for id in (1, 2)}
+        assert (bus.line_counters.strays, bus.line_counters.waits) == (1, 0)
 
 
 def test_a_late_fast_reply_is_waited_for_before_another_is_asked(monkeypatch):

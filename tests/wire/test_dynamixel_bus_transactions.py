@@ -12,7 +12,7 @@ from crtk_driver_dynamixel.bus import BROADCAST, Ping, ServoLink
 from crtk_driver_dynamixel.replies import ServoCorrupt, ServoRefused, ServoSilent
 from crtk_drivers.errors import ConnectionLost
 
-SHORT = 0.05
+SHORT = 0.15
 """Seconds of patience where silence is expected."""
 
 LATEST = 5.0
