@@ -214,6 +214,23 @@ def test_wrong_identity(sim, master):
     assert master.sdo(1, "4018100400000000") == "43 18 10 04 01 00 00 00"
 
 
+def test_bus_off_stops_the_drive_as_6007_says(sim, master):
+    master.sdo(1, "2b07600002000000")
+    enable(master, 1)
+    sim.control.inject("bus_off", node="drive-1")
+    until(lambda: axis(sim, 1)["state"] == "switch_on_disabled")
+    assert master.sdo(1, "4000100000000000", 0.1) is None
+    sim.control.clear("bus_off")
+    assert struct.unpack_from("<H", master.wait(0x81))[0] == 0x8140
+
+
+def test_error_passive_is_reported(sim, master):
+    sim.control.inject("error_passive", node="drive-2")
+    assert struct.unpack_from("<H", master.wait(0x82))[0] == 0x8120
+    sim.control.clear("error_passive")
+    assert master.wait(0x82) == bytes(8)
+
+
 def test_every_kind_of_fault_is_tested_here():
     text = Path(__file__).read_text()
     assert [kind for kind in KINDS if f'"{kind}"' not in text] == []
@@ -318,6 +335,21 @@ def test_wrong_file_ends_the_process_with_the_reason(tmp_path):
     file.write_text("1: {personality: plane}")
     with pytest.raises(SimStartError, match="did you mean 'plain'"):
         SIM.spawn(drives=str(file))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("- {at: 1, kind: stuck, node: 99}", "no drive with node-ID 99"),
+        ("- {at: 1, kind: stuck, axis: 1}", "1 axes"),
+        ("- {when: enabeld, kind: stuck}", "did you mean 'enabled'"),
+    ],
+)
+def test_wrong_file_of_faults_ends_the_process_with_the_reason(tmp_path, text, message):
+    file = tmp_path / "faults.yaml"
+    file.write_text(text)
+    with pytest.raises(SimStartError, match=message):
+        SIM.spawn(faults=str(file))
 
 
 def test_module_runs_alone_and_tells_how_to_connect(tmp_path):

@@ -17,10 +17,13 @@ from crtk_sim_backends.canopen.config import SimConfig, drive_configs, make_conf
 from crtk_sim_backends.canopen.drive import DriveConfig, eds_of
 from crtk_sim_backends.canopen.eds import PUBLISHED
 from crtk_sim_backends.command_line import flags, stopped_by_signals
+from crtk_sim_backends.faults import read_faults
 from crtk_sim_backends.process import Readiness, RunningSim, SimStartError
 
 if TYPE_CHECKING:
+    from crtk_sim_backends.can.hub import Hub
     from crtk_sim_backends.can.server import HubServer
+    from crtk_sim_backends.canopen.node import BusDrives
 
 __all__ = ["SIM", "CanopenSimulator", "ConfigError", "RunningSim", "SimConfig", "SimStartError"]
 
@@ -75,7 +78,13 @@ class CanopenSimulator:
         ready = readiness or Readiness(None, None)
         drives = drive_configs(chosen)
         eds = _data_sheet(chosen)
-        server = HubServer(chosen, ready.parent_fd, lambda hub: BusDrives(hub, drives))
+
+        def devices(hub: Hub) -> BusDrives:
+            made = BusDrives(hub, drives)
+            _check_faults(chosen, made)
+            return made
+
+        server = HubServer(chosen, ready.parent_fd, devices)
         try:
             with stopped_by_signals(server.stop):
                 ready.tell(
@@ -103,6 +112,22 @@ def _data_sheet(config: SimConfig) -> Path | None:
             raise SimStartError(f"cannot write the EDS {path}: {error.strerror}") from error
         return path
     return PUBLISHED if config.common == DriveConfig() else None
+
+
+def _check_faults(config: SimConfig, drives: BusDrives) -> None:
+    """See that the drives are there for which the fault file has something.
+
+    Raises:
+        FaultError: a node or an axis is not.
+    """
+    if not config.faults:
+        return
+    from crtk_sim_backends.can import injection as bus
+
+    kinds, events = {**bus.KINDS, **drives.kinds}, (*bus.EVENTS, *drives.events)
+    for fault in read_faults(Path(config.faults), kinds, events):
+        if fault.kind in drives.kinds:
+            drives.chosen(fault)
 
 
 def _hints(server: HubServer, drives: dict[int, DriveConfig], eds: Path | None) -> Iterator[str]:

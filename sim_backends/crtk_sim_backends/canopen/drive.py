@@ -32,7 +32,9 @@ from crtk_sim_backends.canopen.sdo import SdoServer
 
 Frame: TypeAlias = tuple[int, bytes]  # 11-bit identifier, up to 8 bytes
 
+CAN_PASSIVE: Final = 0x8120
 HEARTBEAT_LOST: Final = 0x8130
+BUS_OFF: Final = 0x8140
 
 _CONTROL_PERIOD: Final = 0.001  # s
 _TICK: Final = 0.004  # s between calls of `on_timer` while an axis moves or is powered
@@ -210,6 +212,18 @@ class Drive:
     def reset(self, now: float) -> None:
         """Lose everything and boot again, as after a short loss of the electronics' power."""
         self._begin_boot(now, self.dictionary.variables)
+
+    def bus_changed(self, *, off: bool, was_off: bool, passive: bool) -> None:
+        """Take note of the state of the CAN controller: bus-off is a lost connection (6007)."""
+        if off and not was_off:
+            for unit in self.axes:
+                unit.connection_lost(BUS_OFF)
+        elif was_off and not off:
+            self.emergency.once(BUS_OFF)
+        if passive:
+            self.emergency.begin(CAN_PASSIVE)
+        else:
+            self.emergency.end(CAN_PASSIVE)
 
     def switch(self, *, on: bool, now: float) -> None:
         """Switch the power of the electronics; with it the drive boots."""

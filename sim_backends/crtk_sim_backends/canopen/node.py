@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
+import struct
 import time
 from collections.abc import Callable, Collection, Mapping
-from typing import Any
+from typing import Any, Final
 
+from crtk_sim_backends.can import frames
 from crtk_sim_backends.can.hub import Hub
 from crtk_sim_backends.can.loop import Timer
-from crtk_sim_backends.canopen import injection
+from crtk_sim_backends.can.port import DEAF, State
+from crtk_sim_backends.canopen import injection, machine
 from crtk_sim_backends.canopen.drive import Drive, DriveConfig, Frame
-from crtk_sim_backends.canopen.machine import POWERED, State
 from crtk_sim_backends.canopen.nmt import NmtState
 from crtk_sim_backends.control import Handlers
 from crtk_sim_backends.faults import Fault, KindTable
 
-_IDENTIFIER = 0x1FFF_FFFF  # of a CAN-ID with the flags of linux/can.h
-_SOON = 1e-4  # s that a timer may be later than asked for before it is set anew
+_CAN_ID: Final = struct.Struct("=I")  # at the beginning of a struct can_frame
+_SOON: Final = 1e-4  # s that a timer may be later than asked for before it is set anew
 
 
 class BusDrive:
@@ -35,7 +37,8 @@ class BusDrive:
         self._hub = hub
         self._happened = happened
         self._seen = NmtState.INITIALISING, False, False, False
-        self._node = hub.attach(self._hear, f"drive-{drive.node_id}")
+        self._bus_state = State(0)
+        self._node = hub.add(f"drive-{drive.node_id}", self)
         self._timer: Timer | None = hub.call_at(time.monotonic(), self.wake)
 
     def wake(self) -> None:
@@ -48,16 +51,33 @@ class BusDrive:
         self._note()
         self._set_timer()
 
-    def _hear(self, can_id: int, data: bytes) -> None:
+    def deliver(self, raw: bytes) -> None:
+        """Hear a frame of the bus."""
         drive = self.drive
+        (can_id,) = _CAN_ID.unpack_from(raw)
         if can_id not in drive.interests:  # remote, error and extended frames among them
             return
-        self._send(drive.on_frame(can_id, data, time.monotonic()))
-        self._note()
+        answers = drive.on_frame(can_id, frames.unpack(raw)[1], time.monotonic())
+        if answers:
+            self._send(answers)
+            self._note()
         self._set_timer()
 
-    def _send(self, frames: list[Frame]) -> None:
-        for identifier, data in frames:
+    def state_changed(self, state: State) -> None:
+        """Take note of what the bus does to the drive's controller."""
+        before, self._bus_state = self._bus_state, state
+        self.drive.bus_changed(
+            off=bool(state & DEAF),
+            was_off=bool(before & DEAF),
+            passive=bool(state & State.PASSIVE),
+        )
+        self.wake()
+
+    def waiting(self, count: int) -> None:
+        """Do nothing: `Node.send` tells when the queue is full."""
+
+    def _send(self, sent: list[Frame]) -> None:
+        for identifier, data in sent:
             if self._node.send(identifier, data):
                 self.lost += 1
 
@@ -78,9 +98,9 @@ class BusDrive:
         states = [axis.machine.state for axis in drive.axes]
         now = (
             drive.state,
-            State.OPERATION_ENABLED in states,
+            machine.State.OPERATION_ENABLED in states,
             any(axis.setpoint.velocity for axis in drive.axes),
-            State.FAULT in states,
+            machine.State.FAULT in states,
         )
         if now == before:
             return
@@ -111,7 +131,7 @@ class BusDrive:
                     "velocity": axis.velocity,
                     "torque": axis.shown(0x6077),
                     "revolutions": axis.revolutions,
-                    "powered": axis.machine.state in POWERED,
+                    "powered": axis.powered,
                 }
                 for axis in drive.axes
             ],
@@ -136,13 +156,21 @@ class BusDrives:
     def _tell(self, name: str) -> None:
         self._hub.happened(name)
 
+    def chosen(self, fault: Fault) -> list[Drive]:
+        """Drives that a fault is for.
+
+        Raises:
+            FaultError: there is no such node or axis.
+        """
+        return injection.chosen([each.drive for each in self._drives.values()], fault)
+
     def begin(self, fault: Fault) -> None:
         """Let a fault of the drives begin.
 
         Raises:
             FaultError: there is no such node or axis.
         """
-        drives = injection.chosen([each.drive for each in self._drives.values()], fault)
+        drives = self.chosen(fault)
         self._apply(fault, drives, begin=True)
         if self.kinds[fault.kind].lasting:
             self._begun[id(fault)] = drives
