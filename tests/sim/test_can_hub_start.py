@@ -72,6 +72,11 @@ def test_a_port_that_is_taken_is_named():
     assert f"socketcand port {sim.host}:{sim.ports['socketcand']}" in str(caught.value)
 
 
+def test_an_interface_that_the_kernel_does_not_have_is_refused():
+    with pytest.raises(SimStartError, match="cannot join vcan99"):
+        SIM.spawn(socketcand_port=0, interface="vcan99")
+
+
 def test_terminals_can_have_links(tmp_path):
     link = tmp_path / "ttyCAN"
     with SIM.spawn(socketcand_port=0, terminals=2, link=str(link)) as sim:

@@ -10,8 +10,9 @@ import can
 import pytest
 
 from crtk_sim_backends.can import SIM
+from crtk_sim_backends.canopen import SIM as DRIVES
 
-WAIT = 5.0
+WAIT = 15.0
 
 pytestmark = pytest.mark.skipif(
     "vcan0" not in {name for _, name in socket.if_nameindex()}, reason="there is no vcan0"
@@ -20,6 +21,13 @@ pytestmark = pytest.mark.skipif(
 
 def frame(can_id=0x123, data=b"\x01\x02"):
     return can.Message(arbitration_id=can_id, data=data, is_extended_id=can_id > 0x7FF)
+
+
+def until(condition):
+    deadline = time.monotonic() + WAIT
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.005)
 
 
 def ip(*words):
@@ -81,6 +89,58 @@ def codes_of(bus):
     return receiving.value.error_code, sending.value.error_code, bus.recv(0.05)
 
 
+@pytest.fixture
+def joined():
+    """A hub that is joined to vcan0, and a bus at each side."""
+    with (
+        SIM.spawn(socketcand_port=0, terminals=0, interface="vcan0") as sim,
+        can.Bus(interface="crtk", channel=sim.paths["crtk"]) as hub,
+        can.Bus(interface="socketcan", channel="vcan0") as kernel,
+    ):
+        yield sim, hub, kernel
+
+
+def test_an_interface_of_the_kernel_joins_the_bus(joined):
+    sim, hub, kernel = joined
+    for message in (frame(), frame(0x1234567, bytes(8)), frame(0x7FF, b"")):
+        hub.send(message)
+        assert kernel.recv(WAIT).equals(message, None, check_channel=False, check_direction=False)
+        kernel.send(message)
+        assert hub.recv(WAIT).equals(message, None, check_channel=False, check_direction=False)
+    assert hub.recv(0.05) is None
+    assert kernel.recv(0.05) is None
+    assert sim.control.status()["nodes"]["vcan0"]["sent"] == 3
+
+
+def test_frames_pass_again_when_the_interface_is_back(joined):
+    sim, hub, kernel = joined
+    ip("set", "vcan0", "down")
+    try:
+        hub.send(frame())
+        until(lambda: sim.control.status()["nodes"]["vcan0"]["missed"] == 1)
+    finally:
+        ip("set", "vcan0", "up")
+    with pytest.raises(can.CanOperationError):
+        kernel.recv(WAIT)
+    hub.send(frame(0x77))
+    assert kernel.recv(WAIT).arbitration_id == 0x77
+    kernel.send(frame(0x78))
+    assert hub.recv(WAIT).arbitration_id == 0x78
+
+
+def test_simulated_drives_answer_on_an_interface_of_the_kernel():
+    """Object 1000 of node 1: a drive of CiA 402."""
+    with (
+        DRIVES.spawn(terminals=0, nodes=1, interface="vcan0"),
+        can.Bus(interface="socketcan", channel="vcan0") as kernel,
+    ):
+        kernel.send(frame(0x601, bytes.fromhex("4000100000000000")))
+        while (answer := kernel.recv(WAIT)).arbitration_id != 0x581:
+            pass
+        assert answer.data[:4] == bytes.fromhex("43001000")
+        assert answer.data[4:6] == (402).to_bytes(2, "little")
+
+
 @pytest.mark.skipif(shutil.which("slcand") is None, reason="there is no slcand")
 def test_the_real_slcand_makes_an_interface_of_a_terminal():
     with (
@@ -89,10 +149,7 @@ def test_the_real_slcand_makes_an_interface_of_a_terminal():
     ):
         daemon = subprocess.Popen(["slcand", "-F", "-o", "-c", "-s8", sim.ttys["slcan"], "slc7"])
         try:
-            deadline = time.monotonic() + WAIT
-            while "slc7" not in {name for _, name in socket.if_nameindex()}:
-                assert time.monotonic() < deadline
-                time.sleep(0.01)
+            until(lambda: "slc7" in {name for _, name in socket.if_nameindex()})
             ip("set", "slc7", "up")
             with can.Bus(interface="socketcan", channel="slc7") as kernel:
                 for message in (frame(), frame(0x1234567, bytes(8)), frame(0x7FF, b"")):

@@ -97,6 +97,8 @@ def _banner(server: HubServer) -> Iterator[str]:
 
 def hints(server: HubServer) -> Iterator[str]:
     """Tell, line by line, how programs connect to a bus."""
+    if server.config.interface:
+        yield (f"socketcan:   can.Bus(interface='socketcan', channel={server.config.interface!r})")
     for path in server.paths.values():
         yield f"python-can:  can.Bus(interface='crtk', channel={path!r})"
     yield (

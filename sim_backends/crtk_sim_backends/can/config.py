@@ -50,6 +50,9 @@ class SimConfig:
     link: str = _option(
         "", "path of a link to the first slcan terminal; the others get a number after it"
     )
+    interface: str = _option(
+        "", "CAN interface of the kernel to join to the bus, such as vcan0 (Linux)"
+    )
     echo: bool = _option(False, "give every node its own frames back")
     queue: int = _option(DEFAULT_QUEUE, "frames of one node that may wait for the bus")
     log: str = _option("", "candump log to write")

@@ -18,6 +18,7 @@ And inside the process of the hub, as the simulated drives do::
     hub.open_socket("/tmp/can0.sock")              # the doors for other processes, each as wanted
     hub.open_socketcand("127.0.0.1", 29536)
     hub.open_slcan()
+    hub.join_interface("vcan0")                    # where the kernel has CAN
     hub.call_at(time.monotonic() + 0.1, lambda: node.send(0x701, b"\\x05"))
     hub.run()                                      # until hub.stop(); hub.step(until) is one round
     hub.close()
@@ -44,6 +45,7 @@ from typing import Any, Final, Self, TypeVar
 from crtk_sim_backends.can import frames
 from crtk_sim_backends.can.candump import LogWriter
 from crtk_sim_backends.can.injection import FrameHook
+from crtk_sim_backends.can.kernel import KernelDoor
 from crtk_sim_backends.can.loop import Loop, Timer
 from crtk_sim_backends.can.medium import Medium
 from crtk_sim_backends.can.native import SocketDoor
@@ -61,7 +63,7 @@ log = logging.getLogger(__name__)
 FrameCallback = Callable[[int, bytes], object]
 
 
-DoorKind = TypeVar("DoorKind", SocketDoor, SocketcandDoor, SlcanDoor)
+DoorKind = TypeVar("DoorKind", SocketDoor, SocketcandDoor, SlcanDoor, KernelDoor)
 
 
 class Node:
@@ -146,7 +148,7 @@ class Hub:
         self.happened: Callable[[str], object] = lambda event: None  # one of `injection.EVENTS`
         self._medium = Medium[Node](bitrate, stuffing) if bitrate else None
         self._pending: deque[tuple[Node, bytes]] = deque()  # at bit rate 0
-        self._doors: list[SocketDoor | SocketcandDoor | SlcanDoor] = []
+        self._doors: list[SocketDoor | SocketcandDoor | SlcanDoor | KernelDoor] = []
         self._errors = Node(self, "errors", _Local(lambda can_id, data: None))
         self._numbers: dict[str, int] = {}
         self._stopping = False
@@ -331,6 +333,14 @@ class Hub:
             SimStartError: when there is no pty left, or the link cannot be made.
         """
         return self._opened(SlcanDoor(self, link))
+
+    def join_interface(self, interface: str) -> KernelDoor:
+        """Join a CAN interface of the kernel, such as vcan0, to the bus.
+
+        Raises:
+            SimStartError: when there is no such interface, or it is down.
+        """
+        return self._opened(KernelDoor(self, interface))
 
     def _opened(self, door: DoorKind) -> DoorKind:
         self._doors.append(door)

@@ -138,6 +138,8 @@ class HubServer:
             if name == AUTO:
                 name = os.path.join(tempfile.gettempdir(), f"crtk-can-{os.getpid()}.sock")
             self.paths["crtk"] = hub.open_socket(socket_path(name)).path
+        if config.interface:
+            hub.join_interface(config.interface)
         for number in range(1, config.terminals + 1):
             name = "slcan" if number == 1 else f"slcan-{number}"
             link = config.link and (config.link if number == 1 else f"{config.link}-{number}")
