@@ -360,9 +360,9 @@ def test_module_runs_alone_and_tells_how_to_connect(tmp_path):
         stdout=subprocess.PIPE,
         text=True,
     )
-    with process:
-        lines = [process.stdout.readline() for _ in range(4)]
-        process.terminate()
+    lines = [process.stdout.readline() for _ in range(4)]
+    process.terminate()
+    process.communicate(timeout=WAIT)
     assert process.returncode == 0
     assert "1 simulated CANopen drives" in lines[0]
     assert any("interface='crtk'" in line for line in lines)

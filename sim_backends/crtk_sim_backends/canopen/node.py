@@ -18,7 +18,7 @@ from crtk_sim_backends.canopen.nmt import NmtState
 from crtk_sim_backends.control import Handlers
 from crtk_sim_backends.faults import Fault, KindTable
 
-_CAN_ID: Final = struct.Struct("=I")  # at the beginning of a struct can_frame
+_CAN_ID: Final = struct.Struct("<I")  # at the beginning of a struct can_frame
 _SOON: Final = 1e-4  # s that a timer may be later than asked for before it is set anew
 
 
