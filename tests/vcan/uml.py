@@ -69,16 +69,16 @@ def start(root: Path, arguments: list[str]) -> int:
             )
         )
         command = [
-            root / "usr/bin/linux.uml",
+            str(root / "usr/bin/linux.uml"),
             *("root=/dev/root", "rootfstype=hostfs", "rootflags=/", "rw", "mem=1024M"),
             *(f"uml_dir={folder}/", "con=null", "con0=null,fd:1", "quiet", "loglevel=3"),
             f"init={sys.executable}",
-            *("--", __file__, job),
+            *("--", __file__, str(job)),
         ]
         subprocess.run(command, stdin=subprocess.DEVNULL, timeout=TIMEOUT, check=False)
         code = Path(folder, "code")
         if not code.exists():
-            raise SystemExit(f"it ended early: {shlex.join(map(str, command))}")
+            raise SystemExit(f"it ended early: {shlex.join(command)}")
         return int(code.read_text())
 
 
