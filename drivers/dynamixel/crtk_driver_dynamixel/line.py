@@ -77,8 +77,8 @@ class Line:
         self.port = port
         self._clock = clock
         self._parsers: Mapping[int, framing.StatusParser] = {
-            1: protocol1.StatusParser(),
-            2: protocol2.StatusParser(),
+            1: protocol1.StatusParser(longest=0),
+            2: protocol2.StatusParser(longest=0),
         }
         self._servos: defaultdict[int, Counters] = defaultdict(Counters)
         self._owed: list[_Owed] = []
@@ -184,7 +184,7 @@ class Line:
             over = not data
             buffer += data
             start = buffer.find(reply.prefix)
-        parser.longest = max(len(request), reply.size)
+        parser.longest = max(parser.longest, len(request), reply.size)
         echoes = parser.echoes
         if start < 0:
             self._stray([*parser.feed(buffer), *parser.finish()])
@@ -298,7 +298,8 @@ class Line:
         parser = self._parsers[protocol]
         parser.expect_echo(request)
         parser.corrupt.clear()
-        parser.longest = max(len(request), *(slot.size + slot.length // 3 for slot in slots))
+        sizes = [slot.size + slot.length // 3 for slot in slots]
+        parser.longest = max(parser.longest, len(request), *sizes)
         echoes = parser.echoes
         matcher = Matcher(slots)
         first_due = deadline
