@@ -228,9 +228,12 @@ def test_random_bytes_never_leave_a_growing_buffer(data, version):
 def test_values_round_trip_for_the_whole_state_recipe(data):
     by_type = {
         "DOUBLE": st.floats(allow_nan=False),
+        "VECTOR3D": st.tuples(*[st.floats(allow_nan=False)] * 3),
         "VECTOR6D": st.tuples(*[st.floats(allow_nan=False)] * 6),
         "INT32": st.integers(-(2**31), 2**31 - 1),
+        "VECTOR6INT32": st.tuples(*[st.integers(-(2**31), 2**31 - 1)] * 6),
         "UINT32": st.integers(0, 2**32 - 1),
+        "UINT64": st.integers(0, 2**64 - 1),
     }
     recipe = Recipe(7, tuple(OUTPUTS), tuple(OUTPUTS.values()))
     values = tuple(data.draw(by_type[kind]) for kind in OUTPUTS.values())

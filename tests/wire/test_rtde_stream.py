@@ -10,8 +10,8 @@ from contextlib import closing, contextmanager
 
 import pytest
 
-from crtk_driver_ur.rtde.stream import OPTIONAL_OUTPUTS, RtdeStream, StateSample
-from crtk_driver_ur.rtde.variables import OUTPUTS
+from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
+from crtk_driver_ur.rtde.variables import OPTIONAL_OUTPUTS, OUTPUTS
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
 from crtk_sim_backends.ur import SIM
 
@@ -78,7 +78,7 @@ def test_streams_the_state_of_the_arm(model, version, rate, protocol):
         assert stream.frequency == rate
         assert stream.protocol_version == protocol
         assert str(stream.controller_version).startswith(version)
-        assert set(stream.missing) <= OPTIONAL_OUTPUTS
+        assert set(stream.missing) <= OPTIONAL_OUTPUTS.keys()
         sample = next_sample(stream)
         truth = controller.control.outputs("actual_q", "robot_mode", "safety_mode")
         assert sample.actual_q == pytest.approx(truth["actual_q"], abs=1e-3)
@@ -246,7 +246,8 @@ def test_a_stream_is_used_once(sim):
 
 
 def state_package(timestamp: float) -> bytes:
-    codes = {"DOUBLE": "d", "VECTOR6D": "6d", "INT32": "i", "UINT32": "I"}
+    codes = {"DOUBLE": "d", "VECTOR6D": "6d", "VECTOR3D": "3d", "VECTOR6INT32": "6i"}
+    codes |= {"INT32": "i", "UINT32": "I", "UINT64": "Q"}
     body = struct.pack(">d", timestamp)
     for name, kind in list(OUTPUTS.items())[1:]:
         layout = struct.Struct(">" + codes[kind])

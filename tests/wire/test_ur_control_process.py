@@ -392,9 +392,12 @@ def test_payload_and_tcp_reach_the_controller(driver):
 
 
 def test_speed_slider_and_digital_output(driver):
-    driver.ask("set_speed_slider", fraction=0.5)
+    driver.ask("write_inputs", values={"speed_slider_mask": 1, "speed_slider_fraction": 0.5})
     driver.until(lambda: driver.outputs("target_speed_fraction") == pytest.approx(0.5), "slider")
-    driver.ask("set_standard_digital_out", pin=3, on=True)
+    driver.ask(
+        "write_inputs",
+        values={"standard_digital_output_mask": 8, "standard_digital_output": 8},
+    )
     driver.until(lambda: driver.outputs("actual_digital_output_bits") == 8, "output 3")
 
 

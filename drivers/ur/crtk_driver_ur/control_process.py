@@ -4,7 +4,7 @@ The library crashes after a stall of the controller, blocks for minutes on a dea
 interpreter lock while it connects. Here it can do so without harm: the driver watches this process,
 kills it and starts another. FD is this end of the socket pair, PARENT the process id of the driver.
 
-One thread does everything but dashboard commands. The process ends when the driver ends, when the
+One thread does everything but dashboard commands and outputs. The process ends when the driver ends, when the
 library has lost its connection, and when it is killed; in each case nothing feeds the robot-side
 watchdog any more, and the controller stops the arm.
 """
@@ -45,6 +45,8 @@ from crtk_driver_ur.control_frames import (
 from crtk_driver_ur.dashboard_worker import DASHBOARD_METHODS, DashboardWorker
 from crtk_driver_ur.library_calls import LibraryCalls, LibraryError, explain
 from crtk_driver_ur.motion_sequencer import MotionOptions, MotionSequencer
+from crtk_driver_ur.output_worker import OUTPUT_REQUESTS, OutputWorker
+from crtk_driver_ur.request_worker import RequestWorker
 
 HEARTBEAT_PERIOD = 0.05
 MOVE_POLL_PERIOD = 0.01
@@ -66,14 +68,13 @@ _MISSING = CallError(
 _LATER = object()
 """A handler returns this when the reply follows later."""
 
-_IO_METHODS = {
-    "set_speed_slider": ("setSpeedSlider", ("fraction",)),
-    "set_standard_digital_out": ("setStandardDigitalOut", ("pin", "on")),
-    "set_configurable_digital_out": ("setConfigurableDigitalOut", ("pin", "on")),
-    "set_tool_digital_out": ("setToolDigitalOut", ("pin", "on")),
-    "set_analog_output_voltage": ("setAnalogOutputVoltage", ("pin", "ratio")),
-    "set_analog_output_current": ("setAnalogOutputCurrent", ("pin", "ratio")),
-}
+_WORKERS: Mapping[str, type[RequestWorker]] = MappingProxyType(
+    {
+        **dict.fromkeys(DASHBOARD_METHODS, DashboardWorker),
+        **dict.fromkeys(OUTPUT_REQUESTS, OutputWorker),
+    }
+)
+"""Requests that are carried out by a thread of their own."""
 
 _Handler: TypeAlias = Callable[["ControlProcess", Request], object]
 
@@ -88,8 +89,7 @@ class ControlProcess:
         self._poll.register(peer, select.POLLIN)
         self._calls: LibraryCalls | None = None
         self._motion: MotionSequencer | None = None
-        self._io: LibraryCalls | None = None
-        self._dashboard: DashboardWorker | None = None
+        self._workers: dict[type[RequestWorker], RequestWorker] = {}
         self._upload: tuple[Request, float] | None = None
         self._host = ""
         self._upper_registers = False
@@ -118,8 +118,8 @@ class ControlProcess:
         self._poll.poll(period * 1000.0)
 
     def _work(self, now: float) -> None:
-        if self._dashboard is not None:
-            for reply in self._dashboard.take_replies():
+        for worker in self._workers.values():
+            for reply in worker.take_replies():
                 self._send(reply)
         if self._motion is not None and self._calls is not None:
             self._check_connection(self._calls)
@@ -212,8 +212,8 @@ class ControlProcess:
             self._send(Event(EventKind.MOTION_FAILED, command.sequence, error))
 
     def _carry_out(self, request: Request) -> None:
-        if request.name in DASHBOARD_METHODS:
-            self._dashboard_worker(request).submit(request)
+        if request.name in _WORKERS:
+            self._worker(_WORKERS[request.name]).submit(request)
             return
         handler = self._REQUESTS.get(request.name)
         if handler is None:
@@ -322,23 +322,6 @@ class ControlProcess:
         calls.command("zeroFtSensor")
         return None
 
-    def _set_io(self, request: Request) -> object:
-        method, names = _IO_METHODS[request.name]
-        arguments = [request.arguments[name] for name in names]
-        if self._io is None:
-            self._announce("RTDEIOInterface", CONNECT_ALLOWANCE)
-            try:
-                from rtde_io import RTDEIOInterface
-
-                interface = RTDEIOInterface(self._known_host(), False, self._upper_registers)
-            except ImportError:
-                raise LibraryError(_MISSING) from None
-            except Exception as error:
-                raise LibraryError(explain("RTDEIOInterface", error)) from error
-            self._io = LibraryCalls(interface, self._announce)
-        self._io.command(method, *arguments)
-        return None
-
     def _configure(self, request: Request) -> object:
         self._host = str(request.arguments["host"])
         return None
@@ -348,17 +331,12 @@ class ControlProcess:
             raise LibraryError(CallError("connect", "not connected", "Enable the arm first."))
         return self._calls, self._motion
 
-    def _known_host(self) -> str:
-        if not self._host:
-            raise LibraryError(CallError("configure", "the controller's address is not known"))
-        return self._host
-
-    def _dashboard_worker(self, request: Request) -> DashboardWorker:
-        if self._dashboard is None:
-            self._dashboard = DashboardWorker(self._host)
-            self._dashboard.start()
-            self._poll.register(self._dashboard.wake_fd, select.POLLIN)
-        return self._dashboard
+    def _worker(self, kind: type[RequestWorker]) -> RequestWorker:
+        if kind not in self._workers:
+            self._workers[kind] = worker = kind(self._host)
+            worker.start()
+            self._poll.register(worker.wake_fd, select.POLLIN)
+        return self._workers[kind]
 
     def _halt(self) -> None:
         """Stop the arm and the control program, but not for longer than `EXIT_TIMEOUT`."""
@@ -380,7 +358,6 @@ class ControlProcess:
             "set_tcp": _set_tcp,
             "set_gravity": _set_gravity,
             "zero_ft_sensor": _zero_ft_sensor,
-            **dict.fromkeys(_IO_METHODS, _set_io),
         }
     )
 

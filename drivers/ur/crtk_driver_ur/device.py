@@ -19,6 +19,8 @@ from crtk_driver_ur.frames import IDENTITY, Transform
 from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import CB3, JOINT_NAMES, RobotModel, model_named
 from crtk_driver_ur.motion_sequencer import MotionOptions
+from crtk_driver_ur.outputs import UrInputs
+from crtk_driver_ur.reports import numbers_of, reports_of
 from crtk_driver_ur.robot import Robot
 from crtk_driver_ur.rtde.stream import RTDE_PORT, RtdeStream, StateSample
 from crtk_driver_ur.safety import PROGRAM_PAUSED, RobotMode, RuntimeState
@@ -30,9 +32,11 @@ from crtk_drivers.device import (
     Condition,
     Device,
     Goal,
+    Input,
     JointLimits,
     Mode,
     MoveProgress,
+    Note,
     Service,
     Setpoint,
     Steps,
@@ -111,10 +115,14 @@ class UrDevice(Device):
         self._in_control = False
         self._why_stopped = _PROGRAM_STOPPED
         self._services = UrServices(
+            self._robot, self._link, self._model, self._controls, f"ur {self.address}"
+        )
+        payload = config.payload
+        self._inputs = UrInputs(
             self._robot,
             self._link,
-            self._model,
-            lambda: self._in_control and self._link.program_runs,
+            None if payload is None else payload.center_of_gravity,
+            self._controls,
             f"ur {self.address}",
         )
 
@@ -212,13 +220,33 @@ class UrDevice(Device):
         if state is not None:
             counters["robot mode"] = float(state.robot_mode)
             counters["safety mode"] = float(state.safety_mode)
-            counters["speed scaling"] = state.speed_scaling
+            counters |= numbers_of(state)
         return counters
 
     @property
     def services(self) -> Mapping[str, Service]:
         """See the base class."""
         return self._services.table
+
+    @property
+    def inputs(self) -> Mapping[str, Input]:
+        """See the base class."""
+        return self._inputs.table
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """See the base class."""
+        state = self._robot.state
+        reports = () if state is None else reports_of(state)
+        return (*self._inputs.notes(), *reports)
+
+    @property
+    def robot_state(self) -> StateSample | None:
+        """The controller's newest state, with everything that it reports; None while not connected."""
+        return self._robot.state
+
+    def _controls(self) -> bool:
+        return self._in_control and self._link.program_runs
 
     # ------------------------------------------------------------------------------------- connection
 
@@ -240,6 +268,7 @@ class UrDevice(Device):
         self._stream, self._stream_lost = stream, False
         self._has_freedrive = version >= FREEDRIVE_SINCE
         self._robot.state, self._in_control = None, False
+        self._inputs.reset()
 
     def abort_open(self) -> None:
         """See the base class."""
@@ -270,7 +299,7 @@ class UrDevice(Device):
             # Waiting for a library that lost its controller too would keep the caller.
             self._link.process.kill()
         self._link.close(CLOSE_TIMEOUT)
-        self._in_control = False
+        self._robot.state, self._in_control = None, False
 
     def read(self, deadline: float) -> Sample | None:
         """See the base class."""
@@ -291,6 +320,7 @@ class UrDevice(Device):
             self._link.end_paused_program()
             self._why_stopped = PROGRAM_PAUSED
         self._follow_tool(state)
+        self._inputs.step()
         return self._samples.make(state)
 
     def _follow_tool(self, state: StateSample) -> None:
@@ -435,11 +465,11 @@ class UrDevice(Device):
 
     def _configure(self) -> Steps:
         config = self._config
-        if config.payload is not None:
-            center = list(config.payload.center_of_gravity)
-            yield from self._link.ask(
-                "set_payload", mass=config.payload.mass, center_of_gravity=center
-            )
+        payload = self._inputs.payload
+        if payload is None and config.payload is not None:
+            payload = config.payload.model_dump()
+        if payload is not None:
+            yield from self._link.ask("set_payload", **payload)
         if config.tcp is not None:
             yield from self._link.ask("set_tcp", pose=list(config.tcp))
         if config.gravity is not None:

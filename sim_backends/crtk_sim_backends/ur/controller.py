@@ -108,7 +108,7 @@ class Controller:
         self.loaded_program: str = ""
 
         self.safety_mode: SafetyMode = SafetyMode.NORMAL
-        self.signals = Signals(self.inputs, self.outputs)
+        self.signals: Signals = Signals(self.inputs, self.outputs)
         self.arm = Arm(model, self.dt)
         self.kinematics = Kinematics(model)
         self.dynamics = Dynamics(self.kinematics)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from crtk_sim_backends import wire
 from crtk_sim_backends.faults import FaultKind, Parameter
 from crtk_sim_backends.ur.config import PORTS
+from crtk_sim_backends.ur.signals import ANALOG_INPUTS
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller
@@ -73,6 +74,8 @@ BEGIN: Final[Mapping[str, Callable[[Controller, Parameters], object]]] = {
     "speed_slider": lambda c, p: c.write_inputs(
         {"speed_slider_mask": 1, "speed_slider_fraction": p["fraction"]}
     ),
+    "digital_inputs": lambda c, p: c.signals.set_digital_inputs(p["bits"]),
+    "analog_input": lambda c, p: c.signals.set_analog_input(p["signal"], p["value"]),
 }
 """What the kinds that happen to the robot do when they begin."""
 
@@ -87,6 +90,8 @@ END: Final[Mapping[str, Callable[[Controller, Parameters], object]]] = {
     "speed_slider": lambda c, p: c.write_inputs(
         {"speed_slider_mask": 1, "speed_slider_fraction": 1.0}
     ),
+    "digital_inputs": lambda c, p: c.signals.set_digital_inputs(0),
+    "analog_input": lambda c, p: c.signals.set_analog_input(p["signal"], 0.0),
 }
 """What they do when they are cleared; kinds that are not here cannot be."""
 
@@ -152,6 +157,17 @@ KINDS: Final[Mapping[str, FaultKind]] = {
             "speed_slider",
             "somebody moves the speed slider; cleared: back to 100 %",
             fraction=Parameter(float, minimum=0.0, maximum=1.0),
+        ),
+        _robot_kind(
+            "digital_inputs",
+            "digital inputs are on (bits 0-7 standard, 8-15 configurable, 16-17 tool)",
+            bits=Parameter(int, minimum=0, maximum=2**18 - 1),
+        ),
+        _robot_kind(
+            "analog_input",
+            "an analog input measures a value (V or A, by its type)",
+            signal=Parameter(str, choices=ANALOG_INPUTS),
+            value=Parameter(float, minimum=0.0, maximum=30.0),
         ),
     )
 }

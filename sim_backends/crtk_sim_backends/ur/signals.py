@@ -7,6 +7,10 @@ from typing import Any, Final
 
 _DIGITAL_SHIFT: Final = {"standard": 0, "configurable": 8, "tool": 16}  # first bit of each kind
 
+ANALOG_INPUTS: Final = tuple(
+    f"{place}_analog_input{i}" for place in ("standard", "tool") for i in (0, 1)
+)
+
 
 class Signals:
     """The signals in the process images of a controller.
@@ -40,6 +44,14 @@ class Signals:
         """Set the outputs of `mask` to `bits`: 0-7 standard, 8-15 configurable, 16-17 tool."""
         present = self._outputs["actual_digital_output_bits"]
         self._outputs["actual_digital_output_bits"] = (present & ~mask) | (bits & mask)
+
+    def set_digital_inputs(self, bits: int) -> None:
+        """Switch the inputs: 0-7 standard, 8-15 configurable, 16-17 tool."""
+        self._outputs["actual_digital_input_bits"] = bits
+
+    def set_analog_input(self, name: str, value: float) -> None:
+        """Put `value` (V or A, by its type) on one of `ANALOG_INPUTS`."""
+        self._outputs[name] = value
 
     def set_analog_output(self, channel: int, ratio: float) -> None:
         """Set analog output 0 or 1 to `ratio` (0 to 1) of 4-20 mA or 0-10 V, by its type."""

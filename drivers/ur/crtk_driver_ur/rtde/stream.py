@@ -35,7 +35,7 @@ from crtk_driver_ur.rtde.codec import (
     Value,
     VersionReply,
 )
-from crtk_driver_ur.rtde.variables import IN_USE, NOT_FOUND, OUTPUTS
+from crtk_driver_ur.rtde.variables import IN_USE, NOT_FOUND, OPTIONAL_OUTPUTS, OUTPUTS
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
 
 __all__ = ["RTDE_PORT", "RtdeStream", "StateSample", "StreamCounters"]
@@ -49,6 +49,7 @@ _RECEIVES_AT_ONCE = 64
 _LOG_LEVELS = {0: logging.ERROR, 1: logging.ERROR, 2: logging.WARNING, 3: logging.INFO}
 _log = logging.getLogger(__name__)
 
+Vector3: TypeAlias = tuple[float, float, float]
 Vector6: TypeAlias = tuple[float, float, float, float, float, float]
 ReplyT = TypeVar("ReplyT", VersionReply, ControllerVersion, SetupReply, StateReply)
 
@@ -95,10 +96,25 @@ class StateSample(NamedTuple):
     payload: float | None
     tcp_offset: Vector6 | None
     actual_current_as_torque: Vector6 | None
-
-
-OPTIONAL_OUTPUTS = frozenset({"payload", "tcp_offset", "actual_current_as_torque"})
-"""Output variables that older controllers do not have and the driver can do without."""
+    payload_cog: Vector3 | None
+    joint_mode: tuple[int, ...] | None
+    joint_temperatures: Vector6 | None
+    actual_robot_voltage: float | None
+    actual_robot_current: float | None
+    actual_digital_input_bits: int | None
+    actual_digital_output_bits: int | None
+    analog_io_types: int | None
+    standard_analog_input0: float | None
+    standard_analog_input1: float | None
+    standard_analog_output0: float | None
+    standard_analog_output1: float | None
+    tool_mode: int | None
+    tool_analog_input_types: int | None
+    tool_analog_input0: float | None
+    tool_analog_input1: float | None
+    tool_output_voltage: int | None
+    tool_output_current: float | None
+    tool_temperature: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,7 +342,7 @@ class RtdeStream:
         names = tuple(OUTPUTS)
         reply = self._ask_for_outputs(names, frequency, deadline)
         unknown = {name for name, kind in zip(names, reply.types, strict=True) if kind == NOT_FOUND}
-        needed = sorted(unknown - OPTIONAL_OUTPUTS)
+        needed = sorted(unknown - OPTIONAL_OUTPUTS.keys())
         if needed:
             raise ConnectionFailed(
                 f"controller software {self._controller_version} lacks {', '.join(needed)}",

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-__all__ = ["IN_USE", "NOT_FOUND", "OUTPUTS", "TYPES", "VariableType"]
+__all__ = ["IN_USE", "NOT_FOUND", "OPTIONAL_OUTPUTS", "OUTPUTS", "TYPES", "VariableType"]
 
 NOT_FOUND = "NOT_FOUND"
 """In place of a type: the controller does not know the variable."""
@@ -39,7 +39,7 @@ TYPES: Mapping[str, VariableType] = MappingProxyType(
     }
 )
 
-OUTPUTS: Mapping[str, str] = MappingProxyType(
+NEEDED_OUTPUTS: Mapping[str, str] = MappingProxyType(
     {
         "timestamp": "DOUBLE",
         "target_q": "VECTOR6D",
@@ -63,9 +63,37 @@ OUTPUTS: Mapping[str, str] = MappingProxyType(
         "output_int_register_0": "INT32",
         "output_int_register_1": "INT32",
         "output_int_register_2": "INT32",
+    }
+)
+"""Type of each output variable that a state sample needs."""
+
+OPTIONAL_OUTPUTS: Mapping[str, str] = MappingProxyType(
+    {
         "payload": "DOUBLE",
         "tcp_offset": "VECTOR6D",
         "actual_current_as_torque": "VECTOR6D",
+        "payload_cog": "VECTOR3D",
+        "joint_mode": "VECTOR6INT32",
+        "joint_temperatures": "VECTOR6D",
+        "actual_robot_voltage": "DOUBLE",
+        "actual_robot_current": "DOUBLE",
+        "actual_digital_input_bits": "UINT64",
+        "actual_digital_output_bits": "UINT64",
+        "analog_io_types": "UINT32",
+        "standard_analog_input0": "DOUBLE",
+        "standard_analog_input1": "DOUBLE",
+        "standard_analog_output0": "DOUBLE",
+        "standard_analog_output1": "DOUBLE",
+        "tool_mode": "UINT32",
+        "tool_analog_input_types": "UINT32",
+        "tool_analog_input0": "DOUBLE",
+        "tool_analog_input1": "DOUBLE",
+        "tool_output_voltage": "INT32",
+        "tool_output_current": "DOUBLE",
+        "tool_temperature": "DOUBLE",
     }
 )
-"""Type of each output variable that a state sample is made of."""
+"""Type of each that older controllers do not have, and that the driver can do without."""
+
+OUTPUTS: Mapping[str, str] = MappingProxyType({**NEEDED_OUTPUTS, **OPTIONAL_OUTPUTS})
+"""Type of each output variable that a state sample is made of, in its order."""

@@ -1,0 +1,41 @@
+"""Setting outputs of the control box and the tool, in a thread of its own of the control process."""
+
+from __future__ import annotations
+
+import socket
+from typing import Any, Final
+
+from crtk_driver_ur.control_frames import Request
+from crtk_driver_ur.request_worker import RequestWorker
+from crtk_driver_ur.rtde.inputs import RtdeInputs
+
+__all__ = ["OUTPUT_REQUESTS", "OutputWorker"]
+
+OUTPUT_REQUESTS: Final = ("write_inputs", "set_tool_voltage")
+
+SECONDARY_PORT: Final = 30002
+TIMEOUT: Final = 2.0
+
+_TOOL_VOLTAGE: Final = "sec crtk_tool_voltage():\n  set_tool_voltage({:d})\nend\n"
+"""RTDE has no input for it. A secondary program runs beside the one that runs, and does not disturb it
+(URScript manual, "Secondary program")."""
+
+
+class OutputWorker(RequestWorker):
+    """Sets RTDE input variables (`write_inputs`) and the tool voltage (`set_tool_voltage`)."""
+
+    def __init__(self, host: str) -> None:
+        super().__init__(host)
+        self._inputs = RtdeInputs(host)
+
+    def carry_out(self, request: Request) -> Any:
+        """See the base class."""
+        if request.name == "write_inputs":
+            self._inputs.write(request.arguments["values"])
+        else:
+            self._run_beside(_TOOL_VOLTAGE.format(request.arguments["voltage"]))
+
+    def _run_beside(self, script: str) -> None:
+        with socket.create_connection((self.host, SECONDARY_PORT), TIMEOUT) as peer:
+            peer.recv(4096)  # the controller speaks first, when it has taken the connection
+            peer.sendall(script.encode())
