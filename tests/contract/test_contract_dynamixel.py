@@ -6,7 +6,16 @@ import pytest
 
 pytest.register_assert_rewrite("crtk_drivers.testing.contract")
 
-from dynamixel_bench import LONG, arm_values, configuration, lenient, set_upright, sim_for  # noqa: E402
+from dynamixel_bench import (  # noqa: E402 - after the line above
+    LONG,
+    WEIGHTLESS,
+    arm_values,
+    configuration,
+    lenient,
+    place,
+    set_upright,
+    sim_for,
+)
 
 from crtk_driver_dynamixel import PLUGIN  # noqa: E402
 from crtk_drivers.front import LocalDevice  # noqa: E402
@@ -14,11 +23,14 @@ from crtk_drivers.session import Session  # noqa: E402
 from crtk_drivers.testing.contract import DeviceContract  # noqa: E402
 from crtk_sim_backends.dynamixel import RunningSim  # noqa: E402
 
+BENT = {2: -0.2, 3: 0.4, 5: 0.6}
+"""Angles of servos at which the arm is far from its singularities."""
+
 
 @pytest.fixture(scope="module")
 def servos() -> Iterator[RunningSim]:
     """Simulated servos of an arm; the same for all tests."""
-    with sim_for(arm_values()) as sim:
+    with sim_for(arm_values(), servos=WEIGHTLESS) as sim:
         yield sim
 
 
@@ -29,6 +41,8 @@ class TestArm(DeviceContract):
     def session(self, servos: RunningSim) -> Iterator[Session]:
         self.sim = servos
         set_upright(servos)
+        for id, angle in BENT.items():
+            place(servos, id, angle)
         with lenient():
             yield Session(PLUGIN, configuration(servos, arm_values()))
 
