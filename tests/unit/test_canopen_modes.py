@@ -137,6 +137,16 @@ def test_a_setpoint_waits_for_the_last_acknowledgement_to_go() -> None:
     assert handshake.phase is HandshakePhase.TARGET
 
 
+def test_the_last_target_reached_does_not_count_while_the_acknowledgement_stays() -> None:
+    handshake = SetpointHandshake()
+    handshake.start()
+    words = [ENABLED | REACHED] * 3 + [ENABLED | REACHED | ACK] * 300
+    for n, word in enumerate(words):
+        handshake.step(word, n * DT)
+        assert handshake.phase < HandshakePhase.MOVING or handshake.failure
+    assert "does not withdraw" in handshake.failure
+
+
 @pytest.mark.parametrize(
     ("word", "text"),
     [
@@ -266,6 +276,17 @@ def test_a_homing_can_be_cancelled(at: int) -> None:
     homing = run.until_over(cancel_at=at)
     assert homing.phase is HomingPhase.CANCELLED
     assert all(bits != 0x10 for bits in run.bits[at:])
+
+
+def test_bits_of_another_mode_are_no_result_when_the_mode_has_just_changed() -> None:
+    homing = Homing(17)
+    homing.start()
+    now = 0.0
+    for code in [_C.RUNNING] * 3 + [_C.DONE] * 2000:  # old bits at first, then the last result
+        homing.step(code_word(code), 6, now)
+        now += DT
+    assert homing.phase is HomingPhase.FAILED
+    assert "does not begin" in homing.failure
 
 
 def test_homing_waits_for_its_mode_and_ends_with_it() -> None:

@@ -17,6 +17,7 @@ from crtk_driver_canopen.busload import (
 from crtk_driver_canopen.objects import OBJECTS, ObjectType, object_text, object_type
 from crtk_driver_canopen.pdo import Direction, Pdo, PdoGroup, check_unique, default_cob_id
 from crtk_drivers.errors import ConfigError, ProtocolError
+from crtk_sim_backends.can import frames
 
 STATUS = (OBJECTS["statusword"], OBJECTS["position_actual"])
 CONTROL = (OBJECTS["controlword"], OBJECTS["target_position"])
@@ -203,3 +204,8 @@ def test_the_bits_of_known_frames() -> None:
 @given(st.integers(0, 0x7FF), st.binary(max_size=8))
 def test_a_frame_is_between_its_bounds(cob_id: int, data: bytes) -> None:
     assert plain_bits(len(data)) <= exact_bits(cob_id, data) <= worst_bits(len(data))
+
+
+@given(st.integers(0, 0x7FF), st.binary(max_size=8))
+def test_the_virtual_bus_counts_the_same_bits(cob_id: int, data: bytes) -> None:
+    assert exact_bits(cob_id, data) == frames.exact_bits(frames.pack(cob_id, data))

@@ -223,6 +223,12 @@ def test_heartbeats_are_written_and_watched(peers: ScriptedBus, master: Master) 
     peers[1].values[0x1016, 1] = 5 << 16 | 100  # it watches another node already
     ensure_heartbeat(sdo, produced_ms=20, watched=127, watched_ms=300)
     assert peers[1].values[0x1016, 2] == 127 << 16 | 300
+    ensure_heartbeat(sdo, produced_ms=20, watched=127, watched_ms=200)  # in the same entry
+    assert peers[1].values[0x1016, 1] == 5 << 16 | 100
+    peers[1].values[0x1016, 1] = 0
+    ensure_heartbeat(sdo, produced_ms=20, watched=127, watched_ms=300)
+    assert (peers[1].values[0x1016, 1], peers[1].values[0x1016, 2]) == (0, 127 << 16 | 300)
+    peers[1].values[0x1016, 1] = 5 << 16 | 100
     assert master.poll(deadline(), lambda: master.watch.nodes[1].heartbeats >= 3)
     assert master.watch.nodes[1].state == NmtState.PRE_OPERATIONAL
     assert master.watch.lost(time.monotonic()) == []
@@ -461,16 +467,24 @@ def test_no_room_is_borne_for_two_cycles(master: Master) -> None:
     assert run(cycle)
     master.link.bus.shutdown()
 
+    room = False
+
     def full() -> None:
-        raise can.CanOperationError("Failed to transmit: No buffer space", errno.ENOBUFS)
+        if not room:
+            raise can.CanOperationError("Failed to transmit: No buffer space", errno.ENOBUFS)
 
     master.link._bus = FailingBus(full)
     values = (0, 0, 0, 0)
     assert not cycle.send(values)
     assert not cycle.send(values)
+    room = True
+    assert cycle.send(values)
+    room = False
+    assert not cycle.send(values)
+    assert not cycle.send(values)
     with pytest.raises(BusLost, match="txqueuelen"):
         cycle.send(values)
-    assert cycle.counters.unsent == 3
+    assert cycle.counters.unsent == 5
 
 
 # The log
