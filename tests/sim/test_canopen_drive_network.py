@@ -124,6 +124,18 @@ def test_heartbeat_that_returns_ends_the_error(bench):
     assert bench.read(0x1001, 0, "B") == 0
 
 
+def test_drive_that_has_been_stalled_itself_does_not_miss_the_heartbeat(bench):
+    bench.write(0x1016, 1, 127 << 16 | 100)
+    bench.frame(0x77F, b"\x05")
+    bench.now += 0.5  # nobody calls it; the heartbeats of this time are heard afterwards
+    bench.run(0.01)
+    bench.frame(0x77F, b"\x05")
+    bench.run(0.09)
+    assert bench.emergencies() == []
+    bench.run(0.02)
+    assert bench.emergencies() == [0x8130]
+
+
 def test_heartbeat_that_has_never_come_is_not_missed(bench):
     bench.write(0x1016, 1, 127 << 16 | 100)
     bench.run(1.0)

@@ -260,7 +260,7 @@ def test_cyclic_mode_faults_when_sync_stays_away(bench):
         bench.run(0.01)
     assert bench.statusword & 0x6F == 0x27
     bench.sync_period = None
-    bench.run(0.15)
+    bench.run(0.45)
     assert bench.emergencies() == []
     bench.run(0.1)
     assert bench.emergencies() == [0x8700]

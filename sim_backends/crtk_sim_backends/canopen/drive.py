@@ -40,6 +40,7 @@ _CONTROL_PERIOD: Final = 0.001  # s
 _TICK: Final = 0.004  # s between calls of `on_timer` while an axis moves or is powered
 _SYNC_TICK: Final = 0.02  # the same while SYNC wakes the drive
 _LONGEST_GAP: Final = 0.25  # s; what a longer pause brings is left out
+_STALL: Final = 0.05  # s; who wakes the drive so late has been stalled, and not the master
 _NOT_STORED: Final = (0x1003, 0x1010, 0x1011, 0x2000)
 _COMMANDS: Final = (0x6040, 0x6060)  # which no drive stores
 _NEVER: Final = float("inf")
@@ -146,6 +147,7 @@ class Drive:
             block=0 if self.config.personality.no_block else 127,
         )
         self._time: float | None = None  # until which the axes have been computed
+        self._last_call = 0.0
         self._boot_at = 0.0
         self._last_sync: float | None = None
         self._late: list[tuple[float, Frame]] = []  # frames that wait for their time
@@ -365,7 +367,10 @@ class Drive:
         """Compute the axes until now; the boot-up message when its time has come."""
         if self._time is None:
             self._begin_boot(now - self.config.personality.boot, ())
-            self._time = now
+            self._time = self._last_call = now
+        if now - max(self.next_timer, self._last_call) > _STALL:
+            self._forgive(now - self._last_call)
+        self._last_call = now
         self._time = max(self._time, now - _LONGEST_GAP)
         if all(unit.idle for unit in self.axes):
             self._time = max(self._time, now - _CONTROL_PERIOD)
@@ -379,6 +384,13 @@ class Drive:
             self.state = NmtState.PRE_OPERATIONAL
             return [(0x700 + self.node_id, b"\0")]
         return []
+
+    def _forgive(self, seconds: float) -> None:
+        """Extend what the master has to keep: what it sent in time has not been heard yet."""
+        self.heartbeats.extend(seconds)
+        self.pdos.extend(seconds)
+        if self._last_sync is not None:
+            self._last_sync += seconds
 
     def _events(self, now: float) -> list[Frame]:
         """Heartbeat, event-driven TPDOs and EMCY that are due."""

@@ -110,6 +110,11 @@ class Heartbeats:
             self._missing.remove(node)
             self._returned(node)
 
+    def extend(self, seconds: float) -> None:
+        """Let the deadlines of the others be later."""
+        for node in self._deadlines:
+            self._deadlines[node] += seconds
+
     def check(self, now: float) -> None:
         """Report the heartbeats that have stayed away."""
         for node, deadline in list(self._deadlines.items()):

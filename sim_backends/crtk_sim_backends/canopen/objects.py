@@ -100,7 +100,7 @@ def communication(axes: int, vendor: int, product: int, revision: int, serial: i
     for number in range(PDOS):
         yield from _pdo(0x1800, "T", number)
     yield _var(0x2000, "Scratch memory", DOMAIN, "rw")
-    yield _record(0x2010, "Supervision", Variable("SYNC timeout [ms]", U16, "rw", 200))
+    yield _record(0x2010, "Supervision", Variable("SYNC timeout [ms]", U16, "rw", 500))
 
 
 _DEFAULT_MAPS: Final[dict[str, tuple[tuple[int, ...], ...]]] = {

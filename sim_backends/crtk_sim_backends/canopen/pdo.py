@@ -268,15 +268,18 @@ class ProcessData:
                 frames.append((pdo.identifier, data))
         return frames
 
-    def check_deadlines(self, now: float) -> list[int]:
-        """Indices of the RPDOs that have stayed away for longer than their event timer."""
-        late = []
+    def extend(self, seconds: float) -> None:
+        """Let the deadlines of the RPDOs be later."""
+        for pdo in self.receiving.values():
+            if pdo.deadline is not None:
+                pdo.deadline += seconds
+
+    def check_deadlines(self, now: float) -> None:
+        """Report the RPDOs that have stayed away for longer than their event timer."""
         for pdo in self.receiving.values():
             if pdo.deadline is not None and now >= pdo.deadline:
                 pdo.deadline = None
-                late.append(pdo.index)
                 self._emergency.begin(RPDO_TIMEOUT, struct.pack("<H", pdo.index), pdo.index)
-        return late
 
     def _pack(self, pdo: Pdo) -> bytes:
         od = self._dictionary

@@ -43,7 +43,7 @@ PERSONALITIES: Final[dict[str, Personality]] = {
             0x0000_1F02,
             "CRTK careful drive",
             "faults on lost heartbeats by itself, stays in quick stop, supervises SYNC closely",
-            defaults=((0x6007, 0, 1), (0x605A, 0, 6), (0x2010, 1, 50)),
+            defaults=((0x6007, 0, 1), (0x605A, 0, 6), (0x2010, 1, 100)),
         ),
         Personality(
             "plain",
