@@ -6,7 +6,7 @@ these are structural types, and nothing has to be imported to satisfy them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 from crtk_drivers.config import Layer, load
@@ -44,6 +44,10 @@ class RunningSim(Protocol):
     @property
     def paths(self) -> Mapping[str, str]:
         """Its Unix sockets and files by name; empty if it has none."""
+
+    @property
+    def hints(self) -> Sequence[str]:
+        """How programs connect to it, in lines for people; empty if ports and paths tell enough."""
 
     @property
     def pid(self) -> int:

@@ -74,10 +74,14 @@ def _tell_ports(plugin: SimPlugin, running: RunningSim) -> None:
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 3, 0, 2))
     for name, port in running.ports.items():
         table.add_row(name.replace("_", " "), f"{running.host}:{port}", style=None)
-    for name, path in running.ttys.items():
-        table.add_row(name.replace("_", " "), plain(path), style=None)
+    # A simulator of somebody else may have none of these.
+    for kind in ("ttys", "paths"):
+        for name, path in getattr(running, kind, {}).items():
+            table.add_row(name.replace("_", " "), plain(path), style=None)
     ERR.print(f"[bold cyan]{plain(plugin.name)}[/] simulator running, process {running.pid}")
     ERR.print(table)
+    for hint in getattr(running, "hints", ()):
+        ERR.print(f"  {plain(hint)}", soft_wrap=True)
     ERR.print("[dim]Ctrl-C ends it.[/dim]")
 
 
