@@ -40,7 +40,7 @@ def eventually(test: Callable[[], object], what: str, timeout: float = LONG) -> 
 
 def configuration(sim: RunningSim, **values: Any) -> NetFtConfig:
     """Return the driver's configuration for a running simulator."""
-    patient = {"sample_timeout": 1.0, "open_timeout": 10.0}
+    patient = {"sample_timeout": 2.0, "open_timeout": 10.0}
     config = load(NetFtConfig, from_values({**patient, **values}))
     pointed = PLUGIN.sim_config(config, sim)
     assert isinstance(pointed, NetFtConfig)

@@ -103,7 +103,9 @@ def test_a_family_that_was_known_is_not_forgotten_with_the_web_page() -> None:
     with netft_bench(profile="axia", load=LOAD_TEXT) as bench:
         assert bench.note("web page") is None
         bench.sim.control.inject("closed", port="http")
-        bench.sim.control.inject("stall", duration=1.2)
+        bench.sim.control.inject("stall")
+        bench.was(OperatingState.FAULT)
+        bench.sim.control.clear("stall")
         eventually(lambda: bench.front.health().reconnects >= 1, "reconnected")
         bench.connected()
         assert bench.device.profile.name == "axia"
