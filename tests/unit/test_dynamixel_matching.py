@@ -117,6 +117,17 @@ def test_absences_in_a_row_only():
     assert absences.left_out == []
 
 
+def test_when_one_is_back_the_others_have_one_more_chance():
+    absences = Absences()
+    for _ in range(LEAVE_OUT_AFTER):
+        absences.note([silent(1), silent(2), silent(3)])
+    left_out = [Reply(id, None, failure=Failure.LEFT_OUT) for id in (1, 2)]
+    assert absences.note([*left_out, reply(3)])
+    assert absences.left_out == []
+    assert absences.note([silent(1), reply(2), reply(3)])
+    assert absences.left_out == [1]
+
+
 def test_those_that_are_left_out_are_tried_in_turn():
     absences = Absences()
     for _ in range(LEAVE_OUT_AFTER):

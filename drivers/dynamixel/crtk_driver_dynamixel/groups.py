@@ -213,7 +213,8 @@ class GroupRead:
         gaps = 1
         while len(found) < len(items):
             if gaps == MOST_GAPS:
-                return found + [_missing(item.id) for item in items[len(found) :]]
+                rest = items[len(found) :]
+                return found + [_missing(item.id) for item in rest]
             plan = self._plan(items[len(found) :])
             more = line.ask(self._protocol, plan.request, plan.slots, again=True)
             found += more
@@ -227,7 +228,7 @@ class GroupRead:
             id = self._absences.next()
             plan = self._plan(tuple(item for item in self.items if item.id == id))
             (found[id],) = self._bus.line.ask(self._protocol, plan.request, plan.slots)
-        return [found.get(id) or _missing(id, Failure.LEFT_OUT) for id in self.ids]
+        return [found.get(id) or _missing(id) for id in self.ids]
 
     def _note(self, replies: Sequence[Reply]) -> None:
         if self._absences.note(replies):
@@ -285,8 +286,8 @@ def _replies(items: Sequence[Item], found: Whole | list[Reply]) -> list[Reply]:
     return found
 
 
-def _missing(id: int, failure: Failure = Failure.SILENT) -> Reply:
-    return Reply(id, None, failure=failure)
+def _missing(id: int) -> Reply:
+    return Reply(id, None, failure=Failure.LEFT_OUT)
 
 
 def _reply(block: Status) -> Reply:
@@ -320,12 +321,17 @@ class Absences:
     def note(self, replies: Sequence[Reply]) -> bool:
         """Take what came of one cycle; return whether `left_out` has others now."""
         before = set(self.left_out)
+        back = {reply.id for reply in replies if reply.data is not None} & before
+        if back:
+            # What kept one from answering may have kept the others: once more silent, and they are out again.
+            self._silences |= dict.fromkeys(before - back, LEAVE_OUT_AFTER - 1)
+            self.left_out.clear()
         for id, _, _, _, failure, _ in replies:
             if failure is Failure.LEFT_OUT:
                 continue
             if failure is not Failure.SILENT:
                 self._silences.pop(id, None)
-                if id in before:
+                if id in self.left_out:
                     self.left_out.remove(id)
                 continue
             self._silences[id] = self._silences.get(id, 0) + 1

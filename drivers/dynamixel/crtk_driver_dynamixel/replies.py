@@ -33,7 +33,7 @@ class Failure(StrEnum):
     """The servo answered with an error number and without data."""
 
     LEFT_OUT = "left_out"
-    """It was not asked this time, having been silent several times in a row."""
+    """It was not waited for this time: it was silent several times in a row, or several before it were."""
 
 
 class Reply(NamedTuple):
