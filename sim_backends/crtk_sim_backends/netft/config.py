@@ -16,8 +16,8 @@ from crtk_sim_backends.netft.profiles import PRESETS, PROFILES, USUAL_PRESET, Pr
 from crtk_sim_backends.netft.settings import MOST_RECORDS
 from crtk_sim_backends.process import AUTO
 
-PORTS: Final = ("rdt", "tcp", "http")
-"""Its ports by name, without the control port."""
+HTTP_PORT: Final = 80
+"""Of a real box; the system may not permit it."""
 
 BIASES: Final = ("continues", "stops")
 
@@ -63,7 +63,7 @@ class SimConfig:
     rdt_port: int = _option(49152, "UDP port of the stream; 0: any free one")
     tcp_port: int = _option(49151, "port of the TCP channel; 0: any free one")
     http_port: int = _option(
-        80, "port of the web pages; 0, or when the system does not permit 80: any free one"
+        HTTP_PORT, "port of the web pages; 0, or when the system does not permit 80: any free one"
     )
     control_port: int = _option(0, "port of the control socket; 0: any free one")
     faults: str = _option("", "fault file (YAML) to play from the start")

@@ -24,7 +24,7 @@ from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import Fault, FaultError, read_faults
 from crtk_sim_backends.netft import rdt, rdt_port
 from crtk_sim_backends.netft.box import Box
-from crtk_sim_backends.netft.config import SimConfig
+from crtk_sim_backends.netft.config import HTTP_PORT, SimConfig
 from crtk_sim_backends.netft.hostile import Hostile
 from crtk_sim_backends.netft.http import HttpSession
 from crtk_sim_backends.netft.injection import (
@@ -476,11 +476,12 @@ class NetFtServer:
 
 
 def _listen(host: str, number: int, name: str) -> socket.socket:
-    """Listen on a port; on any free one when the system does not permit the web's."""
+    """Listen on a port; on any free one where the system does not permit that of the web."""
     try:
         return listen(host, number, name)
     except SimStartError as error:
-        if name != "http" or not isinstance(error.__cause__, PermissionError):
+        forbidden = isinstance(error.__cause__, PermissionError)
+        if name != "http" or number != HTTP_PORT or not forbidden:
             raise
         log.info("port %d is not permitted; the web pages are on another", number)
         return listen(host, 0, name)
