@@ -205,6 +205,26 @@ def test_tpdos_that_are_late_or_stay_away(sim, master):
     assert master.wait(0x181, 0.1) is None
 
 
+def test_block_upload_does_not_delay_process_data():
+    with SIM.spawn(nodes=1, terminals=0, bitrate=125_000) as sim:
+        bus = can.Bus(interface="crtk", channel=sim.paths["crtk"])
+        try:
+            master = Master(bus)
+            assert master.sdo(1, "2b0018050a000000").startswith("60")  # a TPDO every 10 ms
+            master.send(0, b"\x01\x01")
+            master.wait(0x181)
+            assert master.sdo(1, "a02110007f000000").startswith("c2")
+            master.send(0x601, "a300000000000000")  # 127 segments of 1 ms each
+            segments = between = 0
+            while segments < 127:
+                identifier = bus.recv(WAIT).arbitration_id
+                segments += identifier == 0x581
+                between += identifier == 0x181
+            assert between >= 3
+        finally:
+            bus.shutdown()
+
+
 def test_wrong_identity(sim, master):
     sim.control.inject("wrong_identity", node=1, serial=99, product=0x1234)
     assert master.sdo(1, "4018100200000000") == "43 18 10 02 34 12 00 00"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import struct
 import time
+from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Final
 
@@ -19,6 +20,7 @@ from crtk_sim_backends.control import Handlers
 from crtk_sim_backends.faults import Fault, KindTable
 
 _CAN_ID: Final = struct.Struct("<I")  # at the beginning of a struct can_frame
+_MAILBOXES: Final = 2  # frames of a drive that wait for the bus when SDO answers have to wait
 _SOON: Final = 1e-4  # s that a timer may be later than asked for before it is set anew
 
 
@@ -38,6 +40,7 @@ class BusDrive:
         self._happened = happened
         self._seen = NmtState.INITIALISING, False, False, False
         self._bus_state = State(0)
+        self._answers: deque[Frame] = deque()  # SDO frames that wait
         self._node = hub.add(f"drive-{drive.node_id}", self)
         self._timer: Timer | None = hub.call_at(time.monotonic(), self.wake)
 
@@ -66,6 +69,8 @@ class BusDrive:
     def state_changed(self, state: State) -> None:
         """Take note of what the bus does to the drive's controller."""
         before, self._bus_state = self._bus_state, state
+        if state & DEAF:
+            self._answers.clear()
         self.drive.bus_changed(
             off=bool(state & DEAF),
             was_off=bool(before & DEAF),
@@ -74,11 +79,23 @@ class BusDrive:
         self.wake()
 
     def waiting(self, count: int) -> None:
-        """Do nothing: `Node.send` tells when the queue is full."""
+        """Take note of how many frames wait for the bus: SDO answers follow when there are few."""
+        if self._answers and count < _MAILBOXES:
+            self._hub.call_at(time.monotonic(), self._send_answers)
 
     def _send(self, sent: list[Frame]) -> None:
+        """Send frames, but hold back what would delay the process data: a block of an SDO upload."""
         for identifier, data in sent:
-            if self._node.send(identifier, data):
+            if identifier == 0x580 + self.drive.node_id and (
+                self._answers or self._hub.waiting(self._node) >= _MAILBOXES
+            ):
+                self._answers.append((identifier, data))
+            elif self._node.send(identifier, data):
+                self.lost += 1
+
+    def _send_answers(self) -> None:
+        while self._answers and self._hub.waiting(self._node) < _MAILBOXES:
+            if self._node.send(*self._answers.popleft()):
                 self.lost += 1
 
     def _set_timer(self) -> None:
