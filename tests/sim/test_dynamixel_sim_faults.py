@@ -218,6 +218,15 @@ def test_a_frozen_simulator(sim: RunningSim, wire: Wire) -> None:
     assert len(statuses(wire.receive(ANSWER_1))) == 1
 
 
+def test_all_faults_of_the_wire_at_once(sim: RunningSim, wire: Wire) -> None:
+    for kind in REPLIES:
+        sim.control.inject(kind)
+    wire.send(PING_1)
+    wire.rest()
+    sim.control.clear()
+    assert len(wire.ask(PING_1, ANSWER_1)) == 1
+
+
 # Servos
 
 

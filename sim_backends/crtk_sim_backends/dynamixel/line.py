@@ -238,7 +238,7 @@ class Line:
         packet = reply.packet or b""
         for kind, change in REPLIES.items():
             for active in self._of_kind(kind):
-                if active.hits(reply.number):
+                if active.hits(reply.number) and packet:
                     packet = change(packet, active.fault.parameters, self._generator)
         late = [a for a in self._of_kind("late") if a.hits(reply.number)]
         return packet, max((a.fault.parameters["seconds"] for a in late), default=0.0)
