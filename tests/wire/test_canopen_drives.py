@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -181,6 +182,24 @@ def test_the_bus_may_be_any_of_python_can(
     rig.enable()
     rig.until(lambda: not any(rig.cycle.ages))
     assert all(drive.reached for drive in rig.drives)
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_a_clock_that_is_set_back_delays_nothing(
+    sim: RunningSim, door: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without care python-can waits for an hour then."""
+    config = arm(sim, bus=DOORS[door](sim))
+    with closing(CanLink(bus_address(config))) as link:
+        link.open()
+        jumped = threading.Event()
+        monkeypatch.setattr("can.bus.time", lambda: time.time() - 3600.0 * jumped.is_set())
+        clock = threading.Timer(0.05, jumped.set)
+        clock.start()
+        while not jumped.is_set():
+            link.receive(0.2)
+        clock.join()
+        assert Sdo(Master(link).sdo(1)).read(OBJECTS["serial_number"]) == 1
 
 
 def test_a_fault_stops_one_and_is_reset_by_an_edge(

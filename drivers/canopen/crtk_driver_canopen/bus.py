@@ -7,6 +7,7 @@ with `post`; they are sent by that thread, some in each cycle, so that they neve
 from __future__ import annotations
 
 import logging
+import select
 import threading
 import time
 from collections import deque
@@ -39,7 +40,7 @@ FULL_LIMIT: Final = 2
 """Cycles in a row in which there may be no room to send."""
 
 _SLICE: Final = 0.05
-"""Longest wait for a frame at once, in s: python-can itself counts on the clock of the day."""
+"""Longest wait for a frame at once, in s."""
 
 _POSTED_AT_ONCE: Final = 4
 """Frames of other threads that are sent at once."""
@@ -93,6 +94,7 @@ class CanLink:
         self.condition = Condition.GOOD
         self._record = record
         self._bus: can.BusABC | None = None
+        self._descriptor = -1
         self._thread = 0
         self._handlers: dict[int, Handler] = {}
         self._posted: deque[can.Message] = deque(maxlen=1024)
@@ -154,6 +156,7 @@ class CanLink:
                 remedy="Check that the adapter is plugged in and the interface is up "
                 "(ip link show), or that the server of the bus is running.",
             ) from error
+        self._descriptor = _descriptor(self._bus)
         self._thread = threading.get_ident()
         self._full = 0
         self._posted.clear()
@@ -260,7 +263,7 @@ class CanLink:
             BusLost: the bus cannot be used.
         """
         try:
-            message = self.bus.recv(max(0.0, timeout))
+            message = self._next(timeout)
         except (can.CanError, OSError) as error:
             self._lose(condition_of_error(error), _reason(error), error)
         if message is None:
@@ -274,6 +277,17 @@ class CanLink:
             self.counters.unknown += 1
             return None
         self.counters.received += 1
+        return message
+
+    def _next(self, timeout: float) -> can.Message | None:
+        bus = self.bus
+        message: can.Message | None = bus.recv(0.0)
+        if message is not None or timeout <= 0.0:
+            return message
+        if self._descriptor < 0:
+            message = bus.recv(timeout)
+        elif select.select([self._descriptor], [], [], timeout)[0]:
+            message = bus.recv(0.0)
         return message
 
     def dispatch(self, message: can.Message, now: float) -> None:
@@ -339,6 +353,17 @@ def _stamped(message: can.Message) -> can.Message:
         is_extended_id=False,
         is_rx=False,
     )
+
+
+def _descriptor(bus: can.BusABC) -> int:
+    """Return what can be waited on with a monotonic deadline; -1 for an interface without.
+
+    python-can's own waiting counts on the clock of the day: when that is set back, it takes that much longer.
+    """
+    try:
+        return int(bus.fileno())
+    except (NotImplementedError, can.CanError):
+        return -1
 
 
 def _reason(error: Exception) -> str:
