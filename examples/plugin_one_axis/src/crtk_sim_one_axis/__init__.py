@@ -25,6 +25,8 @@ class RunningSim:
     def __init__(self, config: SimConfig) -> None:
         self.host = config.host
         self.ttys: Mapping[str, str] = {}
+        self.paths: Mapping[str, str] = {}
+        self.hints: tuple[str, ...] = ()
         self._process = subprocess.Popen(
             [
                 sys.executable,
