@@ -356,8 +356,8 @@ class Drive402:
             self._sent = self._in_fault(now)
         elif self.state is not None:
             self._sent = self._on_the_way(self.state, now)
-        elif self.goal in (State.DISABLED, State.QUICK_STOP):
-            self._sent = int(HOLDING[self.goal])
+        elif self.goal is not State.ENABLED:
+            self._sent = int(HOLDING[self.goal])  # leads downwards from wherever it is
         return self._sent
 
     def _on_the_way(self, state: State, now: float) -> int:
