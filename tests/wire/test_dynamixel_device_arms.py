@@ -234,6 +234,12 @@ def test_turns_are_known_after_a_power_off(tmp_path):
         place(sim, 1, 7.0)
         with pytest.raises(ConnectionFailed, match=r"screw.*turns"), opened(sim, values, turns=""):
             pass
+        file = tmp_path / "turns.yaml"
+        file.write_text("positions: {other: 1.0}\n")
+        with pytest.raises(ConnectionFailed, match="screw"), opened(sim, values):
+            pass
+        assert "other" in file.read_text(), "a failure is not the place to learn from"
+        file.unlink()
         with driver_at(sim, values) as bench:
             assert bench.arm.measured_js().position == pytest.approx([7.0], abs=4e-3)
             bench.arm.enable()
