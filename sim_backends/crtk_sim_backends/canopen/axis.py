@@ -278,8 +278,11 @@ class Axis:
         self._measure()
         self._align()
 
-    def process(self) -> None:
-        """Do what has been written since the last call: mode, controlword, targets."""
+    def process(self, *, sync: bool = False) -> None:
+        """Do what has been written since the last call: mode, controlword, targets.
+
+        With `sync`, the targets in the dictionary are valid now, whether they are new or not.
+        """
         mode = self._modes[self.value(0x6060)]
         if mode is not self._mode:
             self._measure()
@@ -290,14 +293,10 @@ class Axis:
         if self._received:
             self._received = False
             self._control(self.value(0x6040))
-        if self._targeted:
+        if self._targeted or sync:
             self._targeted = False
-            self.use_targets()
-
-    def use_targets(self) -> None:
-        """Follow the targets in the dictionary: they are new, or SYNC has come."""
-        if self.machine.state is State.OPERATION_ENABLED and self.machine.ramp is None:
-            self._mode.targets()
+            if self.machine.state is State.OPERATION_ENABLED and self.machine.ramp is None:
+                self._mode.targets()
 
     def _control(self, word: int) -> None:
         before, self._controlword = self._controlword, word

@@ -121,6 +121,7 @@ class ObjectDictionary:
             for entry in self.objects.values()
             for sub, variable in entry.entries.items()
         }
+        self._ranges = {key: _range(variable) for key, variable in self.variables.items()}
         self.values: dict[Key, Value] = {}
         self.stored: dict[Key, Value] = {}  # by 1010, over the defaults
         self.live: dict[Key, Callable[[], Value]] = {}  # values that are computed when read
@@ -209,11 +210,10 @@ class ObjectDictionary:
         Raises:
             SdoAbort: it is out of range, or not permitted now.
         """
-        variable = self.variables[index, sub]
-        low, high = variable.type.limits
-        if value > (high if variable.high is None else variable.high):
+        low, high = self._ranges[index, sub]
+        if value > high:
             raise SdoAbort(Abort.VALUE_HIGH)
-        if value < (low if variable.low is None else variable.low):
+        if value < low:
             raise SdoAbort(Abort.VALUE_LOW)
         if guard := self.guards.get(index):
             guard(sub, value)
@@ -222,3 +222,12 @@ class ObjectDictionary:
         self.values[index, sub] = value
         if written := self.written.get(index):
             written(sub)
+
+
+def _range(variable: Variable) -> tuple[int, int]:
+    """Least and greatest permitted value; 0 for what is no number."""
+    low, high = variable.type.limits if variable.type.size else (0, 0)
+    return (
+        low if variable.low is None else variable.low,
+        high if variable.high is None else variable.high,
+    )

@@ -302,9 +302,8 @@ class Drive:
         self._last_sync = now
         frames = self.pdos.on_sync(data[0] if data else None)
         self.pdos.apply_received()
-        self._process()
         for unit in self.axes:
-            unit.use_targets()
+            unit.process(sync=True)
         return frames
 
     @property
