@@ -8,11 +8,15 @@ from pathlib import Path
 
 import pytest
 from dynamixel_bus import POSITION, Wire, instruction, read, statuses, sync_read
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from crtk_sim_backends.dynamixel.bus import make_servos
 from crtk_sim_backends.dynamixel.config import parse_servos
+from crtk_sim_backends.dynamixel.injection import KINDS, REPLIES
 from crtk_sim_backends.dynamixel.line import Line
 from crtk_sim_backends.dynamixel.tty import Tty
+from crtk_sim_backends.faults import check_fault
 
 NOW = 10.0
 MBPS = 1_000_000
@@ -139,3 +143,46 @@ def test_a_client_in_time_does_not_collide_and_one_too_early_does(make: Make) ->
     line.receive(request, end + 16 * BYTE, 1.0, MBPS)
     assert line.statistics.collisions == 1
     assert dues(line) == []
+
+
+WIRE_KINDS = (*REPLIES, "lost", "late", "echo", "latency", "silent")
+TALK = st.one_of(
+    st.binary(max_size=30),
+    st.builds(
+        instruction,
+        st.sampled_from([1, 2, 254]),
+        st.sampled_from([1, 2, 3, 5, 8, 0x82, 0x83, 0x8A, 0x92]),
+        st.binary(max_size=12),
+    ),
+    st.just(sync_read(POSITION, 10, 1, 2, 3)),
+    st.just(sync_read(POSITION, 10, 1, 2, 3, code=0x8A)),
+)
+
+
+@given(
+    kinds=st.lists(st.sampled_from(WIRE_KINDS), unique=True),
+    numbers=st.lists(st.sampled_from([-1, 1, 2]), min_size=1, max_size=3),
+    talk=st.lists(st.tuples(TALK, st.floats(0.0, 0.2)), max_size=10),
+    timed=st.booleans(),
+)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_whatever_is_said_and_whatever_is_broken_the_line_lives(
+    make: Make,
+    kinds: list[str],
+    numbers: list[int],
+    talk: list[tuple[bytes, float]],
+    timed: bool,
+) -> None:
+    line = make(lead=0.0 if timed else None)
+    for kind in kinds:
+        for number in numbers if "id" in KINDS[kind].parameters else [-1]:
+            given_id = {"id": number} if number != -1 else {}
+            line.begin(check_fault(KINDS, kind, given_id, "test"))
+    now = NOW
+    for data, pause in talk:
+        line.receive(data, now, now, MBPS)
+        now += pause
+        line.deliver(now)
+    line.deliver(math.inf)
+    assert line.due == math.inf
+    line.unplug()

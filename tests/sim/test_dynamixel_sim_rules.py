@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import dynamixel_easy_sdk
 import dynamixel_sdk as sdk
 import pytest
 from dynamixel_bus import (
@@ -21,10 +22,14 @@ from dynamixel_bus import (
     PROFILE_VELOCITY,
     STATUS_LEVEL,
     TORQUE,
+    Status,
     Vendor,
+    Wire,
+    hand,
     running,
     vendor_at,
     wait_until,
+    write,
 )
 
 from crtk_sim_backends.dynamixel import RunningSim
@@ -285,12 +290,12 @@ def test_a_hardware_error_that_shutdown_does_not_name_leaves_torque_on(
 
 def test_the_sdk_moves_a_chain(vendor: Vendor) -> None:
     group = vendor.sync_reader(CURRENT, 10, XM, XL330, XM540)
-    write = sdk.GroupSyncWrite(vendor.port, vendor.packets, GOAL_POSITION, 4)
+    group_write = sdk.GroupSyncWrite(vendor.port, vendor.packets, GOAL_POSITION, 4)
     for number in (XM, XL330, XM540):
         assert vendor.write(number, TORQUE, 1, 1) == 0
         assert vendor.write(number, PROFILE_VELOCITY, 4, 100) == 0
-        assert write.addParam(number, [0, 7 + number, 0, 0])
-    assert write.txPacket() == sdk.COMM_SUCCESS
+        assert group_write.addParam(number, [0, 7 + number, 0, 0])
+    assert group_write.txPacket() == sdk.COMM_SUCCESS
 
     def positions(read: str) -> list[int]:
         assert getattr(group, read)() == sdk.COMM_SUCCESS
@@ -298,6 +303,21 @@ def test_the_sdk_moves_a_chain(vendor: Vendor) -> None:
 
     for read in ("txRxPacket", "fastSyncRead"):
         wait_until(lambda read=read: positions(read) == [0x800, 0xA00, 0xF00])
+
+
+def test_what_the_sdk_does_not_stuff_is_lost_as_at_a_real_servo(
+    sim: RunningSim, vendor: Vendor
+) -> None:
+    vendor.write(XM, MODE, 1, 4)
+    goal = -131_073  # FF FF FD FF: dynamixel-sdk 4.1 sends it without stuffing
+    result, _ = vendor.packets.write4ByteTxRx(vendor.port, XM, GOAL_POSITION, goal % (1 << 32))
+    assert result == sdk.COMM_RX_TIMEOUT
+    assert vendor.read(XM, GOAL_POSITION, 4) == 2048
+    vendor.close()
+    with Wire(sim.ttys["bus1"]) as wire:
+        packet = write(XM, GOAL_POSITION, goal.to_bytes(4, "little", signed=True))
+        assert packet[10:15] == hand("FF FF FD FD FF")
+        assert wire.ask(packet, 11) == [Status(XM, 0, b"")]
 
 
 def test_mixed_tables_are_read_in_bulk(vendor: Vendor) -> None:
@@ -309,10 +329,10 @@ def test_mixed_tables_are_read_in_bulk(vendor: Vendor) -> None:
     assert group.txRxPacket() == sdk.COMM_SUCCESS
     values = [group.getData(*item) for item in ((XM, POSITION, 4), (PH, 580, 4), (XL430, 144, 2))]
     assert values == [2048, 0, 111]
-    write = sdk.GroupBulkWrite(vendor.port, vendor.packets)
-    write.addParam(XM, GOAL_POSITION, 4, [1, 4, 0, 0])
-    write.addParam(PH, 552, 4, [5, 0, 0, 0])
-    assert write.txPacket() == sdk.COMM_SUCCESS
+    goals = sdk.GroupBulkWrite(vendor.port, vendor.packets)
+    goals.addParam(XM, GOAL_POSITION, 4, [1, 4, 0, 0])
+    goals.addParam(PH, 552, 4, [5, 0, 0, 0])
+    assert goals.txPacket() == sdk.COMM_SUCCESS
     assert vendor.read(XM, GOAL_POSITION, 4) == 1025
     assert vendor.read(PH, 552, 4) == 5
 
@@ -329,3 +349,15 @@ def test_reverse_mode_and_homing_offset(sim: RunningSim, vendor: Vendor) -> None
     assert vendor.read(XM, POSITION, 4) - 2048 == -forward  # too large for position mode
     vendor.write(XM, MODE, 1, 4)
     assert vendor.read(XM, POSITION, 4) - 2048 == 1025 - forward
+
+
+def test_the_easy_sdk(sim: RunningSim) -> None:
+    connector = dynamixel_easy_sdk.Connector(sim.ttys["bus1"], 1_000_000)
+    try:
+        motor = connector.createMotor(XM)
+        motor.enableTorque()
+        motor.setGoalPosition(2500)
+        wait_until(lambda: motor.getPresentPosition() == 2500)
+        assert motor.getPresentVelocity() == 0
+    finally:
+        connector._port_handler.closePort()  # it has no method for it
