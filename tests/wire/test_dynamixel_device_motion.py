@@ -139,6 +139,19 @@ def test_pause_from_each_mode_holds(bench, name):
     assert 0.0 < bench.servos()[1]["angle"] < 0.58
 
 
+def test_hold_ends_a_slow_profile_of_the_servo(shared):
+    set_upright(shared)
+    with driver_at(shared, arm_values(joints={"waist": {"profile_velocity": 0.2}})) as bench:
+        bench.enable()
+        assert bench.arm.move_jp([1.0, *ZERO[1:]]).wait(LONG)
+        assert bench.servos()[1]["angle"] < 0.8, "it is behind"
+        bench.arm.hold()
+        bench.until_still()
+        assert bench.servos()[1]["angle"] < 0.9
+        with bench.nothing_moves():
+            bench.cycles(20)
+
+
 def test_servo_jp_stream_that_stops_holds_the_last_setpoint(bench):
     goal = bench.arm.setpoint_js().position.copy()
     goal[0] += 0.03

@@ -86,6 +86,9 @@ class Part:
         self._commanded = np.array(
             [i for i, p in enumerate(self.places) if link.chain.servos[p].follow == "goals"]
         )
+        self._has_profile = any(
+            link.chain.servos[place].config.profile_velocity > 0.0 for place in self.places
+        )
         self._goal_places = tuple(self.places[i] for i in self._commanded)
         self.kind: Kind | None = None
         self._work: Steps | None = None
@@ -234,6 +237,9 @@ class Part:
             gone = {*self.silent(frame, now), *self._broken()}
             yield from self._switch(Kind.POSITION, [p for p in self.places if p not in gone])
             self._is_free = False
+        elif self.kind is Kind.POSITION and self._has_profile:
+            # The servos may be far behind their goals.
+            self._write_goals(Kind.POSITION, self.own(self._frame.position))
 
     def _broken(self) -> list[int]:
         return [place for place in self.places if self._link.health[place].error_text]
