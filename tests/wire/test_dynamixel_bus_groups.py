@@ -280,6 +280,17 @@ def test_a_reply_that_comes_too_early_does_not_prove_others_missing():
         assert values(bus.sync_read([1, 2, 3], 132, 4)) == {id: data(id, 2) for id in (1, 2, 3)}
 
 
+def test_replies_that_take_long_are_not_looked_at_piece_by_piece(monkeypatch):
+    with bus_on(baud=4800) as (peer, bus):
+        looks = []
+        read = bus.port.read
+        monkeypatch.setattr(bus.port, "read", lambda deadline: looks.append(0) or read(deadline))
+        stream = statuses([1, 2, 3])
+        peer.script([part for byte in stream for part in (bytes((byte,)), 0.0002)])
+        assert bus.sync_read([1, 2, 3], 132, 4).complete
+        assert len(looks) < len(stream) / 3
+
+
 def test_deadlines_follow_the_servos_settings():
     with bus_on({1: ServoLink(return_delay=100.0)}, budget=SHORT) as (_, bus):
         group = bus.sync_group([1], 132, 4)

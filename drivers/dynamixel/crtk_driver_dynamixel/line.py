@@ -52,6 +52,10 @@ class LineCounters:
     waits: int = 0
 
 
+WORTH_SLEEPING: Final = 0.002
+"""Seconds of the wire's time from which on replies are looked at only when they can be complete."""
+
+
 class _Owed(NamedTuple):
     id: int
     length: int
@@ -205,11 +209,16 @@ class Line:
     ) -> _Received:
         """Receive as much as a whole reply has, as long as it looks like one.
 
+        Adapters hand over in pieces what takes long; there is no use in waking up for each of them.
+
         Args:
             patience: seconds for more to come, once something has come.
         """
         skip = len(request) if self._echoing else 0
         size = skip + reply.size
+        pause = self._free_at + self.port.wire_time(reply.size) - self._clock()
+        if pause > WORTH_SLEEPING:
+            time.sleep(pause)
         buffer = self.port.read(deadline)
         over = not buffer
         while not over and len(buffer) < size and reply.fits(buffer[skip:]):
