@@ -88,6 +88,8 @@ _SECTIONS: Final[Mapping[str, str]] = MappingProxyType(
 _TEXTS: Final = frozenset({"VendorName", "ProductName", "OrderCode"})
 _OBJECT: Final = re.compile(r"([0-9a-f]{4})(?:sub([0-9a-f]{1,2})|(name))?", re.IGNORECASE)
 _DATA_OBJECT: Final = "0x000F"
+_KINDS: Final = frozenset({0, 2, 5, 6, 7, 8, 9})
+"""Object types (CiA 301, 7.4.3): null, domain, two kinds of definitions, variable, array, record."""
 
 
 @dataclass(slots=True)
@@ -301,8 +303,8 @@ def _order(name: str) -> tuple[str, int, int]:
 def _mend_object(name: str, section: _Section, has_subs: bool, tell: Tell) -> None:
     keys = section.keys
     kind = _number(keys.get("ObjectType", ""))
-    if kind is None and "ObjectType" in keys:
-        tell(section.line, f"[{name}] ObjectType={keys['ObjectType']} is no number: left out")
+    if kind not in _KINDS and "ObjectType" in keys:
+        tell(section.line, f"[{name}] ObjectType={keys['ObjectType']} is unknown: left out")
         del keys["ObjectType"]
     if has_subs and kind not in (8, 9):
         tell(section.line, f"[{name}] has sub-indices: taken as a record")
