@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from crtk_driver_ur.calibration import Calibration
 from crtk_drivers.config import DeviceConfig, Settings
 
 Vector3 = tuple[float, float, float]
@@ -109,6 +110,11 @@ class UrConfig(DeviceConfig):
         default=None,
         description="Acceleration opposite to gravity in base axes, in m/s²: 0, 0, 9.82 for an arm "
         "that stands upright. That of the controller's installation if null.",
+    )
+    calibration: Calibration | None = Field(
+        default=None,
+        description="Of this very arm, as `crtk-driver ur info --output` writes it; the model's nominal "
+        "lengths if null.",
     )
     move: MoveConfig = Field(default=MoveConfig(), description="Point-to-point motion.")
     servo: ServoConfig = Field(default=ServoConfig(), description="Streamed motion.")

@@ -12,6 +12,7 @@ import math
 import time
 from collections.abc import Mapping
 
+from crtk_driver_ur.calibration import CalibratedKinematics
 from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.control import ControlOptions
 from crtk_driver_ur.control_link import ControlLink
@@ -20,6 +21,7 @@ from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import CB3, JOINT_NAMES, RobotModel, model_named
 from crtk_driver_ur.motion_sequencer import MotionOptions
 from crtk_driver_ur.outputs import UrInputs
+from crtk_driver_ur.primary import read_robot_info
 from crtk_driver_ur.reports import numbers_of, reports_of
 from crtk_driver_ur.robot import Robot
 from crtk_driver_ur.rtde.stream import RTDE_PORT, RtdeStream, StateSample
@@ -39,6 +41,7 @@ from crtk_drivers.device import (
     Note,
     Service,
     Setpoint,
+    Severity,
     Steps,
     StopPolicy,
 )
@@ -68,6 +71,9 @@ CLOSE_TIMEOUT = 0.7
 
 DEAD_AFTER = 0.1
 """Seconds without a sample after which the control process is not asked to end, but killed."""
+
+CALIBRATION_TIMEOUT = 2.0
+"""Seconds for the controller to tell its calibration."""
 
 OTHER_PROGRAM_TIMEOUT = 1.0
 """Seconds in which a program that is not ours must end: the watchdog ends one of a driver that died."""
@@ -99,7 +105,7 @@ class UrDevice(Device):
         self._config = config
         self._model: RobotModel = model_named(config.model)
         self._tool = None if config.tcp is None else Transform.from_pose_vector(config.tcp)
-        self._kinematics = ArmKinematics(self._model, self._tool or IDENTITY)
+        self._kinematics = self._kinematics_of(self._tool or IDENTITY)
         self._kinematics_tool: tuple[float, ...] | None = None
         self._samples = SampleMaker(self._tool)
         self._frequency = config.frequency or self._model.frequency
@@ -114,6 +120,7 @@ class UrDevice(Device):
         self._has_freedrive = False
         self._in_control = False
         self._why_stopped = _PROGRAM_STOPPED
+        self._calibration_note = ""
         self._services = UrServices(
             self._robot, self._link, self._model, self._controls, f"ur {self.address}"
         )
@@ -238,7 +245,9 @@ class UrDevice(Device):
         """See the base class."""
         state = self._robot.state
         reports = () if state is None else reports_of(state)
-        return (*self._inputs.notes(), *reports)
+        calibration = self._calibration_note
+        wrong = (Note(Severity.WARNING, "calibration", calibration),) if calibration else ()
+        return (*self._inputs.notes(), *wrong, *reports)
 
     @property
     def robot_state(self) -> StateSample | None:
@@ -265,6 +274,7 @@ class UrDevice(Device):
             raise
         finally:
             self._opening = None
+        self._calibration_note = self._check_calibration(deadline)
         self._stream, self._stream_lost = stream, False
         self._has_freedrive = version >= FREEDRIVE_SINCE
         self._robot.state, self._in_control = None, False
@@ -276,6 +286,25 @@ class UrDevice(Device):
         opening = self._opening
         if opening is not None:
             opening.close()
+
+    def _check_calibration(self, deadline: float) -> str:
+        """Return what is wrong with the configured calibration; empty if nothing is, or there is none."""
+        configured = self._config.calibration
+        if configured is None:
+            return ""
+        try:
+            soon = min(deadline, time.monotonic() + CALIBRATION_TIMEOUT)
+            found = read_robot_info(self._config.host, soon).calibration
+        except DeviceError as error:
+            return f"not compared with the controller's: {error}"
+        if found is not None and found.checksum == configured.checksum:
+            return ""
+        text = (
+            "the controller has another calibration than is configured. "
+            "Make it anew with `crtk-driver ur info --output`."
+        )
+        logger.warning("ur %s: %s", self.address, text)
+        return text
 
     def _check_generation(self, stream: RtdeStream) -> None:
         cb3_controller = stream.controller_version.major < 5
@@ -329,7 +358,7 @@ class UrDevice(Device):
             assert state.tcp_offset is not None
             self._kinematics_tool = state.tcp_offset
             tool = Transform.from_pose_vector(state.tcp_offset)
-            self._kinematics = ArmKinematics(self._model, tool)
+            self._kinematics = self._kinematics_of(tool)
 
     # ----------------------------------------------------------------------------------------- motion
 
@@ -452,7 +481,7 @@ class UrDevice(Device):
         state = self._robot.state
         if state is None or state.tcp_offset is None:
             return
-        kinematics = ArmKinematics(self._model, Transform.from_pose_vector(state.tcp_offset))
+        kinematics = self._kinematics_of(Transform.from_pose_vector(state.tcp_offset))
         expected = kinematics.forward(list(state.actual_q)).position
         distance = math.dist(expected, state.actual_TCP_pose[:3])
         if distance > MODEL_TOLERANCE:
@@ -488,6 +517,12 @@ class UrDevice(Device):
             )
 
     # -------------------------------------------------------------------------------------- kinematics
+
+    def _kinematics_of(self, tool: Transform) -> ArmKinematics:
+        calibration = self._config.calibration
+        if calibration is None:
+            return ArmKinematics(self._model, tool)
+        return CalibratedKinematics(self._model, calibration, tool)
 
     def forward_kinematics(self, joints: Vector) -> Pose:
         """See the base class."""

@@ -8,6 +8,7 @@ from typing import Any
 
 from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.device import UrDevice
+from crtk_driver_ur.tools import TOOLS
 from crtk_drivers.errors import ConfigError, MissingExtra
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.sims import RunningSim
@@ -47,4 +48,5 @@ PLUGIN = DevicePlugin(
     check_real=_require_host,
     sim_config=_at_sim,
     sim_options=_sim_options,
+    tools=TOOLS,
 )

@@ -1,0 +1,143 @@
+"""The factory calibration of an arm: lengths and angles of its own links, beside the model's.
+
+Denavit-Hartenberg, standard form: each joint is Rz(q + θ) Tz(d) Tx(a) Rx(α). Where the axes of two
+joints are nearly parallel (2, 3 and 4), calibrated offsets along them may be metres that cancel each other:
+compare what they do to the tool, not the numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from math import cos, sin
+from random import Random
+from typing import Final
+
+import numpy as np
+from pydantic import Field
+
+from crtk_driver_ur.frames import IDENTITY, Transform, compose
+from crtk_driver_ur.kinematics import ArmKinematics, IkFailure, InverseKinematicsError
+from crtk_driver_ur.models import RobotModel, Vector6
+from crtk_drivers.config import Settings
+from crtk_drivers.samples import Array
+
+__all__ = ["CalibratedKinematics", "Calibration", "displacements"]
+
+EXACT: Final = 1e-10
+"""m and rad by which a solution may miss its pose."""
+ITERATIONS: Final = 8
+NEAR: Final = 0.2
+"""rad by which calibrated joint angles may differ from nominal ones."""
+POSTURES: Final = 200
+"""Over which the calibration is compared with the model."""
+
+Checksum = tuple[int, int, int, int, int, int]
+
+
+class Calibration(Settings):
+    """As the controller has it; made by ``crtk-driver ur info --output``."""
+
+    checksum: Checksum = Field(description="By which the controller tells calibrations apart.")
+    theta: Vector6 = Field(description="Offsets of the joint angles, in rad.")
+    a: Vector6 = Field(description="Lengths along x, in m.")
+    d: Vector6 = Field(description="Offsets along z, in m.")
+    alpha: Vector6 = Field(description="Twists about x, in rad.")
+
+    def frames(self, q: Sequence[float]) -> Iterator[Transform]:
+        """Yield the frame behind each joint for joint angles `q` (6, rad); the last is the flange."""
+        frame = IDENTITY
+        for angle, theta, a, d, alpha in zip(
+            q, self.theta, self.a, self.d, self.alpha, strict=True
+        ):
+            c, s, ca, sa = cos(angle + theta), sin(angle + theta), cos(alpha), sin(alpha)
+            frame = compose(
+                frame,
+                Transform(c, -s * ca, s * sa, s, c * ca, -c * sa, 0.0, sa, ca, a * c, a * s, d),
+            )
+            yield frame
+
+    def flange(self, q: Sequence[float]) -> Transform:
+        """Return the pose of the flange in the base frame for joint angles `q` (6, rad)."""
+        *_, flange = self.frames(q)
+        return flange
+
+
+class CalibratedKinematics(ArmKinematics):
+    """As `ArmKinematics`, with the arm's own calibration instead of the model's numbers.
+
+    The inverse begins with the closed form and corrects it: the two differ by millimetres.
+
+    Args:
+        model: the arm.
+        calibration: its own.
+        tool: flange to tool centre point (TCP).
+    """
+
+    def __init__(
+        self, model: RobotModel, calibration: Calibration, tool: Transform = IDENTITY
+    ) -> None:
+        super().__init__(model, tool)
+        self._calibration = calibration
+        self._tool_or_none = None if tool == IDENTITY else tool
+
+    def forward(self, q: Sequence[float]) -> Transform:
+        """See the base class."""
+        flange = self._calibration.flange(q)
+        return flange if self._tool_or_none is None else compose(flange, self._tool_or_none)
+
+    def inverse(self, pose: Transform, reference: Sequence[float]) -> Vector6:
+        """See the base class."""
+        nominal = q = np.array(super().inverse(pose, reference))
+        for _ in range(ITERATIONS):
+            error = _difference(self.forward(q.tolist()), pose)
+            if np.abs(error).max() < EXACT:
+                break
+            jacobian = self.jacobian(q.tolist())
+            damped = jacobian.T @ jacobian + 1e-12 * np.eye(6)
+            q = q + np.linalg.solve(damped, jacobian.T @ error)
+        limits = self.model.position_limits
+        missed = np.abs(_difference(self.forward(q.tolist()), pose)).max() > 100.0 * EXACT
+        if missed or np.abs(q - nominal).max() > NEAR:
+            raise self._no_solution(IkFailure.OUT_OF_REACH, pose)
+        if (q < limits.lower).any() or (q > limits.upper).any():
+            raise self._no_solution(IkFailure.JOINT_LIMITS, pose)
+        q1, q2, q3, q4, q5, q6 = q.tolist()
+        return q1, q2, q3, q4, q5, q6
+
+    def jacobian(self, q: Sequence[float]) -> Array:
+        """See the base class."""
+        *joints, flange = self._calibration.frames(q)
+        tool = flange if self._tool_or_none is None else compose(flange, self._tool_or_none)
+        x, y, z = tool.position
+        columns = []
+        for frame in (IDENTITY, *joints):
+            ax, ay, az = frame.xz, frame.yz, frame.zz
+            dx, dy, dz = x - frame.x, y - frame.y, z - frame.z
+            columns.append((ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx, ax, ay, az))
+        return np.array(columns).T
+
+    def _no_solution(self, reason: IkFailure, pose: Transform) -> InverseKinematicsError:
+        x, y, z = pose.position
+        return InverseKinematicsError(
+            reason,
+            f"the pose at x={x:.4f} y={y:.4f} z={z:.4f} m is {reason.value} with its calibration",
+            where=self.model.name,
+            remedy="Choose a pose farther from a singularity and from the edge of the workspace.",
+        )
+
+
+def _difference(present: Transform, wanted: Transform) -> Array:
+    """Return the twist (6,) that takes `present` to `wanted` in unit time, in base axes."""
+    p, w = np.array(present[:9]).reshape(3, 3), np.array(wanted[:9]).reshape(3, 3)
+    turn = 0.5 * np.cross(p.T, w.T).sum(axis=0)
+    return np.array((*np.subtract(wanted.position, present.position), *turn))
+
+
+def displacements(model: RobotModel, calibration: Calibration) -> list[float]:
+    """Return how far, in m, the flange is from where the model has it, in postures spread at random."""
+    nominal, random = ArmKinematics(model), Random(7)
+    postures = [[random.uniform(-math.pi, math.pi) for _ in range(6)] for _ in range(POSTURES)]
+    return [
+        math.dist(nominal.forward(q).position, calibration.flange(q).position) for q in postures
+    ]
