@@ -24,11 +24,12 @@ from crtk_driver_canopen.layout import plan
 from crtk_driver_canopen.master import BootUp, Master
 from crtk_driver_canopen.modes import HandshakePhase, OpMode, SetpointHandshake
 from crtk_driver_canopen.objects import OBJECTS
-from crtk_driver_canopen.sdo import ObjectIgnored, Sdo
+from crtk_driver_canopen.sdo import ObjectIgnored, Sdo, SdoSilent
 from crtk_driver_canopen.statemachine import Drive402, State, decode
 from crtk_driver_canopen.tools import bus_address
 from crtk_driver_canopen.units import GroupUnits
 from crtk_drivers.config import from_values, load
+from crtk_drivers.errors import ProtocolError
 from crtk_sim_backends.canopen import SIM
 from crtk_sim_backends.process import RunningSim
 
@@ -330,6 +331,26 @@ def test_bus_off_ends_the_bus_and_it_is_opened_anew(
     # Without power either way: told to be, or in fault because we were silent for too long.
     off = {State.DISABLED, State.FAULT}
     again.until(lambda: all(drive.state in off for drive in again.drives))
+
+
+def test_a_late_answer_is_never_taken_for_another(sim: RunningSim) -> None:
+    config = arm(sim)
+    with closing(CanLink(bus_address(config))) as link:
+        link.open()
+        patient = Sdo(Master(link).sdo(1))
+        names = ("device_type", "feed", "product_code")
+        right = {name: patient.read(OBJECTS[name]) for name in names}
+        hasty = Sdo(Master(link, sdo_timeout=0.03).sdo(1))
+        sim.control.inject("slow_sdo", node=1, delay=0.04)
+        for name, value in list(right.items()) * 5:
+            try:
+                assert hasty.read(OBJECTS[name]) == value
+            except (SdoSilent, ProtocolError) as error:
+                assert "node 1: read of" in str(error)  # noqa: PT017 - or it is told
+        sim.control.clear()
+        link.poll(time.monotonic() + 0.1)
+        patient = Sdo(Master(link).sdo(1))
+        assert {name: patient.read(OBJECTS[name]) for name in names} == right
 
 
 def test_the_configuration_is_written_once(make: Callable[..., Rig]) -> None:

@@ -39,8 +39,8 @@ Handler = Callable[[bytes, float], None]
 FULL_LIMIT: Final = 2
 """Cycles in a row in which there may be no room to send."""
 
-_SLICE: Final = 0.05
-"""Longest wait for a frame at once, in s."""
+_SLICE: Final = 0.005
+"""Longest wait for a frame at once, in s: what other threads have handed over is sent after it."""
 
 _POSTED_AT_ONCE: Final = 4
 """Frames of other threads that are sent at once."""
@@ -316,7 +316,7 @@ class CanLink:
             if done is not None and done():
                 return True
             now = time.monotonic()
-            message = self.receive(min(until - now, _SLICE if done is None else 0.002))
+            message = self.receive(min(until - now, _SLICE))
             if message is not None:
                 self.dispatch(message, time.monotonic())
             elif now >= until:

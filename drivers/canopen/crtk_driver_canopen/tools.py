@@ -171,7 +171,7 @@ def find_entry(config: CanopenConfig, options: SdoOptions) -> Entry:
     except ValueError as error:
         if isinstance(error, ConfigError):
             raise
-        raise ConfigError(str(error), where="--object") from error
+        raise ConfigError(str(error), where="object") from error
     return Entry(entry.index, entry.sub, kind, entry.name).on_axis(options.axis)
 
 
@@ -195,7 +195,7 @@ def parse_value(entry: Entry, text: str) -> bytes:
     except ValueError as error:
         raise ConfigError(
             f"{text!r} is no value for {entry} ({entry.type.name.lower()}): {error}",
-            where="--value",
+            where="value",
             remedy="Bytes are given in hexadecimal; --type says how else to read it.",
         ) from error
 
