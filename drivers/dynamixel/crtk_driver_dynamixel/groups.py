@@ -7,11 +7,10 @@ every now and then.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, NamedTuple
-
-import numpy as np
 
 from crtk_driver_dynamixel import protocol2
 from crtk_driver_dynamixel.framing import Status
@@ -355,11 +354,12 @@ class GroupWrite:
         self._bus = bus
         self._size = len(ids) * length
         zeros = codec.sync_write(address, length, dict.fromkeys(ids, bytes(length)))
-        head = len(zeros) - codec.TAIL - len(ids) * (1 + length)
+        head = zeros[: len(zeros) - codec.TAIL - len(ids) * (1 + length)]
         self._seal = codec.seal
-        self._packet = bytearray(zeros[: -codec.TAIL])
-        rows = np.frombuffer(self._packet, np.uint8, offset=head).reshape(len(ids), 1 + length)
-        self._values = rows[:, 1:]
+        self._split = struct.Struct(f"{length}s" * len(ids)).unpack
+        self._parts = [head]
+        for id in ids:
+            self._parts += [bytes((id,)), b""]
 
     def run(self, data: bytes) -> None:
         """Write; nobody answers.
@@ -374,5 +374,5 @@ class GroupWrite:
             raise ValueError(
                 f"{len(data)} bytes given for {len(self.ids)} servos, not {self._size}"
             )
-        self._values[:] = np.frombuffer(data, np.uint8).reshape(self._values.shape)
-        self._bus.line.send(self._seal(self._packet))
+        self._parts[2::2] = self._split(data)
+        self._bus.line.send(self._seal(b"".join(self._parts)))
