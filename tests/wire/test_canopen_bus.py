@@ -79,6 +79,12 @@ def deadline() -> float:
         (BusAddress("slcan", "/dev/nonesuch", 1_000_000), ConnectionFailed, "canopen slcan /dev"),
         (BusAddress("slcan", "/dev/null", 123), (ConfigError, ConnectionFailed), "canopen slcan"),
         (BusAddress("crtk", "/nonexistent.sock", 1_000_000), ConnectionFailed, "no CAN hub"),
+        (BusAddress("socketcand", "can0", 1_000_000), ConfigError, "needs host and port"),
+        (
+            BusAddress("socketcand", "can0", 1_000_000, {"host": "127.77.0.1", "port": 1}),
+            ConnectionFailed,
+            "refused",
+        ),
     ],
 )
 def test_a_bus_that_cannot_be_opened(where: BusAddress, error: type[Exception], text: str) -> None:

@@ -29,7 +29,7 @@ from crtk_driver_canopen.statemachine import Drive402, State, decode
 from crtk_driver_canopen.tools import bus_address
 from crtk_driver_canopen.units import GroupUnits
 from crtk_drivers.config import from_values, load
-from crtk_drivers.errors import ProtocolError
+from crtk_drivers.errors import ConnectionFailed, ProtocolError
 from crtk_sim_backends.canopen import SIM
 from crtk_sim_backends.process import RunningSim
 
@@ -331,6 +331,22 @@ def test_bus_off_ends_the_bus_and_it_is_opened_anew(
     # Without power either way: told to be, or in fault because we were silent for too long.
     off = {State.DISABLED, State.FAULT}
     again.until(lambda: all(drive.state in off for drive in again.drives))
+
+
+@pytest.mark.parametrize("door", ["crtk", *DOORS])
+def test_a_bus_that_ends_is_gone(door: str) -> None:
+    with SIM.spawn(nodes=2) as sim:
+        config = arm(sim, **({} if door == "crtk" else {"bus": DOORS[door](sim)}))
+        with closing(CanLink(bus_address(config))) as link:
+            link.open()
+            rig = Rig(config, link)
+            sim.kill()
+            with pytest.raises(BusLost) as caught:
+                rig.until(lambda: False)
+            assert caught.value.condition is Condition.GONE
+            assert "server of the bus" in caught.value.remedy
+            with pytest.raises(ConnectionFailed, match=f"canopen {door}"):
+                link.open()
 
 
 def test_a_late_answer_is_never_taken_for_another(sim: RunningSim) -> None:

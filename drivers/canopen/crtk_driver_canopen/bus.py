@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import select
+import socket
 import threading
 import time
 from collections import deque
@@ -41,6 +42,9 @@ FULL_LIMIT: Final = 2
 
 _SLICE: Final = 0.005
 """Longest wait for a frame at once, in s: what other threads have handed over is sent after it."""
+
+_SERVER_TIMEOUT: Final = 2.0
+"""Seconds for a socketcand server to accept a connection."""
 
 _POSTED_AT_ONCE: Final = 4
 """Frames of other threads that are sent at once."""
@@ -141,6 +145,8 @@ class CanLink:
         if address.interface not in _KERNEL_SETS_BITRATE:
             options.setdefault("bitrate", address.bitrate)
         try:
+            if address.interface == "socketcand":
+                _check_server(options)
             self._bus = can.Bus(interface=address.interface, channel=address.channel, **options)
         except (can.CanInterfaceNotImplementedError, TypeError, ValueError) as error:
             raise ConfigError(
@@ -353,6 +359,19 @@ def _stamped(message: can.Message) -> can.Message:
         is_extended_id=False,
         is_rx=False,
     )
+
+
+def _check_server(options: Mapping[str, Any]) -> None:
+    """See that a socketcand server is there: python-can itself tries for 10 s without a pause.
+
+    Raises:
+        OSError: it is not.
+        ValueError: there is no host or port.
+    """
+    missing = {"host", "port"} - set(options)
+    if missing:
+        raise ValueError(f"socketcand needs {' and '.join(sorted(missing))}")
+    socket.create_connection((options["host"], options["port"]), _SERVER_TIMEOUT).close()
 
 
 def _descriptor(bus: can.BusABC) -> int:
