@@ -22,7 +22,8 @@ SERVOS = (
 )
 PATIENCE = 0.2
 """Seconds that a busy machine may be late without a servo counting as silent."""
-SHORT = 0.05
+SHORT = 0.15
+"""The same where silence is waited for."""
 WAIT = 20.0
 
 
@@ -165,9 +166,8 @@ def test_values_that_need_stuffing_arrive_as_they_are(sim, chain, fast):
 
 
 @pytest.mark.parametrize("behaviour", ["stalls", "goes_on"])
-@pytest.mark.parametrize("fast", [False, True])
-@pytest.mark.parametrize("id", [1, 2, 3])
-def test_a_silent_servo_costs_its_own_data(sim, chain, behaviour, fast, id):
+@pytest.mark.parametrize(("id", "fast"), [(1, False), (2, False), (2, True), (3, False), (3, True)])
+def test_a_silent_servo_costs_its_own_data(sim, chain, behaviour, id, fast):
     chain = patient(chain)
     group = chain.sync_group([1, 2, 3], 126, 10, fast=fast)
     assert group.run().complete
