@@ -33,7 +33,7 @@ from dynamixel_bench import (
     writes_of,
 )
 
-from crtk_driver_dynamixel import part
+from crtk_driver_dynamixel import preparation
 from crtk_drivers.commands import Kind
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, MotionAborted, TransitionFailed
 from crtk_sim_backends.dynamixel.injection import stuffing_values
@@ -67,7 +67,7 @@ def sim(shared):
 def shared_bench():
     values = {**VALUES, "fast_read": False}
     with (
-        patch.object(part, "REBOOT_TIME", 1.0),
+        patch.object(preparation, "REBOOT_TIME", 1.0),
         dynamixel_bench(values, servos=WEIGHTLESS) as bench,
     ):
         yield bench
@@ -196,7 +196,6 @@ DEAF = {
     "crc": WireFault("crc"),
     "truncate": WireFault("truncate"),
     "duplicate_id": WireFault("duplicate_id"),
-    "late": WireFault("late", {"seconds": 0.2}),
 }
 
 

@@ -28,22 +28,18 @@ from crtk_driver_dynamixel.calibration import (
 )
 from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.control_tables import (
-    EFFORT,
     POSITION,
-    VELOCITY,
     Item,
     control_table,
 )
 from crtk_driver_dynamixel.groups import GroupWrite
 from crtk_driver_dynamixel.joints import Chain, ChainServo
 from crtk_driver_dynamixel.models import (
-    HARDWARE_ERRORS,
-    PROTOCOL_1_ERRORS,
     OperatingMode,
-    hardware_error_text,
     model_numbered,
 )
 from crtk_driver_dynamixel.port import Port
+from crtk_driver_dynamixel.readings import HEALTH, MEASURED, SLOW, Frame, Health
 from crtk_driver_dynamixel.replies import ServoCorrupt, ServoSilent
 from crtk_driver_dynamixel.servo_state import ServoState, Values, runs
 from crtk_driver_dynamixel.units import Counts, encoded
@@ -52,86 +48,16 @@ from crtk_drivers.samples import Stamp
 
 logger = logging.getLogger(__name__)
 
-__all__ = ["ChainLink", "Frame", "Health", "lost"]
-
-MEASURED: Final[Mapping[str, Sequence[str]]] = {
-    "position": POSITION,
-    "velocity": VELOCITY,
-    "effort": EFFORT,
-}
-"""What is read in each cycle, and the names that models have for it."""
-
-SLOW: Final[Sequence[dict[str, Sequence[str]]]] = (
-    {"torque": ("torque_enable",), "hardware_error": ("hardware_error_status",)},
-    {"watchdog": ("bus_watchdog",)},
-    {
-        "voltage": ("present_input_voltage", "present_voltage"),
-        "temperature": ("present_temperature",),
-    },
-)
-"""What is read now and then, one group at a time; of each what a model has."""
-
-HEALTH: Final[Mapping[str, Sequence[str]]] = SLOW[0] | SLOW[1]
-"""What says whether a servo can be relied on."""
+__all__ = ["ChainLink", "lost"]
 
 PATIENCE: Final = 0.05
 """Seconds allowed to adapter and system while the chain is opened: whatever is done first is slow."""
-
-ERROR_BITS: Final = {1: PROTOCOL_1_ERRORS, 2: HARDWARE_ERRORS}
-"""What bits of an error mean, by protocol."""
 
 MODEL_NUMBER_1: Final = 0
 """Address of model number (2 bytes) and firmware (1) in tables of protocol 1.0, whose ping tells neither."""
 
 GroupKey = tuple[str, int, int, int]
 """Bus, protocol, address, length."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Frame:
-    """What one cycle read. Arrays are (servos,), in counts; of a servo that did not answer the last known.
-
-    Attributes:
-        stamp: half way between request and last reply.
-        position, velocity, effort: effort is current or load, whatever the model has.
-        seen: monotonic seconds at which each servo answered last; -inf: never.
-        valid: it answered this time.
-    """
-
-    stamp: Stamp
-    position: Counts
-    velocity: Counts
-    effort: Counts
-    seen: NDArray[np.float64]
-    valid: NDArray[np.bool_]
-
-
-@dataclass(slots=True)
-class Health:
-    """What is known of one servo besides its motion.
-
-    Attributes:
-        protocol: of the servo, which decides what the bits of `hardware_error` mean.
-        hardware_error: bits of Hardware Error Status (70); of every status in protocol 1.0.
-        torque: whether Torque Enable (64) is on; None if not known.
-        tripped: the bus watchdog has stopped it.
-        hottest: degrees Celsius at which it stops; NaN if not known.
-        voltage: V; NaN if not known.
-        temperature: degrees Celsius; NaN if not known.
-    """
-
-    protocol: int = 2
-    hardware_error: int = 0
-    torque: bool | None = None
-    tripped: bool = False
-    voltage: float = math.nan
-    temperature: float = math.nan
-    hottest: float = math.nan
-
-    @property
-    def error_text(self) -> str:
-        """The hardware errors in words; empty if there are none."""
-        return hardware_error_text(self.hardware_error, ERROR_BITS[self.protocol])
 
 
 @dataclass(slots=True)
@@ -451,22 +377,7 @@ class ChainLink:
         self._slow_due = now + self._config.slow_interval / len(slow)
         for items, first, place, data, _, hardware in slow[turn].run():
             if data is not None:
-                self._take_health(place, values_of(items, first, data), hardware)
-
-    def _take_health(self, place: int, values: Values, status_bits: int = 0) -> None:
-        health = self.health[place]
-        if health.protocol == 1:
-            health.hardware_error = status_bits
-        if "torque" in values:
-            health.torque = bool(values["torque"])
-        if "hardware_error" in values:
-            health.hardware_error = values["hardware_error"]
-        if "watchdog" in values:
-            health.tripped = values["watchdog"] < 0
-        if "voltage" in values:
-            health.voltage = 0.1 * values["voltage"]
-        if "temperature" in values:
-            health.temperature = float(values["temperature"])
+                self.health[place].take(values_of(items, first, data), hardware)
 
     def read_values(self, places: Iterable[int], names: Iterable[str]) -> dict[int, Values]:
         """Return registers of servos, of each what it has of `names`; who does not answer is left out."""
@@ -505,7 +416,7 @@ class ChainLink:
         """Read now whether torque is on and what is wrong; return who answered."""
         answered = self._read_once(places, HEALTH)
         for place, (values, status_bits) in answered.items():
-            self._take_health(place, values, status_bits)
+            self.health[place].take(values, status_bits)
         return frozenset(answered)
 
     # -------------------------------------------------------------------------------------- writing

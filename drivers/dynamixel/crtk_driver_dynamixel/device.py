@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crtk_driver_dynamixel.calibration import load_calibration
-from crtk_driver_dynamixel.chain_link import ChainLink, Frame, lost
+from crtk_driver_dynamixel.chain_link import ChainLink, lost
 from crtk_driver_dynamixel.config import DynamixelConfig, GripperConfig
 from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.models import OperatingMode
 from crtk_driver_dynamixel.part import Part
+from crtk_driver_dynamixel.readings import Frame
 from crtk_driver_dynamixel.units import Counts
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import (

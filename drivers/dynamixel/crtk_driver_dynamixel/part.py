@@ -10,23 +10,24 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crtk_driver_dynamixel import registers
-from crtk_driver_dynamixel.chain_link import ChainLink, Frame
+from crtk_driver_dynamixel.chain_link import ChainLink
 from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.models import OperatingMode
-from crtk_driver_dynamixel.replies import ServoCorrupt, ServoRefused, ServoSilent
+from crtk_driver_dynamixel.preparation import ATTEMPTS, recover, set_up
+from crtk_driver_dynamixel.readings import Frame
 from crtk_driver_dynamixel.servo_state import KEPT, Values
 from crtk_driver_dynamixel.units import Counts
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import Steps
-from crtk_drivers.errors import DeviceFault, TransitionFailed
+from crtk_drivers.errors import DeviceFault
 
 __all__ = ["Part"]
 
@@ -43,10 +44,6 @@ MODES: Final[Mapping[Kind, OperatingMode]] = {
 }
 """Operating mode of each kind; that of positions is a matter of configuration."""
 
-ATTEMPTS: Final = 10
-"""Times that registers are written until they hold what they should."""
-REBOOT_TIME: Final = 3.0
-"""Seconds in which a restarted servo answers again."""
 SETTLE_TIME: Final = 0.5
 """Seconds that a stopped servo may take to stand."""
 STANDING: Final = 1
@@ -266,8 +263,8 @@ class Part:
             DeviceFault: servos do not do what they are told.
         """
         self._forget()
-        yield from self._recover()
-        yield from self._set_up()
+        yield from recover(self._link, self.places)
+        yield from set_up(self._link, self.places, self._config)
         self._link.write_values(self._each({"bus_watchdog": 0}))
         yield from self._switch(Kind.POSITION)
         watchdog = registers.watchdog_count(self._config.watchdog)
@@ -323,126 +320,6 @@ class Part:
 
     def _each(self, values: Values) -> dict[int, Values]:
         return dict.fromkeys(self.places, values)
-
-    def _recover(self) -> Steps:
-        """Restart the servos that report an error, once, and wait for all that are silent."""
-        link = self._link
-        answered = link.read_health(self.places)
-        broken = [p for p in answered if link.health[p].hardware_error]
-        for place in broken:
-            self._reboot(place)
-        waited = [p for p in self.places if p in broken or p not in answered]
-        end = time.monotonic() + REBOOT_TIME
-        while waited and time.monotonic() < end:
-            yield
-            waited = [place for place in waited if not link.answers(place)]
-        if waited:
-            names = ", ".join(self._name(place) for place in waited)
-            raise TransitionFailed(
-                f"{names} does not answer",
-                where=link.address,
-                remedy="Check its power and cable.",
-            )
-        if broken:
-            link.read_health(broken)
-        errors = [
-            f"{self._name(p)}: {text}" for p in self.places if (text := link.health[p].error_text)
-        ]
-        if errors:
-            raise TransitionFailed(
-                "; ".join(errors),
-                where=link.address,
-                remedy="A restart did not clear it: check supply, load and temperature.",
-            )
-
-    def _reboot(self, place: int) -> None:
-        try:
-            self._link.reboot(place)
-        except ServoRefused as error:
-            raise TransitionFailed(
-                f"{self._name(place)} has an error and knows no restart: "
-                f"{self._link.health[place].error_text}",
-                where=self._link.address,
-                remedy="Switch its supply off and on, and enable again.",
-            ) from error
-        except (ServoSilent, ServoCorrupt):
-            return  # it may have heard: `_recover` looks
-
-    def _set_up(self) -> Steps:
-        """Read what may have changed, and write the EEPROM where it differs."""
-        link = self._link
-        for place in self.places:
-            yield from self._refresh(place)
-            yield
-            state, servo = link.states[place], link.chain.servos[place]
-            first = link.chain.servos[link.chain.of_joint(servo.joint)[0]]
-            settings = registers.eeprom(
-                servo,
-                first,
-                state.table,
-                self._config,
-                link.calibrated.get((servo.bus, servo.id)),
-            )
-            wanted = {
-                setting.item.name: setting.written(state.values[setting.item.name])
-                for setting in settings
-                if setting.differs(state.values[setting.item.name])
-                and setting.item.name != "operating_mode"  # `_switch` does that
-            }
-            if wanted:
-                yield from self._write_eeprom(place, wanted)
-                yield
-            found = registers.obstacles(servo, state.values)
-            if found:
-                raise TransitionFailed("; ".join(found), where=link.address)
-
-    def _refresh(self, place: int) -> Steps:
-        state = self._link.states[place]
-        kept: dict[str, int] = {n: state.values[n] for n in KEPT if n in state.values}
-        yield from self._insist(lambda: self._link.refresh(state))
-        state.values.update(kept)  # what it had before it lost its power, if it did
-
-    def _insist(self, action: Callable[[], None]) -> Steps:
-        """Do something with one servo again until it answers.
-
-        Raises:
-            TransitionFailed: it never does, or says no.
-        """
-        for attempt in range(ATTEMPTS):
-            try:
-                action()
-            except (ServoSilent, ServoCorrupt, ServoRefused) as error:
-                if isinstance(error, ServoRefused) or attempt == ATTEMPTS - 1:
-                    raise TransitionFailed(
-                        error.message, where=error.where, remedy=error.remedy
-                    ) from error
-                yield
-            else:
-                return
-
-    def _write_eeprom(self, place: int, wanted: Values) -> Steps:
-        link, state = self._link, self._link.states[place]
-        described = ", ".join(f"{n} {state.values[n]} to {value}" for n, value in wanted.items())
-        if not self._config.write_eeprom:
-            raise TransitionFailed(
-                f"{self._name(place)} is not set up: {described}",
-                where=link.address,
-                remedy="Set write_eeprom to true, or write it with a tool of your own.",
-            )
-        if state.values.get("torque_enable"):
-            raise TransitionFailed(
-                f"{self._name(place)} must be changed ({described}), which its torque forbids",
-                where=link.address,
-                remedy="Support the arm, send disable, and enable again.",
-            )
-        yield from self._insist(lambda: link.write_checked(place, wanted))
-        wrong = [name for name, value in wanted.items() if state.values[name] != value]
-        if wrong:
-            raise TransitionFailed(
-                f"{self._name(place)} did not take {', '.join(wrong)}",
-                where=link.address,
-                remedy="Look at these registers with DYNAMIXEL Wizard.",
-            )
 
     # --------------------------------------------------------------------------------------- modes
 

@@ -1,0 +1,158 @@
+"""What servos need before they are given torque: a restart after an error, and EEPROM as configured."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from crtk_driver_dynamixel import registers
+from crtk_driver_dynamixel.chain_link import ChainLink
+from crtk_driver_dynamixel.config import DynamixelConfig
+from crtk_driver_dynamixel.replies import ServoCorrupt, ServoRefused, ServoSilent
+from crtk_driver_dynamixel.servo_state import KEPT, Values
+from crtk_drivers.device import Steps
+from crtk_drivers.errors import TransitionFailed
+
+__all__ = ["ATTEMPTS", "recover", "set_up"]
+
+ATTEMPTS: Final = 10
+"""Times that something is tried until a servo has done it."""
+REBOOT_TIME: Final = 3.0
+"""Seconds in which a restarted servo answers again."""
+
+
+def recover(link: ChainLink, places: Sequence[int]) -> Steps:
+    """Restart the servos that report an error, once, and wait for all that are silent.
+
+    Raises:
+        TransitionFailed: one stays silent, or has its error still.
+    """
+    answered = link.read_health(places)
+    broken = [p for p in answered if link.health[p].hardware_error]
+    for place in broken:
+        _reboot(link, place)
+    waited = [p for p in places if p in broken or p not in answered]
+    end = time.monotonic() + REBOOT_TIME
+    while waited and time.monotonic() < end:
+        yield
+        waited = [place for place in waited if not link.answers(place)]
+    if waited:
+        names = ", ".join(link.chain.servos[place].place for place in waited)
+        raise TransitionFailed(
+            f"{names} does not answer",
+            where=link.address,
+            remedy="Check its power and cable.",
+        )
+    if broken:
+        link.read_health(broken)
+    errors = [
+        f"{link.chain.servos[p].place}: {text}"
+        for p in places
+        if (text := link.health[p].error_text)
+    ]
+    if errors:
+        raise TransitionFailed(
+            "; ".join(errors),
+            where=link.address,
+            remedy="A restart did not clear it: check supply, load and temperature.",
+        )
+
+
+def _reboot(link: ChainLink, place: int) -> None:
+    try:
+        link.reboot(place)
+    except ServoRefused as error:
+        raise TransitionFailed(
+            f"{link.chain.servos[place].place} has an error and knows no restart: "
+            f"{link.health[place].error_text}",
+            where=link.address,
+            remedy="Switch its supply off and on, and enable again.",
+        ) from error
+    except (ServoSilent, ServoCorrupt):
+        return  # it may have heard: `recover` looks
+
+
+def set_up(link: ChainLink, places: Sequence[int], config: DynamixelConfig) -> Steps:
+    """Read what may have changed, and write the EEPROM where it differs.
+
+    The operating mode is left as it is: it changes together with goals and torque.
+
+    Raises:
+        TransitionFailed: with what is in the way.
+    """
+    for place in places:
+        yield from _refresh(link, place)
+        yield
+        state, servo = link.states[place], link.chain.servos[place]
+        first = link.chain.servos[link.chain.of_joint(servo.joint)[0]]
+        settings = registers.eeprom(
+            servo,
+            first,
+            state.table,
+            config,
+            link.calibrated.get((servo.bus, servo.id)),
+        )
+        wanted = {
+            setting.item.name: setting.written(state.values[setting.item.name])
+            for setting in settings
+            if setting.differs(state.values[setting.item.name])
+            and setting.item.name != "operating_mode"
+        }
+        if wanted:
+            yield from _write_eeprom(link, place, wanted, config)
+            yield
+        found = registers.obstacles(servo, state.values)
+        if found:
+            raise TransitionFailed("; ".join(found), where=link.address)
+
+
+def _refresh(link: ChainLink, place: int) -> Steps:
+    state = link.states[place]
+    kept: dict[str, int] = {n: state.values[n] for n in KEPT if n in state.values}
+    yield from _insist(lambda: link.refresh(state))
+    state.values.update(kept)  # what it had before it lost its power, if it did
+
+
+def _insist(action: Callable[[], None]) -> Steps:
+    """Do something with one servo again until it answers.
+
+    Raises:
+        TransitionFailed: it never does, or says no.
+    """
+    for attempt in range(ATTEMPTS):
+        try:
+            action()
+        except (ServoSilent, ServoCorrupt, ServoRefused) as error:
+            if isinstance(error, ServoRefused) or attempt == ATTEMPTS - 1:
+                raise TransitionFailed(
+                    error.message, where=error.where, remedy=error.remedy
+                ) from error
+            yield
+        else:
+            return
+
+
+def _write_eeprom(link: ChainLink, place: int, wanted: Values, config: DynamixelConfig) -> Steps:
+    name, state = link.chain.servos[place].place, link.states[place]
+    described = ", ".join(f"{r} {state.values[r]} to {value}" for r, value in wanted.items())
+    if not config.write_eeprom:
+        raise TransitionFailed(
+            f"{name} is not set up: {described}",
+            where=link.address,
+            remedy="Set write_eeprom to true, or write it with a tool of your own.",
+        )
+    if state.values.get("torque_enable"):
+        raise TransitionFailed(
+            f"{name} must be changed ({described}), which its torque forbids",
+            where=link.address,
+            remedy="Support the arm, send disable, and enable again.",
+        )
+    yield from _insist(lambda: link.write_checked(place, wanted))
+    refused = [register for register, value in wanted.items() if state.values[register] != value]
+    if refused:
+        raise TransitionFailed(
+            f"{name} did not take {', '.join(refused)}",
+            where=link.address,
+            remedy="Look at these registers with DYNAMIXEL Wizard.",
+        )

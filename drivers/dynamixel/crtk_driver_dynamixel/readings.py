@@ -1,0 +1,113 @@
+"""What is read of servos: their motion in each cycle, and their health now and then."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crtk_driver_dynamixel.control_tables import EFFORT, POSITION, VELOCITY
+from crtk_driver_dynamixel.models import (
+    HARDWARE_ERRORS,
+    PROTOCOL_1_ERRORS,
+    hardware_error_text,
+)
+from crtk_driver_dynamixel.servo_state import Values
+from crtk_driver_dynamixel.units import Counts
+from crtk_drivers.samples import Stamp
+
+__all__ = ["HEALTH", "MEASURED", "SLOW", "Frame", "Health"]
+
+MEASURED: Final[Mapping[str, Sequence[str]]] = {
+    "position": POSITION,
+    "velocity": VELOCITY,
+    "effort": EFFORT,
+}
+"""What is read in each cycle, and the names that models have for it."""
+
+SLOW: Final[Sequence[dict[str, Sequence[str]]]] = (
+    {"torque": ("torque_enable",), "hardware_error": ("hardware_error_status",)},
+    {"watchdog": ("bus_watchdog",)},
+    {
+        "voltage": ("present_input_voltage", "present_voltage"),
+        "temperature": ("present_temperature",),
+    },
+)
+"""What is read now and then, one group at a time; of each what a model has."""
+
+HEALTH: Final[Mapping[str, Sequence[str]]] = SLOW[0] | SLOW[1]
+"""What says whether a servo can be relied on."""
+
+ERROR_BITS: Final = {1: PROTOCOL_1_ERRORS, 2: HARDWARE_ERRORS}
+"""What bits of an error mean, by protocol."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """What one cycle read. Arrays are (servos,), in counts; of a servo that did not answer the last known.
+
+    Attributes:
+        stamp: half way between request and last reply.
+        position, velocity, effort: effort is current or load, whatever the model has.
+        seen: monotonic seconds at which each servo answered last; -inf: never.
+        valid: it answered this time.
+    """
+
+    stamp: Stamp
+    position: Counts
+    velocity: Counts
+    effort: Counts
+    seen: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+
+
+@dataclass(slots=True)
+class Health:
+    """What is known of one servo besides its motion.
+
+    Attributes:
+        protocol: of the servo, which decides what the bits of `hardware_error` mean.
+        hardware_error: bits of Hardware Error Status (70); of every status in protocol 1.0.
+        torque: whether Torque Enable (64) is on; None if not known.
+        tripped: the bus watchdog has stopped it.
+        hottest: degrees Celsius at which it stops; NaN if not known.
+        voltage: V; NaN if not known.
+        temperature: degrees Celsius; NaN if not known.
+    """
+
+    protocol: int = 2
+    hardware_error: int = 0
+    torque: bool | None = None
+    tripped: bool = False
+    voltage: float = math.nan
+    temperature: float = math.nan
+    hottest: float = math.nan
+
+    @property
+    def error_text(self) -> str:
+        """The hardware errors in words; empty if there are none."""
+        return hardware_error_text(self.hardware_error, ERROR_BITS[self.protocol])
+
+    def take(self, values: Values, status_bits: int) -> None:
+        """Take what was read.
+
+        Args:
+            values: by the roles of `SLOW`.
+            status_bits: hardware error that came with the status, in protocol 1.0.
+        """
+        if self.protocol == 1:
+            self.hardware_error = status_bits
+        if "torque" in values:
+            self.torque = bool(values["torque"])
+        if "hardware_error" in values:
+            self.hardware_error = values["hardware_error"]
+        if "watchdog" in values:
+            self.tripped = values["watchdog"] < 0
+        if "voltage" in values:
+            self.voltage = 0.1 * values["voltage"]
+        if "temperature" in values:
+            self.temperature = float(values["temperature"])
