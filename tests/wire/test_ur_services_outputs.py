@@ -196,7 +196,7 @@ def test_a_value_that_the_controller_does_not_take_is_said_so():
         eventually(lambda: bench.device._link.remote is False, "local control is seen")
         bench.arm.tool_voltage(12.0)
         text = eventually(lambda: problems(bench).get("tool_voltage"), "a note")
-        assert "12" in text or "refused" in text
+        assert "set to 12, but the controller does not report it" in text
 
 
 def test_outputs_after_the_controller_was_away():

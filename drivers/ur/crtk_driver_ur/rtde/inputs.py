@@ -70,6 +70,8 @@ class RtdeInputs:
                 self._connect()
             recipe = self._recipe(tuple(values))
             self._peer.sendall(codec.encode_data(recipe, list(values.values())))
+        except ConnectionFailed:  # which is an OSError too
+            raise
         except (OSError, RtdeFramingError) as error:
             self.close()
             raise ConnectionLost(
@@ -77,9 +79,6 @@ class RtdeInputs:
                 where=self._where,
                 remedy="Check the network and the controller, and send them again.",
             ) from error
-        except ConnectionFailed:
-            self.close()
-            raise
 
     @property
     def _peer(self) -> socket.socket:
@@ -113,6 +112,7 @@ class RtdeInputs:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._decoder = RtdeDecoder()
         if not self._ask(codec.encode_protocol_version(2), VersionReply).accepted:
+            self.close()
             raise ConnectionFailed(
                 "the controller refuses version 2 of the protocol",
                 where=self._where,
@@ -150,8 +150,4 @@ class RtdeInputs:
             for message in self._decoder.feed(data):
                 if isinstance(message, kind):
                     return message
-        raise ConnectionFailed(
-            "the controller does not answer",
-            where=self._where,
-            remedy="Check that this is a UR controller that has finished starting.",
-        )
+        raise TimeoutError("the controller does not answer")
