@@ -7,6 +7,7 @@ the drives' PDOs are collected. What they are sent for the next SYNC goes out as
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -19,7 +20,7 @@ from crtk_driver_canopen.candump import CandumpLog
 from crtk_driver_canopen.commissioning import Prepared, prepare
 from crtk_driver_canopen.config import CanopenConfig
 from crtk_driver_canopen.cycle import Cycle, CycleCounters, KernelSync, SentSync
-from crtk_driver_canopen.heartbeat import NmtCommand
+from crtk_driver_canopen.heartbeat import NmtCommand, NmtState
 from crtk_driver_canopen.layout import Layout
 from crtk_driver_canopen.master import BootUp, Master
 from crtk_driver_canopen.modes import OpMode
@@ -27,7 +28,8 @@ from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.sdo import Sdo
 from crtk_driver_canopen.statemachine import State
 from crtk_driver_canopen.units import GroupUnits
-from crtk_drivers.errors import ConnectionFailed, CrtkError
+from crtk_drivers.device import Steps
+from crtk_drivers.errors import ConnectionFailed, CrtkError, DataTimeout
 from crtk_drivers.samples import Stamp
 
 __all__ = ["ArmLink", "Outputs"]
@@ -82,6 +84,7 @@ class ArmLink:
         self._master: Master | None = None
         self._cycle: Cycle | None = None
         self._sent = True
+        self._preparing: list[threading.Thread] = []
         self._places: dict[str, list[int | None]] = {}
 
     @property
@@ -134,6 +137,9 @@ class ArmLink:
 
     def _open(self, deadline: float) -> None:
         config = self._config
+        for thread in self._preparing:
+            thread.join(max(0.0, deadline - time.monotonic()))
+        self._preparing.clear()
         self.link.open()
         timeouts = dict.fromkeys(config.nodes, config.heartbeat.drives_timeout)
         self._master = Master(
@@ -186,7 +192,9 @@ class ArmLink:
         reset = [axis for axis in self.axes if self._missed_us(axis)]
         for axis in reset:
             axis.drive.reset_fault()
-        self._run_until(lambda: all(axis.drive.reached for axis in reset), deadline)
+        self._run_until(
+            lambda: all(axis.drive.reached or axis.drive.failure for axis in reset), deadline
+        )
         # One that was left holding, and has not missed us yet, has its power taken now.
         self._run_until(lambda: not any(axis.is_enabled for axis in self.axes), deadline)
 
@@ -211,21 +219,70 @@ class ArmLink:
             time.sleep(max(0.0, began + period - time.monotonic()))
         return True
 
-    def set_up_again(self, node: int) -> None:
-        """Set up a node that has started anew; the others go without SYNC meanwhile.
+    @property
+    def left(self) -> set[int]:
+        """Nodes that tell that they are not operational, although they were started."""
+        lives = self.master.watch.nodes
+        return {
+            node
+            for node in self._config.nodes
+            if lives[node].state not in (None, NmtState.OPERATIONAL)
+        }
+
+    def set_up_again(self, nodes: set[int]) -> Steps:
+        """Set up nodes anew, from threads of their own: the others go on with their cycle meanwhile.
 
         Raises:
-            DeviceError, DataTimeout: it is another device, or does not answer.
+            CrtkError: one is another device, does not answer, or does not start.
         """
-        self.master.command(NmtCommand.PRE_OPERATIONAL, node)
-        prepare(self.master, self._config, self._layout, [node])
-        if self._config.heartbeat.drives:
-            self.master.command_and_wait(NmtCommand.START, [node], time.monotonic() + NMT_TIME)
-        else:
+        errors: list[CrtkError] = []
+        self.restarted -= nodes
+        for node in nodes:
+            self.master.command(NmtCommand.PRE_OPERATIONAL, node)
+            arguments = (self.master, node, errors)
+            thread = threading.Thread(
+                target=self._prepare, args=arguments, name=f"node {node}", daemon=True
+            )
+            self._preparing.append(thread)
+            thread.start()
+        while any(thread.is_alive() for thread in self._preparing):
+            yield
+        self._preparing.clear()
+        if not errors:
+            yield from self._start_again(nodes)
+        if errors:
+            self.restarted |= nodes
+            raise errors[0]
+
+    def _prepare(self, master: Master, node: int, errors: list[CrtkError]) -> None:
+        try:
+            prepare(master, self._config, self._layout, [node])
+        except CrtkError as error:
+            errors.append(error)
+
+    def _start_again(self, nodes: set[int]) -> Steps:
+        """Start nodes, and wait until they send their PDOs."""
+        for node in nodes:
             self.master.command(NmtCommand.START, node)
-        self.master.watch.restart(time.monotonic())
-        self.master.take_events()
-        self.restarted.discard(node)
+            self.master.watch.nodes[node].state = None
+        deadline = time.monotonic() + NMT_TIME
+        while nodes & (self.left | self.late(0)):
+            if time.monotonic() > deadline:
+                self.restarted |= nodes
+                raise DataTimeout(
+                    f"no PDOs come from node {', '.join(map(str, sorted(nodes & self.late(0))))}, "
+                    "although it was set up again",
+                    where=self.where,
+                    remedy="Does it start again and again? Check its power supply.",
+                )
+            yield
+        now = time.monotonic()
+        for node in nodes:
+            self.master.watch.nodes[node].seen = now
+
+    def late(self, cycles: int) -> set[int]:
+        """Nodes whose PDOs have not come for more than `cycles` of their turns."""
+        return {pdo.node for pdo in self.cycle.stale(cycles) if cycles or pdo.transmission == 1}
 
     def close(self) -> None:
         """Leave the drives to themselves, and close the bus. May be called twice."""
@@ -277,8 +334,16 @@ class ArmLink:
         for event in self.master.take_events():
             logger.warning("%s: %s", self.where, event)
             if isinstance(event, BootUp) and event.node in self._config.nodes:
-                self.restarted.add(event.node)
+                self._note_boot_up(event.node)
         return complete
+
+    def _note_boot_up(self, node: int) -> None:
+        """What was known of a node is not true any more."""
+        self.restarted.add(node)
+        self.master.emergencies.pop(node, None)
+        for axis in self.axes:
+            if axis.config.node == node:
+                axis.forget_home()
 
     def follow(self) -> None:
         """Step the axes by what they told, and make what they are sent harmless where they follow nothing."""

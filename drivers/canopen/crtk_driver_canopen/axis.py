@@ -73,7 +73,7 @@ class Axis:
         self.facts = facts
         self.drive = Drive402(stays_in_quick_stop=facts.stays_in_quick_stop)
         self.mode = next(m for m in config.op_modes)
-        self.homed = config.homing is None or not config.homing.required
+        self.forget_home()
         self._change = ModeChange()
         self._homing: Homing | None = None
 
@@ -124,6 +124,10 @@ class Axis:
         """Stop a homing that runs."""
         if self._homing is not None:
             self._homing.cancel()
+
+    def forget_home(self) -> None:
+        """Its position does not count any more, where homing is required."""
+        self.homed = self.config.homing is None or not self.config.homing.required
 
     def end_homing(self) -> None:
         """Forget the homing, and leave its mode."""

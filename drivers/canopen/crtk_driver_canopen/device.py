@@ -29,8 +29,8 @@ from crtk_drivers.device import (
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import CrtkError, TransitionFailed
-from crtk_drivers.samples import JointState, Sample, Value, vector
+from crtk_drivers.errors import ConnectionLost, CrtkError, TransitionFailed
+from crtk_drivers.samples import JointState, Sample, Value, Vector, vector
 from crtk_drivers.state import OperatingState
 
 __all__ = ["CanopenDevice"]
@@ -43,6 +43,12 @@ LOST_TIME: Final = 0.25
 
 MODE_TIME: Final = 2.0
 """Seconds in which all drives show a mode of operation."""
+
+REST_TIME: Final = 3.0
+"""Seconds in which the joints come to rest after motion was stopped, by their measured positions."""
+
+_STILL: Final = 0.01
+"""Part of the greatest velocity of a joint below which it counts as standing."""
 
 _MODES: Final[Mapping[Mode, Kind]] = {
     Mode.JOINT_POSITION: Kind.POSITION,
@@ -85,6 +91,9 @@ class CanopenDevice(Device):
         self._changed_at = 0.0
         self._fault = ""
         self._transition = False
+        self._moving = False
+        self._before: Vector = vector(())
+        self._still = np.zeros(len(config.joints))
 
     @property
     def capabilities(self) -> Capabilities:
@@ -113,9 +122,17 @@ class CanopenDevice(Device):
         """See the base class. Drives that have power lose it: nothing of ours has given it."""
         self.link.open(deadline)
         self._fault = ""
+        self._transition = False
+        self._setpoint = None
         self._condition = Condition()
         self._stop.clear()
+        self._still = np.array([self._least_motion(axis) for axis in self.axes])
         self._hold_here()
+
+    def _least_motion(self, axis: Axis) -> float:
+        """Return what a joint moves in a cycle at least, unless it stands and its last count flickers."""
+        counts = 1.5 * abs(axis.facts.units.position)
+        return max(_STILL * axis.config.velocity * self._config.period, counts)
 
     def close(self) -> None:
         """See the base class. Drives that hold go on until they miss our heartbeat."""
@@ -139,7 +156,15 @@ class CanopenDevice(Device):
             # The link is there, and the fault tells who is missing.
             nothing: Mapping[str, Value] = {}
             return Sample(link.stamp, nothing) if self._condition.reason else None
-        return Sample(link.stamp, {"measured_js": self._state()})
+        state = self._state()
+        self._note_motion(state.position)
+        return Sample(link.stamp, {"measured_js": state})
+
+    def _note_motion(self, positions: Vector) -> None:
+        if positions.size == self._before.size:
+            moved = np.abs(positions - self._before)
+            self._moving = bool((moved > self._still).any())
+        self._before = positions
 
     def _state(self) -> JointState:
         link, units = self.link, self.link.units
@@ -161,43 +186,59 @@ class CanopenDevice(Device):
             self._condition = Condition()
             return
         if not self._condition.reason:
-            self._group_policy()
+            self._group_policy(now)
         if trouble != self._condition.reason:
             self._condition = Condition(OperatingState.FAULT, trouble)
 
     def _trouble(self, now: float) -> str:
         link = self.link
         found = [self._fault] if self._fault else []
+        missing = self._missing(now)
         for axis in self.axes:
+            if axis.config.node in missing:
+                continue  # what it said last is not what it is now
             emergency = link.master.emergencies.get(axis.config.node)
             told = f" ({emergency})" if emergency is not None else ""
             if axis.failure:
                 found.append(f"{axis.place}: {axis.failure}{told}")
             elif axis.drive.state is State.FAULT:
                 found.append(f"{axis.place} is in fault{told}")
-        found += [
-            f"node {node} has started anew: it is set up again when the arm is enabled"
-            for node in sorted(link.restarted)
-        ]
-        found += [f"node {node} is not heard any more" for node in self._unheard(now)]
-        late = sorted({pdo.node for pdo in link.cycle.stale(self._config.missed_cycles)})
-        found += [f"node {node} does not send its PDOs" for node in late]
-        return "; ".join(found)
+        return "; ".join([*found, *(missing[node] for node in sorted(missing))])
 
-    def _unheard(self, now: float) -> list[int]:
-        lost_nodes = self.link.master.watch.lost(now)
-        return [node for node in lost_nodes if node in self._config.nodes]
+    def _missing(self, now: float) -> dict[int, str]:
+        """Return the nodes of which is not known what they do, with what is known."""
+        link = self.link
+        late = link.late(self._config.missed_cycles)
+        missing = {node: f"node {node} does not send its PDOs" for node in late}
+        missing |= {
+            node: f"node {node} is not heard any more"
+            for node in link.master.watch.lost(now)
+            if node in self._config.nodes
+        }
+        missing |= {
+            node: f"node {node} is not operational any more: it is set up again when the arm is enabled"
+            for node in link.left
+        }
+        return missing | {
+            node: f"node {node} has started anew: it is set up again when the arm is enabled"
+            for node in link.restarted
+        }
 
-    def _group_policy(self) -> None:
-        """One axis has a fault: have the others do what is configured."""
+    def _group_policy(self, now: float) -> None:
+        """One axis has a fault: have the others do what is configured.
+
+        A drive of which nothing is known stops: when it hears us again, it may not be where it was.
+        """
         goal = {"quick_stop": State.QUICK_STOP, "disable": State.DISABLED}.get(
             self._config.on_joint_fault
         )
-        if goal is None or self._transition:
+        if self._transition:
             return
+        missing = self._missing(now)
         for axis in self.axes:
-            if axis.is_enabled:
-                axis.drive.request(goal)
+            wanted = State.QUICK_STOP if axis.config.node in missing else goal
+            if wanted is not None and axis.is_enabled:
+                axis.drive.request(wanted)
 
     # -------------------------------------------------------------------------------------- motion
 
@@ -268,7 +309,10 @@ class CanopenDevice(Device):
                 axis.use(mode)
 
     def _change(self, now: float) -> None:
-        self._hold_here()
+        outputs, positions = self.link.outputs, self.link.positions
+        for index, axis in enumerate(self.axes):
+            if not axis.shows_mode:
+                outputs.position[index] = positions[index]
         if all(axis.shows_mode for axis in self.axes):
             waiting, self._setpoint = self._setpoint, None
             self._motion = _Motion.HOLD
@@ -304,17 +348,19 @@ class CanopenDevice(Device):
 
     def enable(self) -> Steps:
         """Set up again what has started anew, clear faults, and give power, holding where it is."""
-        self._transition, self._fault = True, ""
+        self._transition, self._fault, self._setpoint = True, "", None
         self._stop.clear()
         try:
             yield from self._set_up_again()
+            yield from self._rest()  # a ramp that follows a fault is not cut off
+            self._use(Kind.POSITION, time.monotonic())
             yield from self._clear_faults()
             self._use(Kind.POSITION, time.monotonic())
             for axis in self.axes:
                 axis.drive.request(State.ENABLED)
             yield from self._reach(lambda axis: axis.is_enabled and axis.shows_mode)
             self._hold_here()
-        except TransitionFailed:
+        except BaseException:  # also when it is given up half-way: none gets power later
             for axis in self.axes:
                 axis.drive.request(State.DISABLED)
             raise
@@ -331,35 +377,43 @@ class CanopenDevice(Device):
             return
         self._transition = True
         try:
+            yield from self._rest()
             for axis in self.axes:
                 axis.drive.request(State.DISABLED)
             yield from self._reach(lambda axis: not axis.is_enabled)
         finally:
             self._transition = False
 
-    def _set_up_again(self) -> Steps:
-        for node in sorted(self.link.restarted):
-            try:
-                self.link.set_up_again(node)
-            except CrtkError as error:
-                raise TransitionFailed(
-                    error.message, where=error.where or self.link.where, remedy=error.remedy
-                ) from error
-            for axis in self.axes:
-                if axis.config.node == node and axis.config.homing is not None:
-                    axis.homed = not axis.config.homing.required
+    def _rest(self) -> Steps:
+        """Wait until motion has come to its end: a drive that loses its power in motion coasts."""
+        deadline = time.monotonic() + REST_TIME
+        yield  # the cycle in which a stop is seen
+        yield
+        while self._motion in (_Motion.BRAKE, _Motion.CHANGE) or self._moving:
+            if time.monotonic() > deadline:
+                return
             yield
+
+    def _set_up_again(self) -> Steps:
+        link = self.link
+        nodes = link.restarted | link.left | link.late(self._config.missed_cycles)
+        if not nodes:
+            return
+        try:
+            yield from link.set_up_again(nodes)
+        except ConnectionLost:
+            raise
+        except CrtkError as error:
+            raise TransitionFailed(
+                error.message, where=error.where or link.where, remedy=error.remedy
+            ) from error
 
     def _clear_faults(self) -> Steps:
         """Reset the faults that are there, once."""
-        faulty = [axis for axis in self.axes if axis.drive.state is State.FAULT or axis.failure]
-        if not faulty:
-            return
+        faults = (State.FAULT, State.FAULT_REACTION)
+        faulty = [axis for axis in self.axes if axis.drive.state in faults or axis.failure]
         for axis in faulty:
-            if axis.drive.state is State.FAULT:
-                axis.drive.reset_fault()
-            else:
-                axis.drive.request(State.DISABLED)
+            axis.drive.reset_fault()
         yield from self._reach(lambda axis: axis not in faulty or axis.drive.reached)
 
     def _reach(self, done: Callable[[Axis], bool]) -> Steps:
@@ -368,12 +422,15 @@ class CanopenDevice(Device):
         Raises:
             TransitionFailed: a drive does not follow, with why.
         """
-        while not all(map(done, self.axes)):
+        while True:
+            missing = self._missing(time.monotonic())
             failures = [f"{axis.place}: {axis.failure}" for axis in self.axes if axis.failure]
-            if failures:
+            if not failures and not missing and all(map(done, self.axes)):
+                return
+            if failures or missing:
                 told = [str(each) for each in self.link.master.emergencies.values()]
                 raise TransitionFailed(
-                    "; ".join([*failures, *told]),
+                    "; ".join([*failures, *missing.values(), *told]),
                     where=self.link.where,
                     remedy="Remove the cause, and enable again.",
                 )
@@ -381,6 +438,7 @@ class CanopenDevice(Device):
 
     def home(self) -> Steps:
         """Home every joint that has a method, all at once; the others stay where they are."""
+        yield from self._rest()
         axes = [axis for axis in self.axes if axis.config.homing is not None]
         for axis in axes:
             axis.begin_homing()
@@ -411,7 +469,7 @@ class CanopenDevice(Device):
     def unhome(self) -> Steps:
         """Positions do not count any more, where homing is required."""
         for axis in self.axes:
-            axis.homed = axis.config.homing is None or not axis.config.homing.required
+            axis.forget_home()
         yield from ()
 
     # ------------------------------------------------------------------------------------------- told
