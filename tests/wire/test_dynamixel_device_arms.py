@@ -112,6 +112,19 @@ def test_a_fault_of_the_gripper_is_its_own(bench):
     bench.arm.gripper.enable()
 
 
+def test_a_gripper_without_an_arm():
+    gripper = {"id": 7, "model": "xm430-w350", "closed": -0.5, "open": 1.0, "velocity": 3.0}
+    with dynamixel_bench({**PATIENT, "gripper": {**gripper, "effort": 1.0}}) as bench:
+        assert bench.session.children == {}
+        assert bench.engine.capabilities.joints == ("gripper",)
+        bench.arm.enable()
+        assert bench.arm.move_jp([0.4]).wait(LONG)
+        bench.until_still()
+        assert bench.angles() == pytest.approx([0.4], abs=3 * COUNT)
+        bench.sim.control.inject("stuck", id=7)
+        bench.stream("servo_jf", [0.5], lambda: bench.servos()[7]["torque_applied"] > 0.45)
+
+
 def test_shadow_servos_turn_their_joint_together():
     with dynamixel_bench(arm_values("vx300s")) as bench:
         mark = bench.mark()
