@@ -161,3 +161,19 @@ def test_a_silent_peer_and_one_that_talks_something_else():
 def test_the_second_port_is_tried(sim):
     found = read_robot_info(sim.host, time.monotonic() + LONG, ports=(1, 30001))
     assert found.version.startswith("5.12.4")
+
+
+def test_it_disturbs_no_driver_and_needs_no_remote_control(sim, said):
+    with driver_at(sim, {"model": "ur10e"}) as bench:
+        bench.arm.enable(timeout=LONG)
+        move = bench.arm.move_jp([0.6, -1.57, 1.57, -1.57, -1.57, 0.0])
+        assert info(config(sim.host), InfoOptions()) == 0
+        assert move.wait(LONG)
+        assert bench.status.state == "ENABLED"
+        bench.inject("local_control")
+        try:
+            assert info(config(sim.host), InfoOptions()) == 0
+        finally:
+            sim.control.clear("local_control")
+    assert "remote control" in said.getvalue()
+    assert "false" in said.getvalue()
