@@ -70,6 +70,13 @@ def test_power_off_is_refused_while_the_arm_is_under_control(bench):
     assert bench.status.state == "ENABLED"
 
 
+def test_power_off_is_refused_while_the_arm_is_being_enabled(idle):
+    idle.arm.state_command("enable", timeout=0)
+    idle.until_outputs(robot_mode=(4, IDLE, RUNNING))
+    refused(idle.arm.power_off, Reason.INVALID_TRANSITION, "taking it")
+    idle.until_state("ENABLED")
+
+
 def test_a_protective_stop_is_unlocked_without_enabling(bench):
     refused(bench.arm.unlock_protective_stop, Reason.INVALID_TRANSITION, "NORMAL")
     bench.sim.control.inject("protective_stop")

@@ -413,18 +413,20 @@ class UrDevice(Device):
 
     def enable(self) -> Steps:
         """Unlock a protective stop, power on, release the brakes, start the control program."""
-        yield from self._begin("enable")
-        yield from self._robot.unlock()
-        self._require_free("enable")
-        yield from self._robot.release_brakes()
-        self._check_model()
-        yield from self._start_program("enable")
+        with self._robot.claimed():
+            yield from self._begin("enable")
+            yield from self._robot.unlock()
+            self._require_free("enable")
+            yield from self._robot.release_brakes()
+            self._check_model()
+            yield from self._start_program("enable")
 
     def resume(self) -> Steps:
         """Take control again; the setpoint starts from where the arm is now."""
-        yield from self._begin("resume")
-        self._require_free("resume")
-        yield from self._start_program("resume")
+        with self._robot.claimed():
+            yield from self._begin("resume")
+            self._require_free("resume")
+            yield from self._start_program("resume")
 
     def pause(self) -> Steps:
         """Stop and keep the control program and the power."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from crtk_driver_ur.control_link import ControlLink
 from crtk_driver_ur.rtde.stream import StateSample
@@ -32,10 +33,12 @@ class Robot:
 
     Attributes:
         state: the newest; None before the first.
+        is_claimed: control is being taken, and nobody else may change the power.
     """
 
     def __init__(self, link: ControlLink, where: str) -> None:
         self.state: StateSample | None = None
+        self.is_claimed = False
         self._link = link
         self._where = where
         self._stopped_at = -math.inf
@@ -91,6 +94,15 @@ class Robot:
         return self.state is None or max(map(abs, self.state.target_qd)) < AT_REST
 
     # Procedures
+
+    @contextmanager
+    def claimed(self) -> Iterator[None]:
+        """Keep the services from changing the power meanwhile."""
+        self.is_claimed = True
+        try:
+            yield
+        finally:
+            self.is_claimed = False
 
     def until(
         self, test: Callable[[], bool], timeout: float = math.inf, *, safe: bool = False

@@ -123,7 +123,12 @@ class UrServices:
         return self._mode_text
 
     def _power_off(self) -> Answer:
-        self._require_no_control("power_off", "Send disable, which stops the arm first.")
+        if self._in_control() or self._robot.is_claimed:
+            raise self._refusal(
+                "power_off",
+                "the driver has control of the arm, or is taking it",
+                "Send disable, which stops the arm first.",
+            )
         yield from self._robot.require_remote("power_off")
         yield from self._robot.power_off()
         return self._mode_text
@@ -207,10 +212,6 @@ class UrServices:
     @property
     def _safety_name(self) -> str:
         return name_of(SafetyMode, self._robot.safety)
-
-    def _require_no_control(self, service: str, remedy: str) -> None:
-        if self._in_control():
-            raise self._refusal(service, "the driver has control of the arm", remedy)
 
     def _refusal(self, service: str, message: str, remedy: str) -> CommandRefused:
         return CommandRefused(
