@@ -399,7 +399,10 @@ class UrDevice(Device):
 
     def move_progress(self) -> MoveProgress:
         """See the base class."""
-        return self._link.move_progress()
+        progress = self._link.move_progress()
+        # The library believes its own connection, which has no checksum; the arm must stand as well.
+        moving = progress is MoveProgress.DONE and not self._robot.standing
+        return MoveProgress.RUNNING if moving else progress
 
     def free(self) -> Steps:
         """See the base class."""
