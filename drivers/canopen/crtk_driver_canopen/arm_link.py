@@ -42,6 +42,9 @@ NMT_TIME: Final = 1.0
 UNHEARD: Final = frozenset({0x7500, 0x8100, 0x8700})
 """Classes of error codes (603F) of a drive that missed heartbeats, PDOs or SYNC."""
 
+LISTEN: Final = 2.5
+"""Times our heartbeat's period in which another master would be heard, before anything is sent."""
+
 COLLECT: Final = 0.6
 """Part of a period in which the drives' PDOs are waited for: the rest is for what they are sent."""
 
@@ -85,6 +88,7 @@ class ArmLink:
         self._cycle: Cycle | None = None
         self._sent = True
         self._preparing: list[threading.Thread] = []
+        self._tardy: list[int] = []
         self._places: dict[str, list[int | None]] = {}
 
     @property
@@ -149,6 +153,7 @@ class ArmLink:
             period=config.heartbeat.ours,
             sdo_timeout=config.sdo_timeout,
         )
+        self._listen()
         self._master.command(NmtCommand.PRE_OPERATIONAL)
         facts: dict[str, Prepared] = {}
         for node in config.nodes:
@@ -165,9 +170,26 @@ class ArmLink:
         kernel = config.kernel_sync
         sync = KernelSync(self.link, period, overflow) if kernel else SentSync(self.link, overflow)
         self._cycle = Cycle(self._master, self._layout.tpdos, self._layout.rpdos, sync)
+        self._tardy = [0] * len(self._layout.tpdos)
         self._find_places()
         self._start(config.nodes)
         self._settle(deadline)
+
+    def _listen(self) -> None:
+        """See that nobody else commands these drives: a second master would stop them in motion.
+
+        Raises:
+            ConnectionFailed: somebody does, under our own id.
+        """
+        ours = self._config.master_node
+        nodes = self.master.watch.nodes
+        until = time.monotonic() + LISTEN * self._config.heartbeat.ours
+        if self.link.poll(until, lambda: ours in nodes):
+            raise ConnectionFailed(
+                f"another master is on this bus: node {ours}, which is to be this computer, is heard",
+                where=self.where,
+                remedy="Stop the other program; if it is none for these drives, change `master_node`.",
+            )
 
     def _start(self, nodes: Iterable[int]) -> None:
         if self._config.heartbeat.drives:
@@ -280,6 +302,11 @@ class ArmLink:
         for node in nodes:
             self.master.watch.nodes[node].seen = now
 
+    def tardy(self, cycles: int) -> set[int]:
+        """Nodes of which a PDO has come after its cycle, or not at all, more than `cycles` times in a row."""
+        pdos = zip(self._layout.tpdos.pdos, self._tardy, strict=True)
+        return {pdo.node for pdo, count in pdos if count > cycles and pdo.transmission == 1}
+
     def late(self, cycles: int) -> set[int]:
         """Nodes whose PDOs have not come for more than `cycles` of their turns."""
         return {pdo.node for pdo in self.cycle.stale(cycles) if cycles or pdo.transmission == 1}
@@ -331,6 +358,9 @@ class ArmLink:
         now = time.monotonic()
         self.stamp = Stamp(time.time_ns(), now)
         complete = self.cycle.collect(now + COLLECT * period)
+        self._tardy = [
+            count + 1 if age else 0 for count, age in zip(self._tardy, self.cycle.ages, strict=True)
+        ]
         for event in self.master.take_events():
             logger.warning("%s: %s", self.where, event)
             if isinstance(event, BootUp) and event.node in self._config.nodes:

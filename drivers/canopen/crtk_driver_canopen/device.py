@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -10,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from crtk_driver_canopen.arm_link import ArmLink, lost
+from crtk_driver_canopen.arm_link import COLLECT, ArmLink, lost
 from crtk_driver_canopen.axis import KINDS, Axis
 from crtk_driver_canopen.config import CanopenConfig, JointConfig
 from crtk_driver_canopen.homing import HomingPhase
@@ -81,6 +82,7 @@ class CanopenDevice(Device):
         layout = plan(config)
         self.link = ArmLink(config, layout)
         self._bus_load = layout.load.most
+        self._patience = max(config.missed_cycles, math.ceil(LOST_TIME / config.period))
         self._capabilities = _capabilities(config)
         self._condition = Condition()
         self._stop = threading.Event()
@@ -145,7 +147,7 @@ class CanopenDevice(Device):
             BusLost: the bus cannot be used, or no drive answers.
         """
         link = self.link
-        complete = link.exchange(deadline + self._config.period)
+        complete = link.exchange(deadline)
         link.follow()
         now = time.monotonic()
         self._judge(now)
@@ -181,19 +183,19 @@ class CanopenDevice(Device):
     # ------------------------------------------------------------------------------- what is wrong
 
     def _judge(self, now: float) -> None:
-        trouble = self._trouble(now)
+        missing = self._missing(now)
+        trouble = self._trouble(missing)
         if not trouble:
             self._condition = Condition()
             return
-        if not self._condition.reason:
-            self._group_policy(now)
+        if not self._transition:
+            self._group_policy(missing, begins=not self._condition.reason)
         if trouble != self._condition.reason:
             self._condition = Condition(OperatingState.FAULT, trouble)
 
-    def _trouble(self, now: float) -> str:
+    def _trouble(self, missing: Mapping[int, str]) -> str:
         link = self.link
         found = [self._fault] if self._fault else []
-        missing = self._missing(now)
         for axis in self.axes:
             if axis.config.node in missing:
                 continue  # what it said last is not what it is now
@@ -208,8 +210,13 @@ class CanopenDevice(Device):
     def _missing(self, now: float) -> dict[int, str]:
         """Return the nodes of which is not known what they do, with what is known."""
         link = self.link
+        in_time = 1000 * COLLECT * self._config.period
+        missing = {
+            node: f"node {node} sends its PDOs too late: not within {in_time:.3g} ms of any SYNC"
+            for node in link.tardy(self._patience)
+        }
         late = link.late(self._config.missed_cycles)
-        missing = {node: f"node {node} does not send its PDOs" for node in late}
+        missing |= {node: f"node {node} does not send its PDOs" for node in late}
         missing |= {
             node: f"node {node} is not heard any more"
             for node in link.master.watch.lost(now)
@@ -224,19 +231,18 @@ class CanopenDevice(Device):
             for node in link.restarted
         }
 
-    def _group_policy(self, now: float) -> None:
-        """One axis has a fault: have the others do what is configured.
+    def _group_policy(self, missing: Mapping[int, str], *, begins: bool) -> None:
+        """One axis has a fault: when it begins, have the others do what is configured.
 
         A drive of which nothing is known stops: when it hears us again, it may not be where it was.
         """
         goal = {"quick_stop": State.QUICK_STOP, "disable": State.DISABLED}.get(
             self._config.on_joint_fault
         )
-        if self._transition:
-            return
-        missing = self._missing(now)
         for axis in self.axes:
-            wanted = State.QUICK_STOP if axis.config.node in missing else goal
+            wanted = goal if begins else None
+            if axis.config.node in missing and axis.drive.goal is State.ENABLED:
+                wanted = State.QUICK_STOP
             if wanted is not None and axis.is_enabled:
                 axis.drive.request(wanted)
 
@@ -484,6 +490,7 @@ class CanopenDevice(Device):
             "short_pdos": float(counted.short),
             "sync_overruns": float(counted.overruns),
             "unsent_cycles": float(counted.unsent),
+            "foreign_syncs": float(counted.foreign_syncs),
             "error_frames": float(bus.error_frames),
             "bus_off": float(bus.bus_off),
             "bus_load": self._bus_load,
@@ -497,6 +504,10 @@ class CanopenDevice(Device):
             for axis in self.axes
             if axis.drive.statusword & Status.WARNING
         ]
+        foreign = self.link.counters.foreign_syncs
+        if foreign:
+            text = f"{foreign} SYNCs of another producer: is there another master on the bus?"
+            told.append(Note(Severity.ERROR, "bus", text))
         told += [
             Note(Severity.WARNING, axis.place, text)
             for axis in self.axes
