@@ -32,7 +32,7 @@ class CandumpLog:
     """Writes frames to a file until it is closed.
 
     Args:
-        path: is written anew.
+        path: is written anew when it is opened first, and gone on with after that.
         channel: name of the bus in the file.
 
     Attributes:
@@ -42,6 +42,7 @@ class CandumpLog:
     def __init__(self, path: Path, channel: str = "can0") -> None:
         self.path = path
         self.lost = 0
+        self._mode = "w"
         self._channel = channel.replace(" ", "_") or "can0"
         self._frames: queue.Queue[can.Message | None] = queue.Queue(100_000)
         self._thread: threading.Thread | None = None
@@ -53,13 +54,14 @@ class CandumpLog:
             ConfigError: the file cannot be written.
         """
         try:
-            file = self.path.open("w", encoding="ascii")
+            file = self.path.open(self._mode, encoding="ascii")
         except OSError as error:
             raise ConfigError(
                 f"the log of frames cannot be written: {error}",
                 where=str(self.path),
                 remedy="Give another file, or leave it out.",
             ) from error
+        self._mode = "a"
         self._thread = threading.Thread(target=self._run, args=(file,), name="candump", daemon=True)
         self._thread.start()
 
