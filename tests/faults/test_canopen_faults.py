@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from canopen_arm import arm_on, drives
+from canopen_arm import PERIOD, arm_on, drives
 
 from crtk_driver_canopen import PLUGIN
 from crtk_drivers.errors import CommandRefused, MotionAborted, TransitionFailed
@@ -164,6 +164,7 @@ IN_MOTION = [
     ("supply_off", {"node": 2}, ["joint joint_2 (node 2)", "under-voltage"]),
     ("safe_torque_off", {"node": 2}, ["joint joint_2 (node 2)", "of the manufacturer (0xff01)"]),
     ("stuck", {"node": 2}, ["joint joint_2 (node 2)", "following error"]),
+    ("local_control", {"node": 2}, ["joint joint_2 (node 2): remote (bit 9) has gone to 0"]),
     ("drop", {"id": 0x182}, ["node 2 does not send its PDOs"]),
     ("drop", {"id": 0x702}, ["node 2 is not heard any more"]),
     ("drop", {"id": 0x080}, []),
@@ -334,6 +335,27 @@ def test_enable_that_is_given_up_leaves_no_drive_that_gets_power_later(bench: Be
 
 
 # ----------------------------------------------------------------------------- setting up, and homing
+
+
+def test_cycles_that_the_kernel_began_meanwhile_are_not_caught_up_with() -> None:
+    with drives(COUNT) as sim:
+        own = {"receive_own_messages": True}
+        bus = {"interface": "crtk", "channel": sim.paths["crtk"], "options": own}
+        with bench_of(sim, sync="kernel", bus=bus) as bench:
+            stalled: list[float] = []
+            after: list[float] = []
+
+            def stall() -> None:
+                if stalled:
+                    after.append(time.monotonic() - stalled[0])
+                    return
+                time.sleep(0.25)
+                stalled.append(time.monotonic())
+
+            bench.enable()
+            bench.arm.engine.on_sample = stall
+            until(lambda: len(after) > 20, "it goes on")
+            assert sum(seconds < 5 * PERIOD for seconds in after) < 15
 
 
 def test_setting_up_a_drive_again_neither_delays_the_cycle_nor_lets_the_others_go() -> None:

@@ -353,6 +353,8 @@ class ArmLink:
             self.send()
         self._sent = False
         period = self._config.period
+        if self._config.kernel_sync and time.monotonic() - self.stamp.monotonic > 2.0 * period:
+            self.link.poll(0.0)  # cycles that have passed are not caught up with
         if not self.cycle.begin(deadline):
             return False
         now = time.monotonic()

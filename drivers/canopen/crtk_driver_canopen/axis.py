@@ -11,7 +11,7 @@ from crtk_driver_canopen.commissioning import Prepared
 from crtk_driver_canopen.config import JointConfig
 from crtk_driver_canopen.homing import Homing
 from crtk_driver_canopen.modes import ModeBits, ModeChange, OpMode
-from crtk_driver_canopen.statemachine import Drive402, State
+from crtk_driver_canopen.statemachine import Drive402, State, Status
 from crtk_drivers.commands import Kind
 
 __all__ = ["KINDS", "Axis", "Feedback"]
@@ -74,6 +74,7 @@ class Axis:
         self.drive = Drive402(stays_in_quick_stop=facts.stays_in_quick_stop)
         self.mode = next(m for m in config.op_modes)
         self.forget_home()
+        self._remote = False
         self._change = ModeChange()
         self._homing: Homing | None = None
 
@@ -144,11 +145,19 @@ class Axis:
         elif self.mode is OpMode.IP:
             bits = int(ModeBits.IP_ENABLE)
         self.drive.mode_bits = bits
-        return self.drive.step(feedback.statusword, now)
+        word = self.drive.step(feedback.statusword, now)
+        self._remote = self.is_enabled and (self._remote or self._takes_controlwords)
+        return word
+
+    @property
+    def _takes_controlwords(self) -> bool:
+        return bool(self.drive.statusword & Status.REMOTE)
 
     @property
     def failure(self) -> str:
         """Why it cannot be used, in words; empty if it can."""
         if self.drive.failure is not None:
             return self.drive.failure.text
+        if self._remote and not self._takes_controlwords:
+            return "remote (bit 9) has gone to 0: somebody else controls it"
         return self._change.failure
