@@ -26,7 +26,7 @@ from crtk_drivers.session import Session
 SOON = 20.0
 COUNT = 3
 FAR = 2.0
-CYCLES = 10
+CYCLES = 6
 """Cycles in which something that moves by itself would have begun to."""
 
 SYNC_TIMEOUT = 0x2010
@@ -412,6 +412,26 @@ def test_drives_that_cannot_be_trusted_are_refused_until_they_can_be() -> None:
         refused(sim, "node 2")
         sim.control.inject("silent", node=1)
         refused(sim, "node 1")
+
+
+def test_a_drive_that_keeps_its_power_is_not_called_disabled() -> None:
+    with drives(COUNT) as sim:
+        with bench_of(sim, disable="hold") as bench:
+            bench.enable()
+            bench.inject("local_control", node=2)
+            until(lambda: bench.state() == "FAULT", "it is in FAULT")
+            bench.sim.control.call("object", node=2, index=0x6007, value=0)
+        config = arm_on(sim, COUNT, open_timeout=2.0)
+        arm = LocalDevice(Session(PLUGIN, config))
+        try:
+            arm._session.start()
+            words = "does not let go of the power that it has: joint joint_2 (node 2)"
+            until(lambda: words in arm.operating_state().detail, words)
+            sim.control.clear()
+            until(lambda: arm.engine.connected, "it is connected")
+            assert not any(drive["powered"] for drive in bench.drives())
+        finally:
+            arm.close()
 
 
 HOMED = {"homing": {"method": 24, "speed_switch": 2.0, "speed_zero": 0.5, "required": True}}

@@ -218,7 +218,13 @@ class ArmLink:
             lambda: all(axis.drive.reached or axis.drive.failure for axis in reset), deadline
         )
         # One that was left holding, and has not missed us yet, has its power taken now.
-        self._run_until(lambda: not any(axis.is_enabled for axis in self.axes), deadline)
+        if not self._run_until(lambda: not any(axis.is_enabled for axis in self.axes), deadline):
+            powered = ", ".join(axis.place for axis in self.axes if axis.is_enabled)
+            raise ConnectionFailed(
+                f"does not let go of the power that it has: {powered}",
+                where=self.where,
+                remedy="Does somebody else control it (remote, bit 9 of the statusword)?",
+            )
 
     def _missed_us(self, axis: Axis) -> bool:
         """Whether a drive is in fault only because nobody talked to it: before we came there was nobody."""

@@ -524,7 +524,10 @@ def _capabilities(config: CanopenConfig) -> Capabilities:
         if joints and all(_follows(joint, kind) for joint in joints.values())
     }
     timeout = config.heartbeat.ours_timeout
+    unasked = [name for name, joint in joints.items() if joint.abort_option in (None, 0)]
     what = "each drive stops by itself when it misses our heartbeat" if timeout else "nothing"
+    if timeout and unasked:
+        what += f", but what is set in the drive decides for {', '.join(unasked)}"
     return Capabilities(
         joints=tuple(joints),
         limits=tuple(map(_limits, joints.values())),
