@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 
 from bench.recording import Recording
-from crtk_sim_backends.ur import rtde
-from crtk_sim_backends.ur.__main__ import main
+from crtk_sim_backends.ur import SIM, rtde
 
 
 def record() -> None:
@@ -23,4 +22,4 @@ def record() -> None:
 
 if __name__ == "__main__":
     record()
-    raise SystemExit(main())
+    raise SystemExit(SIM.main())

@@ -1,8 +1,6 @@
-"""A simulator's options as a command line, from the fields of its configuration, and its process.
+"""A simulator's options as a command line, from the fields of its configuration.
 
-The configuration is a dataclass whose fields have a default, ``metadata["help"]``, and perhaps
-``metadata["choices"]``. ``python -m <simulator>`` calls :func:`main`; :func:`flags` gives the
-arguments for :func:`crtk_sim_backends.process.spawn`.
+The fields are made by :func:`crtk_sim_backends.options.option`.
 """
 
 from __future__ import annotations
@@ -11,13 +9,12 @@ import argparse
 import dataclasses
 import logging
 import signal
-import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from crtk_sim_backends.process import Readiness, SimStartError
+from crtk_sim_backends.process import Readiness
 
 
 def flags(config: Any) -> list[str]:
@@ -51,7 +48,7 @@ def parser(program: str, summary: str, config: type[Any]) -> argparse.ArgumentPa
                 flag,
                 type=type(entry.default),
                 default=entry.default,
-                choices=entry.metadata.get("choices") or None,
+                choices=entry.metadata["choices"] or None,
                 help=description,
             )
     result.add_argument("--verbose", action="store_true", help="log connections and faults")
@@ -66,43 +63,23 @@ def _readable(default: object) -> object:
     return "none" if default == "" else default
 
 
-def main(
-    arguments: Sequence[str] | None,
-    program: str,
-    summary: str,
-    config: type[Any],
-    run: Callable[..., int],
-    wrong_config: type[Exception],
-) -> int:
-    """Run a simulator until it is stopped; 0 when that went well, 1 when it could not start.
+def parse(
+    arguments: Sequence[str] | None, program: str, summary: str, config: type[Any]
+) -> tuple[dict[str, Any], Readiness]:
+    """Read a command line, those of this process when None, and set up logging as it says.
 
-    Args:
-        arguments: of the command line; those of this process when None.
-        program: name for the help.
-        summary: one line for the help.
-        config: the dataclass of its options.
-        run: runs it, given the configuration, `report` and `readiness`.
-        wrong_config: what `config` raises.
+    Returns:
+        Values for `config`, and the pipes to the parent process.
     """
-    options = vars(parser(program, summary, config).parse_args(arguments))
-    readiness = Readiness(options.pop("ready_fd"), options.pop("parent_fd"))
-    level = logging.INFO if options.pop("verbose") else logging.WARNING
+    chosen = vars(parser(program, summary, config).parse_args(arguments))
+    readiness = Readiness(chosen.pop("ready_fd"), chosen.pop("parent_fd"))
+    level = logging.INFO if chosen.pop("verbose") else logging.WARNING
     logging.basicConfig(level=level, format="%(name)s: %(message)s")
-    spawned = readiness.parent_fd is not None
-    try:
-        return run(
-            config(**options),
-            report=logging.info if spawned else _tell,
-            readiness=readiness,
-        )
-    except (wrong_config, SimStartError) as error:
-        readiness.tell(error=str(error))
-        if not spawned:
-            _tell(error, sys.stderr)
-        return 1
+    return chosen, readiness
 
 
-def _tell(line: object, to: Any = None) -> None:
+def tell(line: object, to: Any = None) -> None:
+    """Write a line to standard output, or elsewhere."""
     print(line, file=to, flush=True)
 
 

@@ -76,13 +76,13 @@ class FaultPlayer:
         for fault in self.active:
             if kind in (None, fault.kind):
                 self._timeline.forget(fault)
-                self._end(fault)
+                self.end(fault)
 
     def play(self, now: float) -> bool:
         """Let faults begin and end that are due; whether there were any."""
         actions = self._timeline.due(now)
         for action in actions:
-            (self._begin if action.begin else self._end)(action.fault)
+            (self._begin if action.begin else self.end)(action.fault)
         return bool(actions)
 
     def _begin(self, fault: Fault) -> None:
@@ -91,13 +91,14 @@ class FaultPlayer:
             replaced = self._active.get(self._place(fault))
             if replaced is not None:
                 self._timeline.forget(replaced)
-                self._end(replaced)
+                self.end(replaced)
             self._active[self._place(fault)] = fault
         self._do_begin(fault)
 
-    def _end(self, fault: Fault) -> None:
+    def end(self, fault: Fault) -> None:
+        """End a lasting fault, unless that has happened."""
         if self._active.get(self._place(fault)) is not fault:
-            return  # it was cleared, or another one of its kind took its place
+            return  # cleared, or another one of its kind took its place
         log.info("fault %s ends", fault.kind)
         del self._active[self._place(fault)]
         self._do_end(fault)

@@ -9,8 +9,8 @@ from pathlib import Path
 import can
 import pytest
 
-from crtk_sim_backends.canopen import SIM, ConfigError, SimStartError
-from crtk_sim_backends.canopen.config import drive_configs, make_config
+from crtk_sim_backends.canopen import SIM, ConfigError, SimConfig, SimStartError
+from crtk_sim_backends.canopen.config import drive_configs
 from crtk_sim_backends.canopen.eds import PUBLISHED
 from crtk_sim_backends.canopen.injection import ERRORS, KINDS
 from crtk_sim_backends.control import ControlError
@@ -303,7 +303,7 @@ def test_drives_of_a_file(tmp_path):
         "2: {personality: plain, serial: 77, motors: [{start: 1.5}, {pendulum: 0.2, gear: 100}]}\n"
         "9: {}\n"
     )
-    configs = drive_configs(make_config(nodes=2, drives=str(file)))
+    configs = drive_configs(SimConfig(nodes=2, drives=str(file)))
     assert list(configs) == [1, 2, 9]
     assert configs[2].personality.name == "plain"
     assert configs[2].serial == 77
@@ -330,7 +330,7 @@ def test_wrong_files_of_drives_are_refused(tmp_path, text, message):
     file = tmp_path / "drives.yaml"
     file.write_text(text)
     with pytest.raises(ConfigError, match=message):
-        drive_configs(make_config(drives=str(file)))
+        drive_configs(SimConfig(drives=str(file)))
 
 
 @pytest.mark.parametrize(
@@ -347,7 +347,7 @@ def test_wrong_files_of_drives_are_refused(tmp_path, text, message):
 )
 def test_wrong_options_are_refused(options, message):
     with pytest.raises(ConfigError, match=message):
-        make_config(**options)
+        SimConfig().replace(**options)
 
 
 def test_wrong_file_ends_the_process_with_the_reason(tmp_path):

@@ -7,92 +7,52 @@ programs connect, and how a simulator embeds the bus, is described in
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
-from crtk_sim_backends import process
-from crtk_sim_backends.can.config import ConfigError, SimConfig, make_config
-from crtk_sim_backends.command_line import flags, stopped_by_signals
-from crtk_sim_backends.process import Readiness, RunningSim, SimStartError
+from crtk_sim_backends.can.config import SimConfig
+from crtk_sim_backends.options import ConfigError
+from crtk_sim_backends.process import RunningSim, SimStartError
+from crtk_sim_backends.simulator import Simulator
 
 if TYPE_CHECKING:
     from crtk_sim_backends.can.server import HubServer
 
 __all__ = ["SIM", "CanSimulator", "ConfigError", "RunningSim", "SimConfig", "SimStartError"]
 
-log = logging.getLogger(__name__)
 
+class CanSimulator(Simulator[SimConfig, "HubServer"]):
+    """The bus as a plug-in."""
 
-class CanSimulator:
-    """The bus as a plug-in: what it is called, its options, and how to start it."""
+    name = "can"
+    summary = "CAN bus without kernel support, for python-can, socketcand and slcan clients"
+    Config = SimConfig
 
-    name: Final = "can"
-    summary: Final = "CAN bus without kernel support, for python-can, socketcand and slcan clients"
-    Config: Final = SimConfig
-
-    def spawn(self, config: SimConfig | None = None, **options: Any) -> RunningSim:
-        """Start it in its own process and return when all its doors are open.
-
-        `paths` of what is returned has the socket of python-can's interface crtk (as "crtk"),
-        `ttys` the slcan terminals ("slcan", "slcan-2", ...), `ports` "socketcand" and "control".
-
-        Args:
-            config: options; the defaults when left out.
-            options: single options that replace those of `config`.
-
-        Raises:
-            ConfigError: for an option that is unknown or has a wrong value.
-            SimStartError: when it cannot be started, with the path or port concerned.
-        """
-        return process.spawn(__name__, flags(make_config(config, **options)))
-
-    def run(
-        self,
-        config: SimConfig | None = None,
-        report: Callable[[str], object] = log.info,
-        readiness: Readiness | None = None,
-    ) -> int:
-        """Run it in this thread until SIGINT or SIGTERM, and return the exit code.
-
-        Args:
-            config: options; the defaults when left out.
-            report: gets a short banner, line by line.
-            readiness: pipes to the parent process when there is one.
-
-        Raises:
-            SimStartError: when something cannot be bound or a file is wrong.
-        """
+    def serve(self, config: SimConfig, parent_fd: int | None) -> HubServer:
+        """Open its doors."""
         from crtk_sim_backends.can.server import HubServer
 
-        ready = readiness or Readiness(None, None)
-        server = HubServer(config or SimConfig(), ready.parent_fd)
-        try:
-            with stopped_by_signals(server.stop):
-                ready.tell(
-                    host=server.host,
-                    ports=server.ports,
-                    ttys=server.ttys,
-                    paths=server.paths,
-                    hints=list(hints(server)),
-                )
-                for line in _banner(server):
-                    report(line)
-                server.run()
-        finally:
-            server.close()
-        return 0
+        return HubServer(config, parent_fd)
+
+    def places(self, server: HubServer) -> dict[str, Any]:
+        """Add `ttys`, `paths` and `hints`.
+
+        `paths` has the socket of python-can's interface crtk (as "crtk"), `ttys` the slcan
+        terminals ("slcan", "slcan-2", ...), `ports` "socketcand" and "control".
+        """
+        places = {"ttys": server.ttys, "paths": server.paths, "hints": list(hints(server))}
+        return {**super().places(server), **places}
+
+    def describe(self, server: HubServer) -> Iterator[str]:
+        """Tell the bit rate and how programs connect."""
+        yield f"virtual CAN bus {server.config.channel}, {pace(server)}"
+        yield from hints(server)
+        yield f"control socket at {server.host}:{server.ports['control']}"
 
 
-def _banner(server: HubServer) -> Iterator[str]:
-    config = server.config
-    pace = f"{config.bitrate} bit/s" if config.bitrate else "no bit rate"
-    yield f"virtual CAN bus {config.channel}, {pace}"
-    yield from hints(server)
-    yield f"control socket at {server.host}:{server.ports['control']}"
-    if config.faults:
-        yield f"faults from {config.faults}"
-    yield "stop it with Ctrl-C"
+def pace(server: HubServer) -> str:
+    """Tell the bit rate of a bus."""
+    return f"{server.config.bitrate} bit/s" if server.config.bitrate else "no bit rate"
 
 
 def hints(server: HubServer) -> Iterator[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,19 +9,15 @@ from typing import Any, Final
 
 import yaml
 
-from crtk_sim_backends.can.config import ConfigError
 from crtk_sim_backends.can.config import SimConfig as BusConfig
 from crtk_sim_backends.canopen.drive import DriveConfig
 from crtk_sim_backends.canopen.objects import MOST_AXES
 from crtk_sim_backends.canopen.personality import PERSONALITIES
 from crtk_sim_backends.canopen.plant import MotorConfig
 from crtk_sim_backends.faults import FaultError, Parameter, unknown
+from crtk_sim_backends.options import ConfigError, check_choice, check_file, check_range, option
 
 _HIGHEST_NODE: Final = 127
-
-
-def _option(default: Any, help_text: str, choices: tuple[str, ...] = ()) -> Any:
-    return dataclasses.field(default=default, metadata={"help": help_text, "choices": choices})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,21 +28,18 @@ class SimConfig(BusConfig):
         ConfigError: from the constructor, naming the option and what can be given instead.
     """
 
-    nodes: int = _option(6, "how many drives there are")
-    first_node: int = _option(1, "node-ID of the first drive; the others follow")
-    axes: int = _option(1, "axes of each drive (CiA 402-2: objects of axis n at +0x800 n)")
-    personality: str = _option("standard", "make of the drives", tuple(PERSONALITIES))
-    drives: str = _option("", "file (YAML) with motors and makes of single drives, by node-ID")
-    eds: str = _option("", "where to write the EDS of the drives")
-    socketcand_port: int = _option(0, "TCP port of the socketcand server; 0: any free one")
+    nodes: int = option(6, "how many drives there are")
+    first_node: int = option(1, "node-ID of the first drive; the others follow")
+    axes: int = option(1, "axes of each drive (CiA 402-2: objects of axis n at +0x800 n)")
+    personality: str = option("standard", "make of the drives", tuple(PERSONALITIES))
+    drives: str = option("", "file (YAML) with motors and makes of single drives, by node-ID")
+    eds: str = option("", "where to write the EDS of the drives")
+    socketcand_port: int = option(0, "TCP port of the socketcand server; 0: any free one")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 1 <= self.axes <= MOST_AXES:
-            raise ConfigError(f"axes must lie in [1, {MOST_AXES}], not {self.axes}")
-        if self.personality not in PERSONALITIES:
-            make = unknown("make", self.personality, PERSONALITIES)
-            raise ConfigError(f"personality: {make}")
+        check_range("axes", self.axes, 1, MOST_AXES)
+        check_choice("personality", self.personality, PERSONALITIES, "make")
         if not 1 <= self.first_node <= _HIGHEST_NODE or self.nodes < 0:
             raise ConfigError(
                 f"first_node must lie in [1, {_HIGHEST_NODE}] and nodes be at least 0, "
@@ -57,27 +49,13 @@ class SimConfig(BusConfig):
             raise ConfigError(
                 f"nodes: {self.nodes} from node-ID {self.first_node} on go beyond {_HIGHEST_NODE}"
             )
-        if self.drives and not Path(self.drives).is_file():
-            raise ConfigError(f"drives: there is no file {self.drives}")
+        check_file("drives", self.drives)
 
     @property
     def common(self) -> DriveConfig:
         """What each drive is for which the file says nothing else."""
         motors = (MotorConfig(),) * self.axes
         return DriveConfig(motors, personality=PERSONALITIES[self.personality])
-
-
-def make_config(config: SimConfig | None = None, **options: Any) -> SimConfig:
-    """Make a configuration from another one and options that replace its values.
-
-    Raises:
-        ConfigError: for an unknown option (with a suggestion) or a wrong value.
-    """
-    names = {entry.name for entry in dataclasses.fields(SimConfig)}
-    for name in options:
-        if name not in names:
-            raise ConfigError(unknown("simulator option", name, names))
-    return dataclasses.replace(config or SimConfig(), **options)
 
 
 def drive_configs(config: SimConfig) -> dict[int, DriveConfig]:

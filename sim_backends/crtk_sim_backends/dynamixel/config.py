@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
-import ipaddress
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 from crtk_sim_backends.dynamixel.models import MODELS, Model
 from crtk_sim_backends.faults import unknown
-from crtk_sim_backends.process import AUTO
+from crtk_sim_backends.options import (
+    ConfigError,
+    Options,
+    check_choice,
+    check_range,
+    option,
+)
 
 _ARM6_WRIST: Final = "4:xm430-w350~0.3,5:xm430-w350~0.3,6:xm430-w350"
 _KOCH: Final = "1:xl430-w250,2:xl430-w250~0.3," + ",".join(f"{n}:xl330-m288" for n in (3, 4, 5, 6))
@@ -47,10 +50,6 @@ TIMINGS: Final = ("wire", "none")
 CHAINS: Final = ("stalls", "goes_on")
 
 
-class ConfigError(ValueError):
-    """A simulator option with a value that cannot be used."""
-
-
 @dataclass(frozen=True, slots=True)
 class ServoSpec:
     """One servo of a bus.
@@ -68,62 +67,46 @@ class ServoSpec:
     partner: int | None = None
 
 
-def _option(default: Any, help_text: str, choices: tuple[str, ...] = ()) -> Any:
-    return field(default=default, metadata={"help": help_text, "choices": choices})
-
-
 @dataclass(frozen=True, kw_only=True)
-class SimConfig:
+class SimConfig(Options):
     """Options of the simulated buses; the `help` of each field says what it is for.
 
     Raises:
         ConfigError: from the constructor, naming the option and what can be given instead.
     """
 
-    servos: str = _option(
+    servos: str = option(
         "arm6",
         "servos as ID:MODEL[@FIRMWARE][~GRAVITY][&ID], such as 1:xm430-w350@52~0.5,2:xl330-m288; "
         "GRAVITY in N.m, &ID: on the shaft of that servo as its shadow; ';' begins another bus. "
         f"Or one of {', '.join(PRESETS)}",
     )
-    baud: int = _option(1_000_000, "bits a second that the servos are set to")
-    return_delay: int = _option(250, "Return Delay Time of the servos, in 2 us")
-    timing: str = _option(
+    baud: int = option(1_000_000, "bits a second that the servos are set to")
+    return_delay: int = option(250, "Return Delay Time of the servos, in 2 us")
+    timing: str = option(
         "wire", "'wire': bytes take the time that they take at the baud rate; 'none': none", TIMINGS
     )
-    adapter_latency: float = _option(
+    adapter_latency: float = option(
         0.0, "latency timer of the USB adapter in ms (such as 1 or 16); 0: none"
     )
-    chain: str = _option(
+    chain: str = option(
         "stalls",
         "what servos do that come behind a missing one in a group read: 'stalls', 'goes_on'",
         CHAINS,
     )
-    speed: float = _option(1.0, "how many times faster than real time the mechanics are")
-    link: str = _option(
+    speed: float = option(1.0, "how many times faster than real time the mechanics are")
+    link: str = option(
         "", "path of a symbolic link to the tty that stays the same; one in a new folder if empty"
     )
-    seed: int = _option(0, "seed of everything random")
-    faults: str = _option("", "fault file (YAML) to play from the start")
-    host: str = _option(AUTO, "loopback address of the control socket; 'auto' finds a free one")
-    control_port: int = _option(0, "port of the control socket; 0: any free one")
-    realtime: bool = _option(
-        False, "run with real-time priority (SCHED_FIFO) when the system permits it"
-    )
-    trace_size: int = _option(5000, "how many received instructions the trace keeps")
+    seed: int = option(0, "seed of everything random")
+    trace_size: int = option(5000, "how many received instructions the trace keeps")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name, choices in (("timing", TIMINGS), ("chain", CHAINS)):
-            if getattr(self, name) not in choices:
-                raise ConfigError(f"{name}: {unknown('value', getattr(self, name), choices)}")
+            check_choice(name, getattr(self, name), choices)
         for name, low, high in _BOUNDS:
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ConfigError(f"{name} must lie in [{low:g}, {high:g}], not {value}")
-        if self.host != AUTO:
-            _check_loopback(self.host)
-        if self.faults and not Path(self.faults).is_file():
-            raise ConfigError(f"faults: there is no file {self.faults}")
+            check_range(name, getattr(self, name), low, high)
         _ = self.buses
 
     @property
@@ -179,28 +162,3 @@ def _spec(match: re.Match[str], earlier: Sequence[ServoSpec]) -> ServoSpec:
     if partner is not None and model.protocol == 1:
         raise ConfigError(f"servos: a {name} cannot be a shadow")
     return ServoSpec(number, model, firmware, float(match["gravity"] or 0.0), partner)
-
-
-def make_config(config: SimConfig | None = None, **options: Any) -> SimConfig:
-    """Make a configuration from another one and options that replace its values.
-
-    Raises:
-        ConfigError: for an unknown option (with a suggestion) or a wrong value.
-    """
-    names = {entry.name for entry in dataclasses.fields(SimConfig)}
-    for name in options:
-        if name not in names:
-            raise ConfigError(unknown("simulator option", name, names))
-    return dataclasses.replace(config or SimConfig(), **options)
-
-
-def _check_loopback(host: str) -> None:
-    try:
-        address = ipaddress.IPv4Address(host)
-    except ValueError as error:
-        raise ConfigError(f"host must be 'auto' or an IPv4 address, not {host!r}") from error
-    if not address.is_loopback:
-        raise ConfigError(
-            f"host must be a loopback address (127.x.y.z), not {host}: the control socket has "
-            "no authentication"
-        )

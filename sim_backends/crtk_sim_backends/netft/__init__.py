@@ -5,77 +5,38 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Iterator
-from typing import Any, Final
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Final
 
-from crtk_sim_backends import process
-from crtk_sim_backends.command_line import flags, stopped_by_signals
-from crtk_sim_backends.netft.config import ConfigError, SimConfig, make_config
-from crtk_sim_backends.process import Readiness, RunningSim, SimStartError
+from crtk_sim_backends.netft.config import SimConfig
+from crtk_sim_backends.options import ConfigError
+from crtk_sim_backends.process import RunningSim, SimStartError
+from crtk_sim_backends.simulator import Simulator
+
+if TYPE_CHECKING:
+    from crtk_sim_backends.netft.server import NetFtServer
 
 __all__ = ["SIM", "ConfigError", "NetFtSimulator", "RunningSim", "SimConfig", "SimStartError"]
 
-log = logging.getLogger(__name__)
 
+class NetFtSimulator(Simulator[SimConfig, "NetFtServer"]):
+    """The sensor box as a plug-in."""
 
-class NetFtSimulator:
-    """The simulator as a plug-in: what it is called, its options, and how to start it."""
+    name = "netft"
+    summary = "ATI NetFT sensor box (Net Box, Ethernet Axia, SCHUNK FTN, OnRobot HEX)"
+    Config = SimConfig
 
-    name: Final = "netft"
-    summary: Final = "ATI NetFT sensor box (Net Box, Ethernet Axia, SCHUNK FTN, OnRobot HEX)"
-    Config: Final = SimConfig
-
-    def spawn(self, config: SimConfig | None = None, **options: Any) -> RunningSim:
-        """Start it in its own process and return when all its ports are bound.
-
-        Args:
-            config: options; the defaults when left out.
-            options: single options that replace those of `config`.
-
-        Raises:
-            ConfigError: for an option that is unknown or has a wrong value.
-            SimStartError: when it cannot be started, with the address and port concerned.
-        """
-        return process.spawn(__name__, flags(make_config(config, **options)))
-
-    def run(
-        self,
-        config: SimConfig | None = None,
-        report: Callable[[str], object] = log.info,
-        readiness: Readiness | None = None,
-    ) -> int:
-        """Run it in this thread until SIGINT or SIGTERM, and return the exit code.
-
-        Args:
-            config: options; the defaults when left out.
-            report: gets a short banner, line by line.
-            readiness: pipes to the parent process when there is one.
-
-        Raises:
-            SimStartError: when a port cannot be bound or the fault file is wrong.
-        """
+    def serve(self, config: SimConfig, parent_fd: int | None) -> NetFtServer:
+        """Bind its ports."""
         from crtk_sim_backends.netft.server import NetFtServer
 
-        ready = readiness or Readiness(None, None)
-        server = NetFtServer(config or SimConfig(), ready.parent_fd)
-        try:
-            with stopped_by_signals(server.stop):
-                ready.tell(host=server.host, ports=server.ports)
-                for line in _banner(server.config, server.host, server.ports):
-                    report(line)
-                server.run()
-        finally:
-            server.close()
-        return 0
+        return NetFtServer(config, parent_fd)
 
-
-def _banner(config: SimConfig, host: str, ports: dict[str, int]) -> Iterator[str]:
-    yield f"{config.family.product}, sensor {config.sensor.part}, at {host}"
-    yield "ports: " + ", ".join(f"{name} {port}" for name, port in ports.items())
-    if config.faults:
-        yield f"faults from {config.faults}"
-    yield "stop it with Ctrl-C"
+    def describe(self, server: NetFtServer) -> Iterator[str]:
+        """Tell which box it is, and its ports."""
+        config = server.config
+        yield f"{config.family.product}, sensor {config.sensor.part}, at {server.host}"
+        yield "ports: " + ", ".join(f"{name} {port}" for name, port in server.ports.items())
 
 
 SIM: Final = NetFtSimulator()

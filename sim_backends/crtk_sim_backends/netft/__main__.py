@@ -1,25 +1,8 @@
 """Run the simulated sensor box alone: ``python -m crtk_sim_backends.netft --preset mini45``."""
 
-from __future__ import annotations
-
 import sys
-from collections.abc import Sequence
 
-from crtk_sim_backends import command_line
-from crtk_sim_backends.netft import SIM, ConfigError, SimConfig
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run until stopped; 0 when that went well, 1 when it could not start."""
-    return command_line.main(
-        arguments,
-        "python -m crtk_sim_backends.netft",
-        SIM.summary,
-        SimConfig,
-        SIM.run,
-        ConfigError,
-    )
-
+from crtk_sim_backends.netft import SIM
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(SIM.main())

@@ -21,7 +21,8 @@ from typing import Any, Final
 
 from crtk_sim_backends import wire
 from crtk_sim_backends.control import ControlSession
-from crtk_sim_backends.faults import FaultError, read_faults
+from crtk_sim_backends.fault_player import FaultPlayer
+from crtk_sim_backends.faults import Fault, FaultError, read_faults
 from crtk_sim_backends.process import (
     SimStartError,
     bind_somewhere,
@@ -32,8 +33,7 @@ from crtk_sim_backends.ur import realtime
 from crtk_sim_backends.ur.config import SimConfig
 from crtk_sim_backends.ur.controller import Controller
 from crtk_sim_backends.ur.dashboard import GREETING, DashboardSession, Robot
-from crtk_sim_backends.ur.fault_player import FaultPlayer
-from crtk_sim_backends.ur.injection import EVENTS, KINDS
+from crtk_sim_backends.ur.injection import ALL_PORTS, BEGIN, END, EVENTS, KINDS
 from crtk_sim_backends.ur.messages import KeyMessage
 from crtk_sim_backends.ur.ports import Client, Mute, Port, Session
 from crtk_sim_backends.ur.primary import (
@@ -116,9 +116,8 @@ class UrServer:
             extra_builtins=self._sockets.builtins,
         )
         self.controller.player.ended = self._sockets.close_all
-        self._faults = FaultPlayer(
-            faults, self.controller, self._ports, (CONTROL,), self._disconnect
-        )
+        self._faults = FaultPlayer(KINDS, faults, self._begin, self._end, ("port", "joint"))
+        self._stalled = False
         self._scripts = ScriptQueue(self.controller)
         self._period = self.controller.dt
         self._state_every = round(STATE_PERIOD / self._period)
@@ -207,7 +206,7 @@ class UrServer:
         answers = self._do_requests(now)
         if self._faults.play(now - self._epoch):
             self._watch_again = True
-        if not self._faults.stalled:
+        if not self._stalled:
             self._advance(now)
         for client, answer in answers:
             client.connection.send(answer, now)
@@ -272,7 +271,7 @@ class UrServer:
         self._watch_again = False
         self._by_fd = {}
         for port in self._ports.values():
-            if port.silent or (self._faults.stalled and port.name != CONTROL):
+            if port.silent or (self._stalled and port.name != CONTROL):
                 continue
             self._by_fd[port.listener.fileno()] = port
             for client in port.clients:
@@ -444,6 +443,36 @@ class UrServer:
             if connection.closed or connection.blocked_for(now) > _SLOW_READER_LIMIT:
                 log.warning("closing RTDE connection %d: it does not read", client.number)
                 self._remove(port, client)
+
+    # Faults
+
+    def _begin(self, fault: Fault) -> None:
+        if fault.kind == "stall":
+            self._stalled = True
+        elif fault.kind in BEGIN:
+            BEGIN[fault.kind](self.controller, fault.parameters)
+        for port in self._concerned(fault):
+            port.begin(fault)
+            if fault.kind == "disconnect":
+                self._disconnect(port)
+        if fault.kind == "disconnect" and fault.duration is None:
+            self._faults.end(fault)
+
+    def _end(self, fault: Fault) -> None:
+        if fault.kind == "stall":
+            self._stalled = False
+        elif fault.kind in END:
+            END[fault.kind](self.controller, fault.parameters)
+        for port in self._concerned(fault):
+            port.end(fault.kind)
+
+    def _concerned(self, fault: Fault) -> list[Port]:
+        name = fault.parameters.get("port")
+        return [
+            port
+            for port in self._ports.values()
+            if port.name != CONTROL and name in (port.name, ALL_PORTS)
+        ]
 
     # Requests on the control socket
 

@@ -1,0 +1,138 @@
+"""What every simulator is as a plug-in: options, a process of its own, a command line."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from crtk_sim_backends import command_line, process
+from crtk_sim_backends.options import ConfigError, Options
+from crtk_sim_backends.process import Readiness, RunningSim, SimStartError
+
+__all__ = ["Server", "Simulator"]
+
+log = logging.getLogger(__name__)
+
+
+class Server(Protocol):
+    """A simulator whose ports are bound."""
+
+    @property
+    def host(self) -> str:
+        """The loopback address."""
+
+    @property
+    def ports(self) -> Mapping[str, int]:
+        """Ports by name."""
+
+    def run(self) -> None:
+        """Run until it is stopped."""
+
+    def stop(self) -> None:
+        """Let :meth:`run` return; from any thread or signal handler."""
+
+    def close(self) -> None:
+        """Let go of every port."""
+
+
+ConfigT = TypeVar("ConfigT", bound=Options)
+ServerT = TypeVar("ServerT", bound=Server)
+
+
+class Simulator(ABC, Generic[ConfigT, ServerT]):
+    """A simulator as a plug-in: what it is called, its options, and how to start it.
+
+    The package of each simulator has one of these as ``SIM``.
+    """
+
+    name: ClassVar[str]
+    """As in ``crtk-driver sim <name>``, and of the module that ``python -m`` runs."""
+    summary: ClassVar[str]
+    """One line."""
+    Config: type[ConfigT]
+    """The dataclass of its options; see :mod:`crtk_sim_backends.options`."""
+
+    @abstractmethod
+    def serve(self, config: ConfigT, parent_fd: int | None) -> ServerT:
+        """Bind every port.
+
+        Args:
+            config: what to simulate.
+            parent_fd: readable when the process that wants this simulator has died; None for none.
+
+        Raises:
+            ConfigError: a file that the options name is wrong.
+            SimStartError: when something cannot be bound or the fault file is wrong.
+        """
+
+    @abstractmethod
+    def describe(self, server: ServerT) -> Iterator[str]:
+        """Tell, line by line, what runs and how to reach it."""
+
+    def places(self, server: ServerT) -> dict[str, Any]:
+        """Where it can be reached, as :class:`RunningSim` has it: `host`, `ports`, perhaps more."""
+        return {"host": server.host, "ports": server.ports}
+
+    def spawn(self, config: ConfigT | None = None, **changes: Any) -> RunningSim:
+        """Start it in a process of its own and return when it can be reached.
+
+        Args:
+            config: options; the defaults when left out.
+            changes: single options that replace those of `config`.
+
+        Raises:
+            ConfigError: for an option that is unknown or has a wrong value.
+            SimStartError: when it cannot be started, with the address, port or path concerned.
+        """
+        chosen = (config or self.Config()).replace(**changes)
+        return process.spawn(type(self).__module__, command_line.flags(chosen))
+
+    def run(
+        self,
+        config: ConfigT | None = None,
+        report: Callable[[str], object] = log.info,
+        readiness: Readiness | None = None,
+    ) -> int:
+        """Run it in this thread until SIGINT or SIGTERM, and return the exit code.
+
+        Args:
+            config: options; the defaults when left out.
+            report: gets a short description, line by line.
+            readiness: pipes to the parent process when there is one.
+
+        Raises:
+            ConfigError: a file that the options name is wrong.
+            SimStartError: when something cannot be bound or the fault file is wrong.
+        """
+        ready = readiness or Readiness(None, None)
+        chosen = config or self.Config()
+        server = self.serve(chosen, ready.parent_fd)
+        try:
+            with command_line.stopped_by_signals(server.stop):
+                ready.tell(**self.places(server))
+                for line in self.describe(server):
+                    report(line)
+                if chosen.faults:
+                    report(f"faults from {chosen.faults}")
+                report("stop it with Ctrl-C")
+                server.run()
+        finally:
+            server.close()
+        return 0
+
+    def main(self, arguments: Sequence[str] | None = None) -> int:
+        """Run it with options of a command line; 1 when it could not start, else 0."""
+        program = f"python -m {type(self).__module__}"
+        chosen, readiness = command_line.parse(arguments, program, self.summary, self.Config)
+        spawned = readiness.parent_fd is not None
+        try:
+            config = self.Config(**chosen)
+            return self.run(config, log.info if spawned else command_line.tell, readiness)
+        except (ConfigError, SimStartError) as error:
+            readiness.tell(error=str(error))
+            if not spawned:
+                command_line.tell(error, sys.stderr)
+            return 1
