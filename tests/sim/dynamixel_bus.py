@@ -116,10 +116,10 @@ class Wire:
             data += os.read(self._fd, length - len(data))
         return data
 
-    def rest(self, quiet: float = 0.05) -> bytes:
-        """All that comes until nothing came for a while."""
+    def rest(self, quiet: float = 0.05, first: float = 0.25) -> bytes:
+        """All that comes until nothing came for a while, or nothing at first for longer."""
         data = b""
-        while select.select([self._fd], [], [], quiet)[0]:
+        while select.select([self._fd], [], [], quiet if data else first)[0]:
             data += os.read(self._fd, 4096)
         return data
 
