@@ -286,7 +286,7 @@ def test_blocking_popup_waits_until_it_is_closed(bench: Bench) -> None:
     bench.start('popup("hello", "title", blocking=True)\ntextmsg("on")')
     bench.seconds(0.2)
     assert bench.controller.popup_text == "hello"
-    assert bench.of_type(PopupMessage) == [PopupMessage("title", "hello")]
+    assert bench.of_type(PopupMessage) == [PopupMessage("title", "hello", blocking=True)]
     assert not bench.of_type(TextMessage)
     bench.controller.close_popup()
     bench.seconds(0.01)

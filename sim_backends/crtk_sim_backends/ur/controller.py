@@ -309,11 +309,17 @@ class Controller:
         return taken
 
     def open_popup(
-        self, text: str, title: str = "", *, warning: bool = False, error: bool = False
+        self,
+        text: str,
+        title: str = "",
+        *,
+        warning: bool = False,
+        error: bool = False,
+        blocking: bool = False,
     ) -> None:
-        """Show a pop-up on the panel."""
+        """Show a pop-up of a program on the panel; a `blocking` one holds the program up."""
         self.popup_text = text
-        self.post(PopupMessage(title, text, warning, error))
+        self.post(PopupMessage(title, text, warning, error, blocking))
 
     def close_popup(self) -> bool:
         """Close the pop-up; a program that waits on it goes on."""

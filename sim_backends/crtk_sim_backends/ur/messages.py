@@ -64,12 +64,13 @@ class SafetyModeMessage:
 
 @dataclass(frozen=True)
 class PopupMessage:
-    """A program or the dashboard opened a pop-up on the panel."""
+    """A program opened a pop-up on the panel."""
 
     title: str
     text: str
     warning: bool = False
     error: bool = False
+    blocking: bool = False
 
 
 Message = (

@@ -1,15 +1,19 @@
 """Packets of the primary (30001, 30011) and secondary (30002, 30012) ports.
 
-Source: UR "Client Interface". A packet is ``i32 size, u8 type, body``, big endian. Robot states
-(type 16) hold sub-packages of the same shape; robot messages (type 20) begin with
+Source: UR "Client Interface", the chapters for 3.15, 5.12 and 5.23; order and the parts that it does
+not describe (9, 10) from a state that URSim 5.8 sent (Universal_Robots_Client_Library, test of the
+primary parser). A packet is ``i32 size, u8 type, body``, big endian. Robot states (type 16) hold
+sub-packages of the same shape; robot messages (type 20) begin with
 ``u64 timestamp (us), i8 source, i8 message type``.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping
-from math import pi
+import zlib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from math import radians
 from typing import Any, Final
 
 from crtk_sim_backends.ur.messages import (
@@ -22,7 +26,7 @@ from crtk_sim_backends.ur.messages import (
     TextMessage,
 )
 from crtk_sim_backends.ur.models import ALPHA, RobotModel
-from crtk_sim_backends.ur.safety import RobotMode, RuntimeState, SafetyMode
+from crtk_sim_backends.ur.safety import RobotMode, RobotStatus, RuntimeState, SafetyMode
 from crtk_sim_backends.ur.variables import Version
 
 STATE_PERIOD: Final = 0.1  # s
@@ -30,11 +34,13 @@ STATE_PERIOD: Final = 0.1  # s
 ROBOT_STATE: Final = 16
 ROBOT_MESSAGE: Final = 20
 
-_SOURCE_VERSION: Final = -2
+_SOURCE_INTERFACE: Final = -2
 _SOURCE_CONTROLLER: Final = -3
 _VERSION_MESSAGE: Final = 3
-_ANGLE: Final = 2 * pi
+_ZERO6: Final = (0.0,) * 6
 _EMERGENCY_STOPS: Final = (SafetyMode.SYSTEM_EMERGENCY_STOP, SafetyMode.ROBOT_EMERGENCY_STOP)
+
+Image = Mapping[str, Any]
 
 
 def _frame(kind: int, body: bytes) -> bytes:
@@ -51,12 +57,15 @@ def _short(text: str) -> bytes:
     return bytes([len(data)]) + data
 
 
+# Robot messages.
+
+
 def version_message(version: Version, time: float) -> bytes:
     """Build the version message, the first thing a client gets."""
     major, minor, bugfix, build = version
     numbers = struct.pack(">BBii", major, minor, bugfix, build)
     body = _short("URControl") + numbers + b"01-01-2025, 00:00:00"
-    return _message(_SOURCE_VERSION, _VERSION_MESSAGE, time, body)
+    return _message(_SOURCE_INTERFACE, _VERSION_MESSAGE, time, body)
 
 
 def robot_message(message: Message, time: float) -> bytes:
@@ -64,8 +73,8 @@ def robot_message(message: Message, time: float) -> bytes:
     match message:
         case TextMessage(text):
             return _message(_SOURCE_CONTROLLER, 0, time, text.encode())
-        case PopupMessage(title, text, warning, error):
-            head = struct.pack(">IB???", 0, 0, warning, error, False)
+        case PopupMessage(title, text, warning, error, blocking):
+            head = struct.pack(">IB???", 0, 0, warning, error, blocking)
             return _message(_SOURCE_CONTROLLER, 2, time, head + _short(title) + text.encode())
         case SafetyModeMessage(mode):
             return _message(_SOURCE_CONTROLLER, 5, time, struct.pack(">iiBII", 0, 0, mode, 0, 0))
@@ -74,88 +83,63 @@ def robot_message(message: Message, time: float) -> bytes:
             return _message(_SOURCE_CONTROLLER, 6, time, head + text.encode())
         case KeyMessage(title, text):
             head = struct.pack(">ii", 0, 0)
-            return _message(_SOURCE_CONTROLLER, 7, time, head + _short(title) + text.encode())
+            return _message(_SOURCE_INTERFACE, 7, time, head + _short(title) + text.encode())
         case RuntimeExceptionMessage(line, column, text):
             head = struct.pack(">ii", line, column)
             return _message(_SOURCE_CONTROLLER, 10, time, head + text.encode())
 
 
-class RobotStateEncoder:
-    """Builds the robot state packet of one arm and software version."""
-
-    def __init__(self, model: RobotModel, version: Version) -> None:
-        dh = struct.pack(">24d", *_ZERO6, *model.a, *model.d, *ALPHA)
-        self._kinematics = _frame(5, struct.pack(">6I", *(1,) * 6) + dh + struct.pack(">I", 0))
-        self._configuration = _frame(6, _configuration(model, version))
-        self._newest = version[:2] >= (5, 4)
-
-    def packet(self, outputs: Mapping[str, Any]) -> bytes:
-        """Build the packet with all sub-packages.
-
-        Args:
-            outputs: process image by RTDE variable name.
-        """
-        subpackages = (
-            _frame(0, _robot_mode(outputs)),
-            _frame(1, _joints(outputs)),
-            _frame(2, _tool(outputs)),
-            _frame(3, self._masterboard(outputs)),
-            _frame(4, struct.pack(">12d", *outputs["actual_TCP_pose"], *outputs["tcp_offset"])),
-            self._kinematics,
-            self._configuration,
-            _frame(7, struct.pack(">7d", *outputs["actual_TCP_force"], 1.0)),
-            _frame(8, bytes(4)),
-        )
-        return _frame(ROBOT_STATE, b"".join(subpackages))
-
-    def _masterboard(self, outputs: Mapping[str, Any]) -> bytes:
-        analog_types = outputs["analog_io_types"]
-        safety = outputs["safety_mode"]
-        body = struct.pack(
-            ">IIbbddbbddffffBBB",
-            outputs["actual_digital_input_bits"] & 0xFFFFFFFF,
-            outputs["actual_digital_output_bits"] & 0xFFFFFFFF,
-            analog_types & 1,
-            analog_types >> 1 & 1,
-            outputs["standard_analog_input0"],
-            outputs["standard_analog_input1"],
-            analog_types >> 2 & 1,
-            analog_types >> 3 & 1,
-            outputs["standard_analog_output0"],
-            outputs["standard_analog_output1"],
-            30.0,  # temperature of the board, degC
-            outputs["actual_main_voltage"],
-            outputs["actual_robot_current"],
-            outputs["io_current"],
-            safety,
-            safety == SafetyMode.REDUCED,
-            0,  # no Euromap 67
-        )
-        return body + struct.pack(">IBB", 0, 0, 0) + (b"\0" if self._newest else b"")
+def encode_messages(messages: Iterable[Message], time: float) -> bytes:
+    """Encode messages one after the other."""
+    return b"".join(robot_message(message, time) for message in messages)
 
 
-_ZERO6: Final = (0.0,) * 6
+# Robot states.
 
 
-def _robot_mode(outputs: Mapping[str, Any]) -> bytes:
-    mode, safety = outputs["robot_mode"], outputs["safety_mode"]
-    state = outputs["runtime_state"]
-    return struct.pack(
-        ">Q7?bBdddB",
-        int(outputs["timestamp"] * 1e6),
-        True,
-        True,
+@dataclass(frozen=True)
+class _Source:
+    """What a robot state tells about."""
+
+    model: RobotModel
+    image: Image
+    safety_checksum: int
+    operational_mode: str
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Some fields at the end of a sub-package, and the first software that has them.
+
+    `since_cb3` is None where CB3 software never got them.
+    """
+
+    since_cb3: tuple[int, int] | None
+    since_e: tuple[int, int]
+    format: str
+    values: Callable[[_Source], Iterable[Any]]
+
+    def exists_in(self, version: Version) -> bool:
+        since = self.since_e if version[0] >= 5 else self.since_cb3
+        return since is not None and version[:2] >= since
+
+
+def _robot_mode(source: _Source) -> tuple[Any, ...]:
+    image = source.image
+    mode, safety = image["robot_mode"], image["safety_mode"]
+    return (
+        int(image["timestamp"] * 1e6),
+        True,  # real robot connected
+        True,  # and enabled
         mode >= RobotMode.POWER_ON,
         safety in _EMERGENCY_STOPS,
         safety == SafetyMode.PROTECTIVE_STOP,
-        state == RuntimeState.PLAYING,
-        state == RuntimeState.PAUSED,
+        bool(image["robot_status_bits"] & RobotStatus.PROGRAM_RUNNING),
+        image["runtime_state"] == RuntimeState.PAUSED,
         mode,
         0,  # position control
-        outputs["target_speed_fraction"],
-        outputs["speed_scaling"],
-        1.0,
-        0,
+        image["target_speed_fraction"],
+        image["speed_scaling"],
     )
 
 
@@ -169,45 +153,164 @@ _JOINT_COLUMNS: Final = (
 )
 
 
-def _joints(outputs: Mapping[str, Any]) -> bytes:
-    columns = [outputs[name] for name in _JOINT_COLUMNS]
-    return b"".join(
-        struct.pack(">3d4fB", *row[:6], row[5], row[6])
-        for row in zip(*columns, outputs["joint_mode"], strict=True)
+def _joints(source: _Source) -> list[Any]:
+    columns = [source.image[name] for name in _JOINT_COLUMNS]
+    rows = zip(*columns, source.image["joint_mode"], strict=True)
+    return [value for row in rows for value in (*row[:6], 0.0, row[6])]
+
+
+def _masterboard(source: _Source) -> tuple[Any, ...]:
+    image = source.image
+    analog_types, safety = image["analog_io_types"], image["safety_mode"]
+    return (
+        image["actual_digital_input_bits"] & 0xFFFFFFFF,
+        image["actual_digital_output_bits"] & 0xFFFFFFFF,
+        analog_types & 1,
+        analog_types >> 1 & 1,
+        image["standard_analog_input0"],
+        image["standard_analog_input1"],
+        analog_types >> 2 & 1,
+        analog_types >> 3 & 1,
+        image["standard_analog_output0"],
+        image["standard_analog_output1"],
+        24.0,  # temperature of the board, degC
+        image["actual_main_voltage"],
+        image["actual_robot_current"],
+        image["io_current"],
+        safety,
+        safety == SafetyMode.REDUCED,
+        0,  # no Euromap 67
     )
 
 
-def _tool(outputs: Mapping[str, Any]) -> bytes:
-    types = outputs["tool_analog_input_types"]
-    return struct.pack(
-        ">bbddfBffB",
+def _tool(source: _Source) -> tuple[Any, ...]:
+    image = source.image
+    types = image["tool_analog_input_types"]
+    return (
         types & 1,
         types >> 1 & 1,
-        outputs["tool_analog_input0"],
-        outputs["tool_analog_input1"],
-        48.0,
-        outputs["tool_output_voltage"],
-        outputs["tool_output_current"],
-        outputs["tool_temperature"],
-        outputs["tool_mode"],
+        image["tool_analog_input0"],
+        image["tool_analog_input1"],
+        image["actual_main_voltage"],
+        image["tool_output_voltage"],
+        image["tool_output_current"],
+        image["tool_temperature"],
+        image["tool_mode"],
     )
 
 
-def _configuration(model: RobotModel, version: Version) -> bytes:
-    limits = [
-        bound for limit in model.position for bound in (-min(limit, _ANGLE), min(limit, _ANGLE))
-    ]
-    speeds = [value for speed in model.velocity for value in (speed, model.acceleration)]
-    defaults = (1.05, 1.4, 0.25, 1.2, 0.5)  # joint v and a, tool v and a, equivalent radius
-    masterboard = 2 if model.is_cb3 else 3
-    controller_box = 2 if model.is_cb3 else 3
-    return (
-        struct.pack(">12d12d5d", *limits, *speeds, *defaults)
-        + struct.pack(">24d", *model.a, *model.d, *ALPHA, *_ZERO6)
-        + struct.pack(">4i", masterboard, controller_box, model.robot_type, 1)
-    )
+def _kinematics(source: _Source) -> tuple[Any, ...]:
+    model = source.model
+    return (*(0xFFFFFFFF,) * 6, *_ZERO6, *model.a, *model.d, *ALPHA, 0)
 
 
-def encode_messages(messages: Iterable[Message], time: float) -> bytes:
-    """Encode messages one after the other."""
-    return b"".join(robot_message(message, time) for message in messages)
+def _configuration(source: _Source) -> tuple[Any, ...]:
+    model = source.model
+    limits = (-_POSITION_LIMIT, _POSITION_LIMIT) * 6
+    speeds = [value for speed in model.velocity for value in (speed + 0.2, model.acceleration)]
+    # Joint speed and acceleration, tool speed and acceleration, equivalent radius.
+    defaults = (radians(60.0), radians(80.0), 0.25, 1.2, 0.25)
+    boards = (2, 2, model.robot_type, 1) if model.is_cb3 else (6, 4, model.robot_type, 3)
+    return (*limits, *speeds, *defaults, *model.a, *model.d, *ALPHA, *_ZERO6, *boards)
+
+
+_CB3: Final = (3, 0)
+_E: Final = (5, 0)
+_E_ONLY: Final = None
+_DEXTERITY: Final = 1.0
+_POSITION_LIMIT: Final = 6.3355451848  # rad, 363 degrees as the controller rounds them
+_TOOL_MODES: Final = (
+    "tool_output_mode",
+    "tool_digital_output0_mode",
+    "tool_digital_output1_mode",
+)
+
+_PARTS: Final[tuple[tuple[int, tuple[_Piece, ...]], ...]] = (
+    (
+        0,
+        (
+            _Piece(_CB3, _E, "Q7?bBdd", _robot_mode),
+            _Piece((3, 2), _E, "d", lambda s: (1.0,)),  # limit of the speed fraction
+            _Piece((3, 5), _E, "B", lambda s: (0,)),
+        ),
+    ),
+    (1, (_Piece(_CB3, _E, "3d4fB" * 6, _joints),)),
+    (
+        4,
+        (
+            _Piece(_CB3, _E, "6d", lambda s: s.image["actual_TCP_pose"]),
+            _Piece((3, 2), _E, "6d", lambda s: s.image["tcp_offset"]),
+        ),
+    ),
+    (5, (_Piece(_CB3, _E, "6I24dI", _kinematics),)),
+    (9, (_Piece(_CB3, _E, "6d", lambda s: _ZERO6),)),  # for calibration, internal
+    (
+        3,
+        (
+            _Piece(_CB3, _E, "2I2b2d2b2d4f3B", _masterboard),
+            _Piece((3, 2), _E, "I", lambda s: (s.safety_checksum,)),
+            # Selector of the operational mode, three-position enabling device.
+            _Piece((3, 5), _E, "2B", lambda s: (s.operational_mode != "MANUAL", 1)),
+            _Piece((3, 10), (5, 4), "B", lambda s: (1,)),
+        ),
+    ),
+    (2, (_Piece(_CB3, _E, "2b2dfB2fB", _tool),)),
+    (6, (_Piece(_CB3, _E, "53d4i", _configuration),)),
+    (7, (_Piece((3, 2), _E, "7d", lambda s: (*s.image["actual_TCP_force"], _DEXTERITY)),)),
+    (
+        8,
+        (
+            _Piece((3, 2), _E, "2?", lambda s: (False, True)),  # freedrive button: pressed, enabled
+            _Piece((3, 10), _E, "?", lambda s: (False,)),  # freedrive by an input
+            _Piece(_E_ONLY, _E, "B", lambda s: (1,)),
+        ),
+    ),
+    (  # safety configuration and the sphere around the elbow, internal
+        10,
+        (
+            _Piece(
+                (3, 5),
+                _E,
+                "I2B4d",
+                lambda s: (s.safety_checksum, 1, 1, *s.image["elbow_position"], 0.13),
+            ),
+        ),
+    ),
+    (  # tool communication: off; baud, parity, stop bits, idle characters
+        11,
+        (_Piece(_E_ONLY, _E, "?3I2f", lambda s: (False, 115200, 0, 1, 1.5, 3.5)),),
+    ),
+    (12, (_Piece(_E_ONLY, (5, 2), "3B", lambda s: [s.image[name] for name in _TOOL_MODES]),)),
+    (13, (_Piece(_E_ONLY, (5, 10), "2B", lambda s: (0, 0)),)),  # singularity: severity, type
+)
+"""The sub-packages of a robot state, in the order in which they are sent."""
+
+
+class RobotStateEncoder:
+    """Builds the robot state packet of one arm and software version."""
+
+    def __init__(self, model: RobotModel, version: Version) -> None:
+        self._model = model
+        self._safety_checksum = zlib.crc32(model.name.encode())
+        self._parts: list[tuple[int, struct.Struct, list[Callable[[_Source], Iterable[Any]]]]] = []
+        for number, pieces in _PARTS:
+            present = [piece for piece in pieces if piece.exists_in(version)]
+            if present:
+                body = struct.Struct(">" + "".join(piece.format for piece in present))
+                self._parts.append((number, body, [piece.values for piece in present]))
+
+    def packet(self, image: Image, operational_mode: str = "NONE") -> bytes:
+        """Build the packet with all sub-packages.
+
+        Args:
+            image: process image by RTDE variable name.
+            operational_mode: "NONE", "MANUAL" or "AUTOMATIC".
+        """
+        source = _Source(self._model, image, self._safety_checksum, operational_mode)
+        return _frame(
+            ROBOT_STATE,
+            b"".join(
+                _frame(number, body.pack(*[x for values in pieces for x in values(source)]))
+                for number, body, pieces in self._parts
+            ),
+        )

@@ -125,7 +125,8 @@ def _popup(c: Controller) -> Callable[..., Any]:
         error: bool = False,
         blocking: bool = False,
     ) -> Generator[None]:
-        c.open_popup(to_text(s), title, warning=bool(warning), error=bool(error))
+        kind = {"warning": bool(warning), "error": bool(error), "blocking": bool(blocking)}
+        c.open_popup(to_text(s), title, **kind)
         while blocking and c.popup_text is not None:
             yield
 

@@ -154,8 +154,10 @@ class UrServer:
         return greetings.get(name, bytes)
 
     def _primary_greeting(self) -> bytes:
-        state = self._encoder.packet(self.controller.outputs)
-        return version_message(self.config.software, self.controller.time) + state
+        return version_message(self.config.software, self.controller.time) + self._state()
+
+    def _state(self) -> bytes:
+        return self._encoder.packet(self.controller.outputs, self.controller.operational_mode)
 
     def stop(self) -> None:
         """End :meth:`run` within one control period. Safe in a signal handler."""
@@ -407,7 +409,7 @@ class UrServer:
         if self.controller.tick_count % self._state_every == 0:
             self._broadcast(
                 ("primary", "primary_read_only", "secondary", "secondary_read_only"),
-                lambda: self._encoder.packet(outputs),
+                self._state,
                 now,
             )
         self._broadcast(
