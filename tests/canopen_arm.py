@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from crtk_driver_canopen import PLUGIN
 from crtk_driver_canopen.config import CanopenConfig
+from crtk_driver_canopen.device import CanopenDevice
+from crtk_drivers.front import LocalDevice
+from crtk_drivers.session import Session
 from crtk_sim_backends.canopen import SIM
 from crtk_sim_backends.process import RunningSim
 
 PERIOD = 0.01
+SOON = 20.0
 JOINT = {
     "gear": 100.0,
     "lower": -3.0,
@@ -42,6 +47,41 @@ def arm_on(
     config = PLUGIN.load_config(values, {})
     assert isinstance(config, CanopenConfig)
     return config
+
+
+@contextmanager
+def arm_of(config: CanopenConfig) -> Iterator[LocalDevice]:
+    """The arm of a configuration, connected."""
+    arm = LocalDevice(Session(PLUGIN, config))
+    try:
+        arm._session.start()
+        until(lambda: arm.engine.connected and arm.engine.has_sample, "it is connected")
+        yield arm
+    finally:
+        arm.close()
+
+
+def until(condition: Callable[[], object], what: str) -> None:
+    """Wait for a condition."""
+    end = time.monotonic() + SOON
+    while not condition():
+        assert time.monotonic() < end, f"not within {SOON:g} s: {what}"
+        time.sleep(0.005)
+
+
+def device_of(arm: LocalDevice) -> CanopenDevice:
+    """The device behind an arm."""
+    device = arm.engine.device
+    assert isinstance(device, CanopenDevice)
+    return device
+
+
+def stream(arm: LocalDevice, name: str, value: list[float], seconds: float) -> None:
+    """Send the same command in each cycle for a while."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        getattr(arm, name)(value)
+        time.sleep(PERIOD)
 
 
 @contextmanager

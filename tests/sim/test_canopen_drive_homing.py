@@ -6,6 +6,7 @@ import pytest
 from canopen_drive_rig import COUNTS, HM, Bench
 
 from crtk_sim_backends.canopen.homing import METHODS
+from crtk_sim_backends.canopen.personality import PERSONALITIES
 from crtk_sim_backends.canopen.plant import MotorConfig
 
 LEFT, RIGHT = 0.3, 0.6  # edges of the home switch, revolutions
@@ -95,6 +96,12 @@ def test_present_position_is_home_without_motion(method):
     assert home(bench, method, offset=12345) == (0, 1, 1)
     assert bench.position() == pytest.approx(12345, abs=5)
     assert bench.axis.revolutions == pytest.approx(1.3, abs=0.001)
+
+
+def test_home_offset_is_the_way_to_zero_for_drives_that_take_the_text_literally():
+    bench = Bench(MotorConfig(**MOTOR, start=-1.2), personality=PERSONALITIES["literal"])
+    assert home(bench, 24, offset=5000) == (0, 1, 1)
+    assert home_position(bench, -5000) == pytest.approx(LEFT, abs=0.02)
 
 
 def test_home_offset_is_the_position_at_home():

@@ -11,6 +11,7 @@ import pytest
 
 from crtk_sim_backends.canopen import SIM, ConfigError, SimConfig, SimStartError
 from crtk_sim_backends.canopen.config import drive_configs
+from crtk_sim_backends.canopen.drive import Drive, DriveConfig, eds_of
 from crtk_sim_backends.canopen.eds import PUBLISHED
 from crtk_sim_backends.canopen.injection import ERRORS, KINDS
 from crtk_sim_backends.control import ControlError
@@ -311,6 +312,29 @@ def test_drives_of_a_file(tmp_path):
     assert configs[1] == configs[9]
 
 
+def test_drives_with_some_of_the_modes_and_more_pdos(tmp_path):
+    file = tmp_path / "drives.yaml"
+    file.write_text("2: {modes: [pp, hm]}\n")
+    configs = drive_configs(SimConfig(nodes=2, drives=str(file), modes="PV, tq", pdos=6))
+    assert configs[1].modes == {3, 4}
+    assert configs[2].modes == {1, 6}
+    drive = Drive(1, configs[1])
+    assert drive.dictionary[0x6502, 0] == 0b1100
+    for index, direction in ((0x1405, "R"), (0x1805, "T")):
+        assert drive.dictionary[index, 1] & 0x8000_07FF == 0x8000_0000
+        assert f"NrOf{direction}XPDO=6" in eds_of(configs[1])
+    assert (0x1406, 1) not in drive.dictionary.variables
+
+
+def test_a_mode_that_the_drive_does_not_have_is_refused():
+    drive = Drive(1, DriveConfig(modes=frozenset({1})))
+    drive.on_timer(0.0)
+    for mode, answer in ((8, "80 60 60 00 30 00 09 06"), (1, "60 60 60 00 00 00 00 00")):
+        request = bytes((0x2F, 0x60, 0x60, 0, mode, 0, 0, 0))
+        frames = drive.on_frame(0x601, request, 0.01)
+        assert [data.hex(" ") for identifier, data in frames if identifier == 0x581] == [answer]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -323,6 +347,8 @@ def test_drives_of_a_file(tmp_path):
         ("1: {motors: [{inerta: 1}]}", "did you mean 'inertia'"),
         ("1: {motors: [{home: [1]}]}", "list of 2"),
         ("1: {serial: -1}", "serial"),
+        ("1: {modes: pp}", "modes must be a list"),
+        ("1: {modes: [ppp]}", "did you mean 'pp'"),
         ("1: [", "cannot read"),
     ],
 )
@@ -339,6 +365,8 @@ def test_wrong_files_of_drives_are_refused(tmp_path, text, message):
         ({"nodes": 128}, "beyond 127"),
         ({"first_node": 0}, "first_node"),
         ({"axes": 9}, "axes"),
+        ({"modes": "pp,csb"}, "did you mean 'csv'|did you mean 'cst'|did you mean 'csp'"),
+        ({"pdos": 17}, "pdos"),
         ({"personality": "standart"}, "did you mean 'standard'"),
         ({"drives": "/nowhere.yaml"}, "no file"),
         ({"noodes": 3}, "did you mean 'nodes'"),

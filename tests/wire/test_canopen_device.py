@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from canopen_arm import PERIOD, arm_on, drives
+from canopen_arm import SOON, arm_of, arm_on, device_of, drives, stream, until
 
 from crtk_driver_canopen import PLUGIN
-from crtk_driver_canopen.config import CanopenConfig
-from crtk_driver_canopen.device import CanopenDevice
 from crtk_driver_canopen.modes import OpMode
 from crtk_drivers.errors import CommandRefused, ConfigError, MotionAborted, TransitionFailed
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_sim_backends.process import RunningSim
 
-SOON = 15.0
 COUNT = 3
 
 
@@ -35,37 +30,6 @@ def shared() -> Iterator[RunningSim]:
 def sim(shared: RunningSim) -> Iterator[RunningSim]:
     yield shared
     shared.control.clear()
-
-
-@contextmanager
-def arm_of(config: CanopenConfig) -> Iterator[LocalDevice]:
-    arm = LocalDevice(Session(PLUGIN, config))
-    try:
-        arm._session.start()
-        until(lambda: arm.engine.connected and arm.engine.has_sample, "it is connected")
-        yield arm
-    finally:
-        arm.close()
-
-
-def until(condition: Callable[[], object], what: str) -> None:
-    end = time.monotonic() + SOON
-    while not condition():
-        assert time.monotonic() < end, f"not within {SOON:g} s: {what}"
-        time.sleep(0.005)
-
-
-def device_of(arm: LocalDevice) -> CanopenDevice:
-    device = arm.engine.device
-    assert isinstance(device, CanopenDevice)
-    return device
-
-
-def stream(arm: LocalDevice, name: str, value: list[float], seconds: float) -> None:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        getattr(arm, name)(value)
-        time.sleep(PERIOD)
 
 
 def state_is(arm: LocalDevice, state: str) -> Callable[[], bool]:
@@ -234,6 +198,24 @@ def test_homing_moves_to_the_switch_and_puts_the_position_right() -> None:
         arm.move_jp([0.0]).wait(SOON)
         arm.unhome(SOON)
         assert not arm.is_homed()
+
+
+@pytest.mark.parametrize(
+    ("make", "fits", "other"), [("standard", "position", "zero"), ("literal", "zero", "position")]
+)
+def test_the_home_offset_is_written_as_the_drive_takes_it(make: str, fits: str, other: str) -> None:
+    def joint(home_offset: str) -> dict[str, Any]:
+        return {"homing": {"method": 37, "position": 0.25, "home_offset": home_offset}}
+
+    with drives(1, personality=make) as sim:
+        with arm_of(arm_on(sim, 1, joint(fits))) as arm:
+            arm.enable(SOON)
+            arm.home(SOON)
+            until(lambda: abs(arm.measured_js().position[0] - 0.25) < 1e-3, "it is at home")
+        with arm_of(arm_on(sim, 1, joint(other))) as arm:
+            arm.enable(SOON)
+            with pytest.raises(TransitionFailed, match=r"joint_1 \(node 1\).*homing.home_offset"):
+                arm.home(SOON)
 
 
 # --------------------------------------------------------------------------------------- what is refused

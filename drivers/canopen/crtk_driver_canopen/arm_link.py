@@ -7,9 +7,9 @@ the drives' PDOs are collected. What they are sent for the next SYNC goes out as
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -21,6 +21,7 @@ from crtk_driver_canopen.commissioning import Prepared, prepare
 from crtk_driver_canopen.config import CanopenConfig
 from crtk_driver_canopen.cycle import Cycle, CycleCounters, KernelSync, SentSync
 from crtk_driver_canopen.heartbeat import NmtCommand, NmtState
+from crtk_driver_canopen.jobs import NodeJobs
 from crtk_driver_canopen.layout import Layout
 from crtk_driver_canopen.master import BootUp, Master
 from crtk_driver_canopen.modes import OpMode
@@ -87,7 +88,7 @@ class ArmLink:
         self._master: Master | None = None
         self._cycle: Cycle | None = None
         self._sent = True
-        self._preparing: list[threading.Thread] = []
+        self._jobs = NodeJobs()
         self._tardy: list[int] = []
         self._places: dict[str, list[int | None]] = {}
 
@@ -141,9 +142,7 @@ class ArmLink:
 
     def _open(self, deadline: float) -> None:
         config = self._config
-        for thread in self._preparing:
-            thread.join(max(0.0, deadline - time.monotonic()))
-        self._preparing.clear()
+        self._jobs.join(deadline)
         self.link.open()
         timeouts = dict.fromkeys(config.nodes, config.heartbeat.drives_timeout)
         self._master = Master(
@@ -263,30 +262,17 @@ class ArmLink:
         Raises:
             CrtkError: one is another device, does not answer, or does not start.
         """
-        errors: list[CrtkError] = []
+        yield from self._jobs.until_over()  # those of an enable that was given up
         self.restarted -= nodes
         for node in nodes:
             self.master.command(NmtCommand.PRE_OPERATIONAL, node)
-            arguments = (self.master, node, errors)
-            thread = threading.Thread(
-                target=self._prepare, args=arguments, name=f"node {node}", daemon=True
-            )
-            self._preparing.append(thread)
-            thread.start()
-        while any(thread.is_alive() for thread in self._preparing):
-            yield
-        self._preparing.clear()
-        if not errors:
-            yield from self._start_again(nodes)
-        if errors:
+        master, config, layout = self.master, self._config, self._layout
+        self._jobs.start({node: partial(prepare, master, config, layout, [node]) for node in nodes})
+        yield from self._jobs.until_over()
+        if self._jobs.errors:
             self.restarted |= nodes
-            raise errors[0]
-
-    def _prepare(self, master: Master, node: int, errors: list[CrtkError]) -> None:
-        try:
-            prepare(master, self._config, self._layout, [node])
-        except CrtkError as error:
-            errors.append(error)
+            raise self._jobs.errors[0]
+        yield from self._start_again(nodes)
 
     def _start_again(self, nodes: set[int]) -> Steps:
         """Start nodes, and wait until they send their PDOs."""

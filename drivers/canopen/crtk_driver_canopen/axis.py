@@ -2,40 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Final
 
 from crtk_driver_canopen.commissioning import Prepared
 from crtk_driver_canopen.config import JointConfig
 from crtk_driver_canopen.homing import Homing
-from crtk_driver_canopen.modes import ModeBits, ModeChange, OpMode
+from crtk_driver_canopen.modes import (
+    WAYS,
+    ModeBits,
+    ModeChange,
+    OpMode,
+    SetpointHandshake,
+    Way,
+)
 from crtk_driver_canopen.statemachine import Drive402, State, Status
-from crtk_drivers.commands import Kind
+from crtk_driver_canopen.units import home_counts
 
-__all__ = ["KINDS", "Axis", "Feedback"]
+__all__ = ["Axis", "Feedback"]
 
-KINDS: Final[Mapping[Kind, tuple[OpMode, ...]]] = MappingProxyType(
-    {
-        Kind.POSITION: (OpMode.CSP, OpMode.IP),
-        Kind.VELOCITY: (OpMode.CSV, OpMode.PV),
-        Kind.EFFORT: (OpMode.CST, OpMode.TQ),
-    }
-)
-"""Modes of operation in which a stream of setpoints of each kind is followed, the better one first."""
 
-TARGETS: Final[Mapping[OpMode, str]] = MappingProxyType(
-    {
-        OpMode.CSP: "target_position",
-        OpMode.IP: "interpolation_position",
-        OpMode.CSV: "target_velocity",
-        OpMode.PV: "target_velocity",
-        OpMode.CST: "target_torque",
-        OpMode.TQ: "target_torque",
-    }
-)
-"""Object that takes the setpoint of each mode."""
+_MIRRORED: Final = 0.2
+"""Part of the home position within which a joint is believed to stand at the negative of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +51,7 @@ class Axis:
 
     Attributes:
         drive: its power state machine.
+        handshake: of the set-points of profile position.
         mode: of operation that is wanted.
         homed: whether its position is that of the machine: since homing, or from the start.
     """
@@ -72,8 +61,10 @@ class Axis:
         self.config = config
         self.facts = facts
         self.drive = Drive402(stays_in_quick_stop=facts.stays_in_quick_stop)
-        self.mode = next(m for m in config.op_modes)
+        self.handshake = SetpointHandshake()
+        self.mode = config.op_modes[0]
         self.forget_home()
+        self._halted = False
         self._remote = False
         self._change = ModeChange()
         self._homing: Homing | None = None
@@ -84,9 +75,9 @@ class Axis:
         axis = f" axis {self.config.axis}" if self.config.axis else ""
         return f"joint {self.name} (node {self.config.node}{axis})"
 
-    def mode_for(self, kind: Kind) -> OpMode | None:
-        """Return the mode of operation for setpoints of a kind; None if it has none."""
-        return next((mode for mode in KINDS[kind] if mode in self.config.op_modes), None)
+    def mode_for(self, way: Way) -> OpMode:
+        """Return the mode of operation for what it is to follow; one of `JointConfig.ways`."""
+        return next(mode for mode in WAYS[way] if mode in self.config.op_modes)
 
     @property
     def changes_modes(self) -> bool:
@@ -95,6 +86,7 @@ class Axis:
 
     def use(self, mode: OpMode) -> None:
         """Want a mode of operation."""
+        self.handshake.cancel()
         self.mode = mode
         self._change.request(int(mode))
 
@@ -130,10 +122,30 @@ class Axis:
         """Its position does not count any more, where homing is required."""
         self.homed = self.config.homing is None or not self.config.homing.required
 
+    def found_mirrored(self, position: int) -> bool:
+        """Whether it stands where it would if the drive took the home offset (607C) the other way.
+
+        Args:
+            position: (6064) after homing, in counts.
+        """
+        homing = self.config.homing
+        if homing is None or homing.position is None:
+            return False
+        wanted = home_counts(homing.position, self.facts.units)
+        return abs(position + wanted) < _MIRRORED * abs(wanted)
+
     def end_homing(self) -> None:
         """Forget the homing, and leave its mode."""
         self._homing = None
         self.drive.mode_bits = 0
+
+    def halt(self) -> None:
+        """Stop a move of its own. It stays halted until the next one is handed over, or in another mode.
+
+        Without halt a drive would go on to the set-point that it has (CiA 402-2, profile position).
+        """
+        self.handshake.cancel()
+        self._halted = True
 
     def step(self, feedback: Feedback, now: float) -> int:
         """Return the controlword to send."""
@@ -142,8 +154,12 @@ class Axis:
         bits = 0
         if self._homing is not None:
             bits = self._homing.step(feedback.statusword, shown, now)
+        elif self.mode is OpMode.PP:
+            bits = self.handshake.step(feedback.statusword, now)
         elif self.mode is OpMode.IP:
             bits = int(ModeBits.IP_ENABLE)
+        self._halted &= shown == OpMode.PP and not self.handshake.handed_over
+        self.drive.halt = self._halted
         self.drive.mode_bits = bits
         word = self.drive.step(feedback.statusword, now)
         self._remote = self.is_enabled and (self._remote or self._takes_controlwords)

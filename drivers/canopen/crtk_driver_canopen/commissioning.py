@@ -10,7 +10,7 @@ import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from crtk_driver_canopen.config import CanopenConfig, HomingConfig, JointConfig
+from crtk_driver_canopen.config import MODE_NAMES, CanopenConfig, HomingConfig, JointConfig
 from crtk_driver_canopen.heartbeat import ensure_abort_option, ensure_heartbeat
 from crtk_driver_canopen.identity import Identity, check_identity, read_identity
 from crtk_driver_canopen.layout import Layout
@@ -19,11 +19,13 @@ from crtk_driver_canopen.modes import MODES, OpMode, mode_text, supported
 from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType
 from crtk_driver_canopen.parameters import write_parameters
 from crtk_driver_canopen.pdo import Direction, configure, disable
+from crtk_driver_canopen.profiles import ProfileRates
 from crtk_driver_canopen.sdo import Sdo
 from crtk_driver_canopen.statemachine import STAYS_IN_QUICK_STOP
 from crtk_driver_canopen.units import (
     JointUnits,
     UnitObjects,
+    home_counts,
     interpolation_period,
     read_unit_objects,
     resolve,
@@ -154,6 +156,7 @@ def _axis(
         sdo.ensure(OBJECTS["interpolation_period_exponent"], exponent)
     drive = read_unit_objects(sdo)
     units = resolve(name, joint, drive)
+    _profile(sdo, joint, units, notes, moves=config.drives_plan)
     if joint.homing is not None:
         _homing(sdo, joint.homing, units)
     stays = sdo.find(OBJECTS["quick_stop_option"]) in STAYS_IN_QUICK_STOP
@@ -172,9 +175,34 @@ def _modes(sdo: Sdo, name: str, joint: JointConfig) -> frozenset[OpMode]:
             f"joint {name}: the drive does not have {', '.join(map(mode_text, missing))}, but "
             f"{', '.join(map(mode_text, sorted(modes)))}",
             where=sdo.where,
-            remedy=f"Change `joints.{name}.modes`, or `joints.{name}.homing`.",
+            remedy=_mode_remedy(name, modes),
         )
     return modes
+
+
+def _mode_remedy(name: str, modes: frozenset[OpMode]) -> str:
+    usable = [text for text, mode in MODE_NAMES.items() if mode in modes]
+    given = f"Give `joints.{name}.modes` of {', '.join(usable)}" if usable else "Use another drive"
+    return f"{given}{'' if OpMode.HM in modes else ', and no `homing`'}."
+
+
+def _profile(
+    sdo: Sdo, joint: JointConfig, units: JointUnits, notes: list[str], *, moves: bool
+) -> None:
+    """Give a drive that makes its own ramps the limits of the joint."""
+    if not moves and OpMode.PV not in joint.op_modes:
+        return
+    rates = ProfileRates.of(joint.velocity, joint.acceleration, units.velocity)
+    wanted = {
+        "profile_velocity": rates.velocity,
+        "profile_acceleration": rates.acceleration,
+        "profile_deceleration": rates.acceleration,
+    }
+    for name, value in wanted.items():
+        if moves or sdo.find(OBJECTS[name]) is not None:
+            sdo.ensure(OBJECTS[name], value, "Check the limits of the joint against the drive's.")
+        elif name != "profile_velocity":
+            notes.append(f"it has no {name.replace('_', ' ')}: its ramps are its own")
 
 
 def _homing(sdo: Sdo, homing: HomingConfig, units: JointUnits) -> None:
@@ -188,8 +216,8 @@ def _homing(sdo: Sdo, homing: HomingConfig, units: JointUnits) -> None:
         if rate is not None:
             sdo.ensure(OBJECTS[name], round(rate / abs(units.velocity)))
     if homing.position is not None:
-        counts = round((homing.position - units.offset) / units.position)
-        sdo.ensure(OBJECTS["home_offset"], counts)
+        counts = home_counts(homing.position, units)
+        sdo.ensure(OBJECTS["home_offset"], -counts if homing.home_offset == "zero" else counts)
 
 
 def _map(sdo: Sdo, layout: Layout, node: int) -> None:

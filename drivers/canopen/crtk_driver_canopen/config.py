@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from crtk_driver_canopen.homing import METHODS
 from crtk_driver_canopen.identity import Identity
-from crtk_driver_canopen.modes import OpMode
+from crtk_driver_canopen.modes import WAYS, OpMode, Way
 from crtk_driver_canopen.objects import parse_object
 from crtk_driver_canopen.units import interpolation_period
 from crtk_drivers.config import DeviceConfig, Settings
@@ -101,6 +101,11 @@ class HomingConfig(Settings):
     )
     position: float | None = Field(
         default=None, description="Position of the joint at the home point (607Ch), in rad (m)."
+    )
+    home_offset: Literal["position", "zero"] = Field(
+        default="position",
+        description="What the drive takes the home offset (607Ch) for: the position at the home point, "
+        "or the way from there to zero, which is the negative of it.",
     )
     timeout: float = Field(default=60.0, gt=0.0, le=3600.0, description="Longest time, in s.")
     required: bool = Field(
@@ -247,6 +252,16 @@ class JointConfig(Settings):
         """Modes of operation that are used, the first one first."""
         return tuple(MODE_NAMES[name] for name in self.modes)
 
+    @property
+    def ways(self) -> frozenset[Way]:
+        """What it can be told to follow."""
+        return frozenset(
+            way
+            for way, modes in WAYS.items()
+            if any(mode in self.op_modes for mode in modes)
+            and (way is not Way.EFFORTS or self.effort > 0.0)
+        )
+
 
 class HeartbeatConfig(Settings):
     """Heartbeats both ways, in s. CANopen counts them in ms."""
@@ -334,6 +349,11 @@ class CanopenConfig(DeviceConfig):
         description="What the other joints do when one has a fault: stop quickly, hold their position, "
         "or let go.",
     )
+    moves: Literal["trajectory", "drives"] = Field(
+        default="trajectory",
+        description="Who plans move_jp where the joints have both csp (or ip) and pp: this program, in "
+        "each cycle, or each drive its own way.",
+    )
     disable: Literal["switch_off", "hold"] = Field(
         default="switch_off",
         description="What disable does: take the power from the motors, or leave them holding.",
@@ -378,9 +398,27 @@ class CanopenConfig(DeviceConfig):
                 raise ValueError(
                     f"joints.{name}.identity: differs from that of {first}, which is on the same node"
                 )
+        if self.joints and not self.ways:
+            modes = "; ".join(f"{name}: {', '.join(j.modes)}" for name, j in self.joints.items())
+            raise ValueError(
+                "joints: nothing could be commanded, for no kind of mode (csp or ip, pp, csv or pv, cst or "
+                f"tq with an effort limit) is there for every joint: {modes}"
+            )
         if self.heartbeat.ours_timeout * 1000 > 0xFFFF or self.heartbeat.drives * 1000 > 0xFFFF:
             raise ValueError("heartbeat: times are 65.535 s at most")
         return self
+
+    @property
+    def ways(self) -> tuple[Way, ...]:
+        """What all joints can be told to follow; the first one is that in which they hold still."""
+        return tuple(
+            w for w in Way if self.joints and all(w in j.ways for j in self.joints.values())
+        )
+
+    @property
+    def drives_plan(self) -> bool:
+        """Whether move_jp is planned by the drives."""
+        return Way.MOVES in self.ways and (self.moves == "drives" or Way.POSITIONS not in self.ways)
 
     @property
     def kernel_sync(self) -> bool:

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections.abc import Callable, Mapping
-from enum import StrEnum
 from typing import Final
 
 import numpy as np
 
 from crtk_driver_canopen.arm_link import COLLECT, ArmLink, lost
-from crtk_driver_canopen.axis import KINDS, Axis
+from crtk_driver_canopen.axis import Axis
 from crtk_driver_canopen.config import CanopenConfig, JointConfig
 from crtk_driver_canopen.homing import HomingPhase
 from crtk_driver_canopen.layout import plan
+from crtk_driver_canopen.motion import STREAMED, Motion
 from crtk_driver_canopen.statemachine import State, Status
-from crtk_drivers.commands import Kind
 from crtk_drivers.device import (
     Capabilities,
     Condition,
     Device,
+    Goal,
     JointLimits,
-    Mode,
+    MoveProgress,
     Note,
     Setpoint,
     Severity,
@@ -31,7 +30,7 @@ from crtk_drivers.device import (
     StopPolicy,
 )
 from crtk_drivers.errors import ConnectionLost, CrtkError, TransitionFailed
-from crtk_drivers.samples import JointState, Sample, Value, Vector, vector
+from crtk_drivers.samples import JointState, Sample, Value, vector
 from crtk_drivers.state import OperatingState
 
 __all__ = ["CanopenDevice"]
@@ -42,29 +41,8 @@ _JERK_TIME: Final = 0.1
 LOST_TIME: Final = 0.25
 """Seconds in which no drive tells anything, after which the bus is opened anew."""
 
-MODE_TIME: Final = 2.0
-"""Seconds in which all drives show a mode of operation."""
-
 REST_TIME: Final = 3.0
 """Seconds in which the joints come to rest after motion was stopped, by their measured positions."""
-
-_STILL: Final = 0.01
-"""Part of the greatest velocity of a joint below which it counts as standing."""
-
-_MODES: Final[Mapping[Mode, Kind]] = {
-    Mode.JOINT_POSITION: Kind.POSITION,
-    Mode.JOINT_VELOCITY: Kind.VELOCITY,
-    Mode.JOINT_EFFORT: Kind.EFFORT,
-}
-
-
-class _Motion(StrEnum):
-    """What the drives are told in each cycle."""
-
-    HOLD = "hold"
-    FOLLOW = "follow"
-    BRAKE = "brake"
-    CHANGE = "change"
 
 
 class CanopenDevice(Device):
@@ -85,17 +63,8 @@ class CanopenDevice(Device):
         self._patience = max(config.missed_cycles, math.ceil(LOST_TIME / config.period))
         self._capabilities = _capabilities(config)
         self._condition = Condition()
-        self._stop = threading.Event()
-        self._kind = Kind.POSITION
-        self._motion = _Motion.HOLD
-        self._setpoint: Setpoint | None = None
-        self._speed = np.zeros(len(config.joints))
-        self._changed_at = 0.0
-        self._fault = ""
+        self._motion = Motion(config, self.link)
         self._transition = False
-        self._moving = False
-        self._before: Vector = vector(())
-        self._still = np.zeros(len(config.joints))
 
     @property
     def capabilities(self) -> Capabilities:
@@ -123,18 +92,9 @@ class CanopenDevice(Device):
     def open(self, deadline: float) -> None:
         """See the base class. Drives that have power lose it: nothing of ours has given it."""
         self.link.open(deadline)
-        self._fault = ""
         self._transition = False
-        self._setpoint = None
         self._condition = Condition()
-        self._stop.clear()
-        self._still = np.array([self._least_motion(axis) for axis in self.axes])
-        self._hold_here()
-
-    def _least_motion(self, axis: Axis) -> float:
-        """Return what a joint moves in a cycle at least, unless it stands and its last count flickers."""
-        counts = 1.5 * abs(axis.facts.units.position)
-        return max(_STILL * axis.config.velocity * self._config.period, counts)
+        self._motion.begin()
 
     def close(self) -> None:
         """See the base class. Drives that hold go on until they miss our heartbeat."""
@@ -151,7 +111,7 @@ class CanopenDevice(Device):
         link.follow()
         now = time.monotonic()
         self._judge(now)
-        self._move(now)
+        self._motion.step(now)
         if link.age * self._config.period > LOST_TIME:
             raise lost(link.where)
         if not complete:
@@ -159,14 +119,11 @@ class CanopenDevice(Device):
             nothing: Mapping[str, Value] = {}
             return Sample(link.stamp, nothing) if self._condition.reason else None
         state = self._state()
-        self._note_motion(state.position)
-        return Sample(link.stamp, {"measured_js": state})
-
-    def _note_motion(self, positions: Vector) -> None:
-        if positions.size == self._before.size:
-            moved = np.abs(positions - self._before)
-            self._moving = bool((moved > self._still).any())
-        self._before = positions
+        self._motion.note(state.position, now)
+        values: dict[str, Value] = {"measured_js": state}
+        if self._motion.setpoint is not None:
+            values["setpoint_js"] = JointState(position=self._motion.setpoint)
+        return Sample(link.stamp, values)
 
     def _state(self) -> JointState:
         link, units = self.link, self.link.units
@@ -195,7 +152,7 @@ class CanopenDevice(Device):
 
     def _trouble(self, missing: Mapping[int, str]) -> str:
         link = self.link
-        found = [self._fault] if self._fault else []
+        found = [self._motion.fault] if self._motion.fault else []
         for axis in self.axes:
             if axis.config.node in missing:
                 continue  # what it said last is not what it is now
@@ -250,95 +207,25 @@ class CanopenDevice(Device):
 
     def write(self, setpoint: Setpoint) -> None:
         """See the base class. A setpoint of another kind begins with a change of mode."""
-        kind = _MODES[setpoint.mode]
-        self._setpoint = setpoint
-        if kind is not self._kind:
-            self._use(kind, time.monotonic())
-        elif self._motion in (_Motion.HOLD, _Motion.FOLLOW):
-            self._motion = _Motion.FOLLOW
-            self._take(setpoint)
+        self._motion.follow(setpoint, time.monotonic())
         self.link.send()
+
+    def move(self, goal: Goal) -> None:
+        """See the base class. Each drive goes there by its own profile (profile position mode)."""
+        self._motion.move(goal, time.monotonic())
+
+    def move_progress(self) -> MoveProgress:
+        """See the base class."""
+        return self._motion.progress()
 
     def stop(self) -> None:
         """See the base class."""
-        self._stop.set()
+        self._motion.stop()
 
     @property
     def takes_setpoints(self) -> bool:
         """See the base class."""
-        return not self._stop.is_set() and self._motion in (_Motion.HOLD, _Motion.FOLLOW)
-
-    def _take(self, setpoint: Setpoint) -> None:
-        """Have the drives follow a setpoint of the mode they are in."""
-        units, outputs, values = self.link.units, self.link.outputs, setpoint.values
-        if self._kind is Kind.POSITION:
-            outputs.position[:] = units.position_counts(values)
-        elif self._kind is Kind.VELOCITY:
-            outputs.velocity[:] = units.velocity_counts(values)
-            self._speed = np.array(values)
-        else:
-            outputs.torque[:] = units.effort_counts(values)
-
-    def _move(self, now: float) -> None:
-        """Go on with a change of mode, or a stop."""
-        if self._stop.is_set():
-            self._stop.clear()
-            self._setpoint = None
-            if self._kind is Kind.VELOCITY:
-                self._motion = _Motion.BRAKE
-            elif self._kind is Kind.EFFORT:
-                self._use(Kind.POSITION, now)
-            elif self._motion is not _Motion.CHANGE:
-                self._motion = _Motion.HOLD
-        if self._motion is _Motion.BRAKE:
-            self._brake(now)
-        elif self._motion is _Motion.CHANGE:
-            self._change(now)
-
-    def _brake(self, now: float) -> None:
-        """Slow down within the limits of acceleration, and hold the position where that ends."""
-        limits = self._capabilities.limits
-        steps = np.array([limit.acceleration for limit in limits]) * self._config.period
-        self._speed = np.sign(self._speed) * np.maximum(np.abs(self._speed) - steps, 0.0)
-        self.link.outputs.velocity[:] = self.link.units.velocity_counts(vector(self._speed))
-        if not self._speed.any():
-            self._use(Kind.POSITION, now)
-
-    def _use(self, kind: Kind, now: float) -> None:
-        """Change to the mode of a kind of setpoints, holding still."""
-        self._kind, self._motion, self._changed_at = kind, _Motion.CHANGE, now
-        self._hold_here()
-        self._motion = _Motion.CHANGE
-        for axis in self.axes:
-            mode = axis.mode_for(kind)
-            if mode is not None:
-                axis.use(mode)
-
-    def _change(self, now: float) -> None:
-        outputs, positions = self.link.outputs, self.link.positions
-        for index, axis in enumerate(self.axes):
-            if not axis.shows_mode:
-                outputs.position[index] = positions[index]
-        if all(axis.shows_mode for axis in self.axes):
-            waiting, self._setpoint = self._setpoint, None
-            self._motion = _Motion.HOLD
-            if waiting is not None and _MODES[waiting.mode] is self._kind:
-                self._motion = _Motion.FOLLOW
-                self._take(waiting)
-        elif now - self._changed_at > MODE_TIME:
-            self._motion = _Motion.HOLD
-            slow = ", ".join(axis.place for axis in self.axes if not axis.shows_mode)
-            self._fault = f"the mode of operation did not change: {slow}"
-
-    def _hold_here(self) -> None:
-        """Have the drives stay where they are, in whatever mode they are."""
-        outputs = self.link.outputs
-        outputs.position[:] = self.link.positions
-        count = len(outputs.position)
-        outputs.velocity[:] = [0] * count
-        outputs.torque[:] = [0] * count
-        self._speed = np.zeros(count)
-        self._motion = _Motion.HOLD
+        return self._motion.takes_setpoints
 
     # ------------------------------------------------------------------------------------ transitions
 
@@ -354,18 +241,17 @@ class CanopenDevice(Device):
 
     def enable(self) -> Steps:
         """Set up again what has started anew, clear faults, and give power, holding where it is."""
-        self._transition, self._fault, self._setpoint = True, "", None
-        self._stop.clear()
+        self._transition = True
         try:
             yield from self._set_up_again()
             yield from self._rest()  # a ramp that follows a fault is not cut off
-            self._use(Kind.POSITION, time.monotonic())
+            self._motion.begin_anew(time.monotonic())
             yield from self._clear_faults()
-            self._use(Kind.POSITION, time.monotonic())
+            self._motion.begin_anew(time.monotonic())
             for axis in self.axes:
                 axis.drive.request(State.ENABLED)
             yield from self._reach(lambda axis: axis.is_enabled and axis.shows_mode)
-            self._hold_here()
+            self._motion.hold_here()
         except BaseException:  # also when it is given up half-way: none gets power later
             for axis in self.axes:
                 axis.drive.request(State.DISABLED)
@@ -395,7 +281,7 @@ class CanopenDevice(Device):
         deadline = time.monotonic() + REST_TIME
         yield  # the cycle in which a stop is seen
         yield
-        while self._motion in (_Motion.BRAKE, _Motion.CHANGE) or self._moving:
+        while not self._motion.at_rest:
             if time.monotonic() > deadline:
                 return
             yield
@@ -407,6 +293,7 @@ class CanopenDevice(Device):
             return
         try:
             yield from link.set_up_again(nodes)
+            self._motion.note_set_up(nodes)
         except ConnectionLost:
             raise
         except CrtkError as error:
@@ -462,15 +349,33 @@ class CanopenDevice(Device):
                     where=self.link.where,
                     remedy="Look at switches and speeds.",
                 )
+            yield  # the position may come with a later SYNC than the end of homing
+            yield
+            self._check_home(axes)
             for axis in axes:
                 axis.homed = True
         finally:
             for axis in axes:
                 axis.cancel_homing()
                 axis.end_homing()
-            self._use(self._kind, time.monotonic())
-        while self._motion is _Motion.CHANGE:
+            self._motion.begin_anew(time.monotonic())
+        while self._motion.changes:
             yield
+
+    def _check_home(self, axes: list[Axis]) -> None:
+        """See that the home offsets were taken as they were meant.
+
+        Raises:
+            TransitionFailed: an axis stands at the negative of its home position.
+        """
+        positions = dict(zip(self.axes, self.link.positions, strict=True))
+        mirrored = [axis.place for axis in axes if axis.found_mirrored(positions[axis])]
+        if mirrored:
+            raise TransitionFailed(
+                f"after homing, these stand at the negative of their home position: {', '.join(mirrored)}",
+                where=self.link.where,
+                remedy="The drive takes the home offset (607Ch) the other way: change `homing.home_offset`.",
+            )
 
     def unhome(self) -> Steps:
         """Positions do not count any more, where homing is required."""
@@ -518,11 +423,7 @@ class CanopenDevice(Device):
 
 def _capabilities(config: CanopenConfig) -> Capabilities:
     joints = config.joints
-    modes = {
-        mode
-        for mode, kind in _MODES.items()
-        if joints and all(_follows(joint, kind) for joint in joints.values())
-    }
+    modes = {mode for mode, way in STREAMED.items() if way in config.ways}
     timeout = config.heartbeat.ours_timeout
     unasked = [name for name, joint in joints.items() if joint.abort_option in (None, 0)]
     what = "each drive stops by itself when it misses our heartbeat" if timeout else "nothing"
@@ -532,6 +433,7 @@ def _capabilities(config: CanopenConfig) -> Capabilities:
         joints=tuple(joints),
         limits=tuple(map(_limits, joints.values())),
         modes=frozenset(modes),
+        native_moves=frozenset({"move_jp"} if config.drives_plan else ()),
         needs_homing=any(j.homing is not None and j.homing.required for j in joints.values()),
         stops_between_modes=True,
         rate=1.0 / config.period,
@@ -539,12 +441,6 @@ def _capabilities(config: CanopenConfig) -> Capabilities:
         writes_every_cycle=True,
         stop=StopPolicy(timeout, what),
     )
-
-
-def _follows(joint: JointConfig, kind: Kind) -> bool:
-    if kind is Kind.EFFORT and not joint.effort > 0.0:
-        return False
-    return any(mode in joint.op_modes for mode in KINDS[kind])
 
 
 def _limits(joint: JointConfig) -> JointLimits:

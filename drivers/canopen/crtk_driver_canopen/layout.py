@@ -8,23 +8,12 @@ from dataclasses import dataclass, replace
 
 from crtk_driver_canopen.busload import BusLoad, check_load, cycle_load
 from crtk_driver_canopen.config import CanopenConfig, JointConfig
-from crtk_driver_canopen.modes import OpMode
+from crtk_driver_canopen.modes import TARGETS
 from crtk_driver_canopen.objects import OBJECTS, Entry
 from crtk_driver_canopen.pdo import Direction, Pdo, PdoGroup
 from crtk_drivers.errors import ConfigError
 
 __all__ = ["Layout", "plan"]
-
-_TARGETS = {
-    OpMode.CSP: "target_position",
-    OpMode.PP: "target_position",
-    OpMode.IP: "interpolation_position",
-    OpMode.CSV: "target_velocity",
-    OpMode.PV: "target_velocity",
-    OpMode.CST: "target_torque",
-    OpMode.TQ: "target_torque",
-}
-"""The object that takes the setpoint of each mode."""
 
 _SDO_RATE = 20.0
 """SDO requests per second that are reckoned with while the arm moves."""
@@ -88,7 +77,7 @@ def plan(config: CanopenConfig) -> Layout:
 
 
 def _receive(joint: JointConfig) -> list[str]:
-    targets = list(dict.fromkeys(_TARGETS[mode] for mode in joint.op_modes))
+    targets = list(dict.fromkeys(TARGETS[mode] for mode in joint.op_modes))
     changes = len(joint.modes) > 1 or joint.homing is not None
     return ["controlword", targets[0], *(["mode_of_operation"] if changes else []), *targets[1:]]
 

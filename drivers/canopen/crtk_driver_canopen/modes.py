@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import IntEnum, IntFlag
+from enum import IntEnum, IntFlag, StrEnum
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -11,11 +11,14 @@ from crtk_driver_canopen.statemachine import State, decode
 
 __all__ = [
     "MODES",
+    "TARGETS",
+    "WAYS",
     "HandshakePhase",
     "ModeBits",
     "ModeChange",
     "OpMode",
     "SetpointHandshake",
+    "Way",
     "mode_text",
     "status_text",
     "supported",
@@ -35,6 +38,39 @@ class OpMode(IntEnum):
     CSP = 8
     CSV = 9
     CST = 10
+
+
+class Way(StrEnum):
+    """What an axis can be told to follow; the earlier ones are better to hold still in."""
+
+    POSITIONS = "positions in each cycle"
+    MOVES = "moves of its own"
+    VELOCITIES = "velocities in each cycle"
+    EFFORTS = "efforts in each cycle"
+
+
+WAYS: Final[Mapping[Way, tuple[OpMode, ...]]] = MappingProxyType(
+    {
+        Way.POSITIONS: (OpMode.CSP, OpMode.IP),
+        Way.MOVES: (OpMode.PP,),
+        Way.VELOCITIES: (OpMode.CSV, OpMode.PV),
+        Way.EFFORTS: (OpMode.CST, OpMode.TQ),
+    }
+)
+"""Modes of operation for each way, the better one first."""
+
+TARGETS: Final[Mapping[OpMode, str]] = MappingProxyType(
+    {
+        OpMode.CSP: "target_position",
+        OpMode.PP: "target_position",
+        OpMode.IP: "interpolation_position",
+        OpMode.CSV: "target_velocity",
+        OpMode.PV: "target_velocity",
+        OpMode.CST: "target_torque",
+        OpMode.TQ: "target_torque",
+    }
+)
+"""The object that takes the setpoint of each mode."""
 
 
 class ModeBits(IntFlag):
@@ -226,9 +262,18 @@ class SetpointHandshake:
         """Whether the target position (607A) must be the new one in this cycle."""
         return HandshakePhase.TARGET <= self.phase <= HandshakePhase.MOVING
 
+    @property
+    def handed_over(self) -> bool:
+        """Whether the drive is told of the set-point, or has taken it: it goes nowhere else."""
+        return HandshakePhase.ASSERT <= self.phase <= HandshakePhase.REACHED
+
     def start(self) -> None:
         """Hand over a set-point; another one may still be on its way."""
         self.phase, self.failure, self._since = HandshakePhase.CLEAR, "", None
+
+    def cancel(self) -> None:
+        """Forget the set-point: the drive is halted, or goes to another mode."""
+        self._enter(HandshakePhase.IDLE)
 
     def step(self, statusword: int, now: float) -> int:
         """Return the bits of the controlword to send (`crtk_driver_canopen.statemachine.Drive402.mode_bits`).

@@ -27,6 +27,7 @@ __all__ = [
     "JointScale",
     "JointUnits",
     "UnitObjects",
+    "home_counts",
     "interpolation_period",
     "read_unit_objects",
     "resolve",
@@ -232,6 +233,11 @@ def _velocity(joint: JointScale, drive: UnitObjects, gear: float) -> float | Non
     physical = drive.position_unit is not None and _unit(drive.position_unit).numerator in _ANGLES
     turns = gear / (drive.gear or 1.0) if physical else gear
     return unit.factor * way / seconds / turns
+
+
+def home_counts(position: float, units: JointUnits) -> int:
+    """Return what a drive counts (6064) where its joint is at a position, in rad (m)."""
+    return round((position - units.offset) / units.position)
 
 
 _I32: Final = (-(2.0**31), 2.0**31 - 1)

@@ -34,7 +34,7 @@ from crtk_sim_backends.canopen.modes import (
     Setpoint,
     Window,
 )
-from crtk_sim_backends.canopen.objects import AXIS_STRIDE
+from crtk_sim_backends.canopen.objects import AXIS_STRIDE, MODES
 from crtk_sim_backends.canopen.plant import Motor
 from crtk_sim_backends.canopen.units import SCALING, Units
 
@@ -70,15 +70,24 @@ class Axis:
         dictionary: of the node.
         emergency: of the node.
         motor: what it drives.
+        modes: of operation that it has.
+        offset_to_zero: see `Personality`.
     """
 
     def __init__(
-        self, number: int, dictionary: ObjectDictionary, emergency: Emergency, motor: Motor
+        self,
+        number: int,
+        dictionary: ObjectDictionary,
+        emergency: Emergency,
+        motor: Motor,
+        modes: frozenset[int] = frozenset(MODES),
+        offset_to_zero: bool = False,
     ) -> None:
         self.number = number
         self.motor = motor
         self._dictionary = dictionary
         self._offset = AXIS_STRIDE * number
+        self._offset_sign = -1 if offset_to_zero else 1
         self._emergency = emergency
         self._values = dictionary.values
         self.units = Units(self.value)
@@ -100,9 +109,11 @@ class Axis:
         self._persisting: set[int] = set()  # errors whose cause is there still
         self._outside, self._blocked = Window(), Window()
         self._homing = Homing(self)
-        modes = (Mode(self), ProfilePosition(self), ProfileVelocity(self), ProfileTorque(self),
-                 self._homing, InterpolatedPosition(self), *(kind(self) for kind in _CYCLIC))  # fmt: skip
-        self._modes: dict[int, Mode] = {mode.number: mode for mode in modes}
+        made = (Mode(self), ProfilePosition(self), ProfileVelocity(self), ProfileTorque(self),
+                self._homing, InterpolatedPosition(self), *(kind(self) for kind in _CYCLIC))  # fmt: skip
+        self._modes: dict[int, Mode] = {
+            mode.number: mode for mode in made if mode.number in {0, *modes}
+        }
         self._mode = self._modes[0]
         self._connect()
         self.reset()
@@ -245,9 +256,10 @@ class Axis:
         return next((edge for edge in edges if low <= edge <= high), last)
 
     def set_home(self, revolutions: float) -> None:
-        """Let the position be the home offset 607C where the motor stood at `revolutions`."""
+        """Let the position be that of the home offset 607C where the motor stood at `revolutions`."""
         before = self._zero
-        self._zero = revolutions - self.value(0x607C) / self.units.per_revolution
+        position = self._offset_sign * self.value(0x607C)
+        self._zero = revolutions - position / self.units.per_revolution
         self.setpoint.position -= (self._zero - before) * self.units.per_revolution
         self._measure()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -11,13 +11,14 @@ import yaml
 
 from crtk_sim_backends.can.config import SimConfig as BusConfig
 from crtk_sim_backends.canopen.drive import DriveConfig
-from crtk_sim_backends.canopen.objects import MOST_AXES
+from crtk_sim_backends.canopen.objects import MODES, MOST_AXES, MOST_PDOS, PDOS
 from crtk_sim_backends.canopen.personality import PERSONALITIES
 from crtk_sim_backends.canopen.plant import MotorConfig
 from crtk_sim_backends.faults import FaultError, Parameter, unknown
 from crtk_sim_backends.options import ConfigError, check_choice, check_file, check_range, option
 
 _HIGHEST_NODE: Final = 127
+_KEYS: Final = ("personality", "serial", "motors", "modes")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +33,10 @@ class SimConfig(BusConfig):
     first_node: int = option(1, "node-ID of the first drive; the others follow")
     axes: int = option(1, "axes of each drive (CiA 402-2: objects of axis n at +0x800 n)")
     personality: str = option("standard", "make of the drives", tuple(PERSONALITIES))
+    modes: str = option(
+        "", "modes of operation that the drives have, such as pp,pv,hm; all if empty"
+    )
+    pdos: int = option(PDOS, "PDOs of each direction that each drive has")
     drives: str = option("", "file (YAML) with motors and makes of single drives, by node-ID")
     eds: str = option("", "where to write the EDS of the drives")
     socketcand_port: int = option(0, "TCP port of the socketcand server; 0: any free one")
@@ -49,22 +54,42 @@ class SimConfig(BusConfig):
             raise ConfigError(
                 f"nodes: {self.nodes} from node-ID {self.first_node} on go beyond {_HIGHEST_NODE}"
             )
+        check_range("pdos", self.pdos, 1, MOST_PDOS)
+        _modes("modes", self.modes.split(",") if self.modes else MODES.values())
         check_file("drives", self.drives)
 
     @property
     def common(self) -> DriveConfig:
         """What each drive is for which the file says nothing else."""
-        motors = (MotorConfig(),) * self.axes
-        return DriveConfig(motors, personality=PERSONALITIES[self.personality])
+        return DriveConfig(
+            (MotorConfig(),) * self.axes,
+            personality=PERSONALITIES[self.personality],
+            modes=_modes("modes", self.modes.split(",") if self.modes else MODES.values()),
+            pdos=self.pdos,
+        )
+
+
+def _modes(where: str, names: Iterable[object]) -> frozenset[int]:
+    """Return the numbers of modes that are given by their names.
+
+    Raises:
+        ConfigError: there is no such mode.
+    """
+    numbers = {name.lower(): number for number, name in MODES.items()}
+    given = [str(name).strip().lower() for name in names]
+    for name in given:
+        if name not in numbers:
+            raise ConfigError(f"{where}: {unknown('mode', name, numbers)}")
+    return frozenset(numbers[name] for name in given)
 
 
 def drive_configs(config: SimConfig) -> dict[int, DriveConfig]:
     """Return the drives by node-ID: the common ones, changed or added to by the file `drives`.
 
-    The file is a mapping; each entry may have `personality`, `serial` and `motors`, a list with
-    one mapping of fields of :class:`MotorConfig` for each axis::
+    The file is a mapping; each entry may have `personality`, `serial`, `modes` (a list), and
+    `motors`, a list with one mapping of fields of :class:`MotorConfig` for each axis::
 
-        3: {personality: plain, motors: [{pendulum: 0.2, gear: 100, home: [0.4, 0.6]}]}
+        3: {personality: plain, modes: [pp, hm], motors: [{pendulum: 0.2, gear: 100}]}
 
     Raises:
         ConfigError: the file is wrong, with the node-ID and the field.
@@ -91,10 +116,8 @@ def drive_configs(config: SimConfig) -> dict[int, DriveConfig]:
 
 def _drive(where: str, entry: Mapping[str, Any], base: DriveConfig) -> DriveConfig:
     for name in entry:
-        if name not in ("personality", "serial", "motors"):
-            raise ConfigError(
-                f"{where}: {unknown('key', name, ('personality', 'serial', 'motors'))}"
-            )
+        if name not in _KEYS:
+            raise ConfigError(f"{where}: {unknown('key', name, _KEYS)}")
     make = entry.get("personality", base.personality.name)
     if make not in PERSONALITIES:
         raise ConfigError(f"{where}: {unknown('make', make, PERSONALITIES)}")
@@ -107,7 +130,12 @@ def _drive(where: str, entry: Mapping[str, Any], base: DriveConfig) -> DriveConf
         if not isinstance(given, list) or not 1 <= len(given) <= MOST_AXES:
             raise ConfigError(f"{where}: motors must be a list of 1 to {MOST_AXES}")
         motors = tuple(_motor(f"{where}, motor {n}", motor) for n, motor in enumerate(given))
-    return DriveConfig(motors, serial, PERSONALITIES[make])
+    modes = base.modes
+    if "modes" in entry:
+        if not isinstance(entry["modes"], list):
+            raise ConfigError(f"{where}: modes must be a list")
+        modes = _modes(f"{where}: modes", entry["modes"])
+    return DriveConfig(motors, serial, PERSONALITIES[make], modes, base.pdos)
 
 
 _MOTOR: Final[dict[str, Parameter]] = {

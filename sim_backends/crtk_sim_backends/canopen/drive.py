@@ -14,7 +14,9 @@ from crtk_sim_backends.canopen.emcy import Emergency
 from crtk_sim_backends.canopen.nmt import ENTERS, Command, Heartbeats, NmtState, command_for
 from crtk_sim_backends.canopen.objects import (
     LOAD,
+    MODES,
     MOST_AXES,
+    PDOS,
     SAVE,
     SYNC_TIMEOUT,
     axis,
@@ -54,11 +56,15 @@ class DriveConfig:
         motors: what its axes move, one entry for each axis.
         serial: serial number in 1018, None for the node-ID.
         personality: make of the drive.
+        modes: of operation that it has (6502).
+        pdos: of each direction that it has.
     """
 
     motors: tuple[MotorConfig, ...] = (MotorConfig(),)
     serial: int | None = None
     personality: Personality = PERSONALITIES["standard"]
+    modes: frozenset[int] = frozenset(MODES)
+    pdos: int = PDOS
 
 
 @dataclass
@@ -93,10 +99,10 @@ def drive_objects(config: DriveConfig, node_id: int) -> list[Object]:
     axes = len(config.motors)
     objects = list(
         communication(axes, personality.vendor, PRODUCT, REVISION, serial,
-                      personality.device.encode(), b"1.0", b"1.0")
+                      personality.device.encode(), b"1.0", b"1.0", config.pdos)
     )  # fmt: skip
     for number in range(axes):
-        objects += axis(number)
+        objects += axis(number, config.modes)
     for place, entry in enumerate(objects):
         for index, sub, value in personality.defaults:
             if entry.index == index:
@@ -138,7 +144,14 @@ class Drive:
             self.dictionary, self.emergency, lambda: self.state is NmtState.OPERATIONAL
         )
         self.axes = [
-            Axis(number, self.dictionary, self.emergency, Motor(motor))
+            Axis(
+                number,
+                self.dictionary,
+                self.emergency,
+                Motor(motor),
+                self.config.modes,
+                self.config.personality.offset_to_zero,
+            )
             for number, motor in enumerate(self.config.motors)
         ]
         self._sdo = SdoServer(

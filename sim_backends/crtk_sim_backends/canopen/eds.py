@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
 from crtk_sim_backends.canopen.dictionary import DataType, Kind, Object, OfNode, Variable
-from crtk_sim_backends.canopen.objects import PDOS
+from crtk_sim_backends.canopen.objects import MOST_PDOS
 
 PUBLISHED: Final = Path(__file__).with_name("drive.eds")  # one axis, personality "standard"
 
@@ -53,8 +53,8 @@ def _lines(
         "Granularity=8",
         "DynamicChannelsSupported=0",
         "GroupMessaging=0",
-        f"NrOfRXPDO={PDOS}",
-        f"NrOfTXPDO={PDOS}",
+        f"NrOfRXPDO={_pdos(objects, 0x1400)}",
+        f"NrOfTXPDO={_pdos(objects, 0x1800)}",
         "LSS_Supported=0",
         "",
         "[DummyUsage]",
@@ -70,6 +70,11 @@ def _lines(
     yield from _list_of("ManufacturerObjects", (o for o in objects if 0x2000 <= o.index <= 0x5FFF))
     for entry in objects:
         yield from _object(entry)
+
+
+def _pdos(objects: Sequence[Object], base: int) -> int:
+    """How many PDOs have their communication parameters from `base` on."""
+    return sum(base <= entry.index < base + MOST_PDOS for entry in objects)
 
 
 def _optional(index: int) -> bool:

@@ -16,7 +16,8 @@ I8, I16, I32 = DataType.I8, DataType.I16, DataType.I32
 U8, U16, U32 = DataType.U8, DataType.U16, DataType.U32
 STRING, DOMAIN = DataType.STRING, DataType.DOMAIN
 
-PDOS: Final = 4  # of each direction
+PDOS: Final = 4  # of each direction, those of the predefined connection set
+MOST_PDOS: Final = 16
 MAPPED: Final = 8  # entries of a mapping
 ERRORS_KEPT: Final = 8
 AXIS_STRIDE: Final = 0x800  # between the objects of two axes (CiA 402-2)
@@ -30,7 +31,6 @@ SAVE: Final = int.from_bytes(b"save", "little")
 LOAD: Final = int.from_bytes(b"load", "little")
 
 MODES: Final = {1: "PP", 3: "PV", 4: "TQ", 6: "HM", 7: "IP", 8: "CSP", 9: "CSV", 10: "CST"}
-SUPPORTED_MODES: Final = sum(1 << mode - 1 for mode in MODES)
 HOMING_METHODS: Final = (-4, -3, -2, -1, *range(1, 15), *range(17, 31), 33, 34, 35, 37)
 
 SYNC_TIMEOUT: Final = (0x2010, 1)
@@ -63,7 +63,8 @@ def _counted(entry: Object, access: str, default: int, high: int) -> Object:
 
 
 def communication(axes: int, vendor: int, product: int, revision: int, serial: int,
-                  name: bytes, hardware: bytes, software: bytes) -> Iterator[Object]:  # fmt: skip
+                  name: bytes, hardware: bytes, software: bytes,
+                  pdos: int = PDOS) -> Iterator[Object]:  # fmt: skip
     """Yield the objects 1000 to 1FFF, and those of the vendor at 2000."""
     yield _var(0x1000, "Device type", U32, "const", 0x0002_0192 if axes == 1 else 0xFFFF_0192)
     yield _var(0x1001, "Error register", U8, "ro", pdo="t")
@@ -95,9 +96,9 @@ def communication(axes: int, vendor: int, product: int, revision: int, serial: i
     yield _record(0x1200, "SDO server parameter",
                   Variable("COB-ID client to server (rx)", U32, "ro", OfNode(0x600)),
                   Variable("COB-ID server to client (tx)", U32, "ro", OfNode(0x580)))  # fmt: skip
-    for number in range(PDOS):
+    for number in range(pdos):
         yield from _pdo(0x1400, "R", number)
-    for number in range(PDOS):
+    for number in range(pdos):
         yield from _pdo(0x1800, "T", number)
     yield _var(0x2000, "Scratch memory", DOMAIN, "rw")
     yield _record(0x2010, "Supervision", Variable("SYNC timeout [ms]", U16, "rw", 500))
@@ -112,13 +113,18 @@ _DEFAULT_MAPS: Final[dict[str, tuple[tuple[int, ...], ...]]] = {
 
 
 def _pdo(base: int, direction: str, number: int) -> Iterator[Object]:
-    """Yield parameter and mapping of a PDO; 1 exists after a reset, the others have to be enabled."""
-    offset = (0x200 if direction == "R" else 0x180) + 0x100 * number
+    """Yield parameter and mapping of a PDO; 1 exists after a reset, the others have to be enabled.
+
+    Those beyond the predefined connection set have no COB-ID until they are given one.
+    """
     flags = (0 if direction == "R" else NO_RTR) | (VALID if number else 0)
+    cob_id: int | OfNode = flags
+    if number < PDOS:
+        cob_id = OfNode(flags + (0x200 if direction == "R" else 0x180) + 0x100 * number)
     title = f"{direction}PDO"
     entries = {
         0: Variable("Highest sub-index supported", U8, "const", 5 if direction == "R" else 6),
-        1: Variable("COB-ID used by PDO", U32, "rw", OfNode(flags + offset)),
+        1: Variable("COB-ID used by PDO", U32, "rw", cob_id),
         2: Variable("Transmission type", U8, "rw", 255),
         3: Variable("Inhibit time", U16, "rw"),
         5: Variable("Event timer", U16, "rw"),
@@ -127,21 +133,21 @@ def _pdo(base: int, direction: str, number: int) -> Iterator[Object]:
         entries[6] = Variable("SYNC start value", U8, "rw", high=240)
     yield Object(base + number, f"{title} communication parameter {number + 1}",
                  Kind.RECORD, entries)  # fmt: skip
-    mapped = _DEFAULT_MAPS[direction][number]
+    mapped = _DEFAULT_MAPS[direction][number] if number < PDOS else ()
     mapping = _record(base + 0x200 + number, f"{title} mapping parameter {number + 1}",
                       *(Variable(f"Application object {n}", U32, "rw", value) for n, value in
                         enumerate((*mapped, *[0] * (MAPPED - len(mapped))), 1)))  # fmt: skip
     yield _counted(mapping, "rw", len(mapped), 0xFF)
 
 
-def axis(number: int) -> Iterator[Object]:
-    """Yield the CiA 402 objects of axis `number` (0, 1, ...)."""
+def axis(number: int, modes: Iterable[int] = MODES) -> Iterator[Object]:
+    """Yield the CiA 402 objects of axis `number` (0, 1, ...), which has these modes of operation."""
     base = AXIS_STRIDE * number
-    for entry in _axis():
+    for entry in _axis(sum(1 << mode - 1 for mode in modes)):
         yield replace(entry, index=entry.index + base)
 
 
-def _axis() -> Iterator[Object]:
+def _axis(supported_modes: int) -> Iterator[Object]:
     yield _var(0x6007, "Abort connection option code", I16, "rw", 0, low=0, high=3)
     yield _var(0x603F, "Error code", U16, "ro", pdo="t")
     yield _var(0x6040, "Controlword", U16, "rw", pdo="rt")
@@ -231,7 +237,7 @@ def _axis() -> Iterator[Object]:
                  Variable("Bit mask", U32, "rw", pdo="rt"))  # fmt: skip
     yield _var(0x60FF, "Target velocity", I32, "rw", pdo="rt")
     yield _var(0x6402, "Motor type", U16, "const", 10)
-    yield _var(0x6502, "Supported drive modes", U32, "const", SUPPORTED_MODES)
+    yield _var(0x6502, "Supported drive modes", U32, "const", supported_modes)
     yield _var(0x67FF, "Single device type", U32, "const", 0x0002_0192)
 
 

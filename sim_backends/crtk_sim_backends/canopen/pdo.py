@@ -10,7 +10,7 @@ from typing import Final
 from crtk_sim_backends.canopen.aborts import Abort, SdoAbort
 from crtk_sim_backends.canopen.dictionary import DataType, Key, ObjectDictionary
 from crtk_sim_backends.canopen.emcy import Emergency
-from crtk_sim_backends.canopen.objects import MAPPED, PDOS, VALID
+from crtk_sim_backends.canopen.objects import MAPPED, MOST_PDOS, VALID
 
 RECEIVE: Final = 0x1400
 TRANSMIT: Final = 0x1800
@@ -73,9 +73,8 @@ class ProcessData:
         self.receiving: dict[int, Pdo] = {}
         self.transmitting: list[Pdo] = []
         self.event_driven: list[Pdo] = []
-        for number in range(PDOS):
-            for base in (RECEIVE, TRANSMIT):
-                index = base + number
+        for base in (RECEIVE, TRANSMIT):
+            for index in self._indices(base):
                 dictionary.guards[index] = self._guard_parameter(index)
                 dictionary.guards[index + _MAPPING] = self._guard_mapping(index)
                 dictionary.written[index] = lambda sub: self.rebuild()
@@ -85,6 +84,11 @@ class ProcessData:
         self.rebuild()
 
     # Configuration
+
+    def _indices(self, base: int) -> list[int]:
+        """Communication parameters of one direction that the node has."""
+        every = range(base, base + MOST_PDOS)
+        return [index for index in every if (index, 1) in self._dictionary.variables]
 
     def _exists(self, index: int) -> bool:
         return not self._dictionary[index, 1] & VALID
@@ -149,10 +153,11 @@ class ProcessData:
 
     def rebuild(self) -> None:
         """Read the configuration anew; what waits is forgotten."""
-        every = range(PDOS)
-        existing = [RECEIVE + n for n in every if self._exists(RECEIVE + n)]
+        existing = filter(self._exists, self._indices(RECEIVE))
         self.receiving = {pdo.identifier: pdo for pdo in map(self._build, existing)}
-        self.transmitting = [self._build(TRANSMIT + n) for n in every if self._exists(TRANSMIT + n)]
+        self.transmitting = [
+            self._build(index) for index in self._indices(TRANSMIT) if self._exists(index)
+        ]
         self.event_driven = [pdo for pdo in self.transmitting if pdo.kind > _CYCLIC]
 
     def _build(self, index: int) -> Pdo:

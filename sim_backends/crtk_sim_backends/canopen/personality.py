@@ -22,6 +22,8 @@ class Personality:
         ignores: objects to which it accepts writes that have no effect.
         no_block: it has no block transfer.
         boot: time from a reset to the boot-up message, s.
+        offset_to_zero: the home offset 607C is the way from home to zero, as the text of CiA 402-2 has it;
+            else it is the position at home, which is the negative of that.
     """
 
     name: str
@@ -32,6 +34,7 @@ class Personality:
     ignores: tuple[int, ...] = ()
     no_block: bool = False
     boot: float = 0.05
+    offset_to_zero: bool = False
 
 
 PERSONALITIES: Final[dict[str, Personality]] = {
@@ -53,6 +56,13 @@ PERSONALITIES: Final[dict[str, Personality]] = {
             ignores=(0x1016,),
             no_block=True,
             boot=0.5,
+        ),
+        Personality(
+            "literal",
+            0x0000_1F04,
+            "CRTK literal drive",
+            "takes the home offset as the way from home to zero",
+            offset_to_zero=True,
         ),
     )
 }

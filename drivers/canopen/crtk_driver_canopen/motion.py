@@ -1,0 +1,475 @@
+"""What the drives are told to do in each cycle: hold, follow a stream, stop, change modes, move by their own.
+
+At rest the joints hold in the best way that they all have (`CanopenConfig.ways`). Whatever else they do
+begins and ends there: velocities and positions are slowed down within the limits, moves of the drives' own
+are halted, and only then do the modes change, each with a target that is where the joint is.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import partial
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crtk_driver_canopen.arm_link import ArmLink
+from crtk_driver_canopen.axis import Axis
+from crtk_driver_canopen.config import CanopenConfig
+from crtk_driver_canopen.jobs import NodeJobs
+from crtk_driver_canopen.modes import HandshakePhase, OpMode, Way
+from crtk_driver_canopen.profiles import ProfileRates, shared_rates
+from crtk_driver_canopen.sdo import Sdo
+from crtk_drivers.device import Goal, Mode, MoveProgress, Setpoint
+from crtk_drivers.errors import CrtkError, MotionAborted
+from crtk_drivers.samples import Vector, vector
+
+__all__ = ["MODE_TIME", "STREAMED", "Motion"]
+
+MODE_TIME: Final = 2.0
+"""Seconds in which all drives show a mode of operation."""
+
+REACH_TIME: Final = 3.0
+"""Seconds that a joint may stand in a move of its own before it tells that it is there."""
+
+_STOOD: Final = 3
+"""Samples without motion after which joints stand that were told to halt."""
+
+_STILL: Final = 0.01
+"""Part of the greatest velocity of a joint below which it counts as standing."""
+
+STREAMED: Final[Mapping[Mode, Way]] = {
+    Mode.JOINT_POSITION: Way.POSITIONS,
+    Mode.JOINT_VELOCITY: Way.VELOCITIES,
+    Mode.JOINT_EFFORT: Way.EFFORTS,
+}
+
+
+class _Phase(StrEnum):
+    """What is going on; `way` says in which modes."""
+
+    HOLD = "hold"
+    FOLLOW = "follow"
+    BRAKE = "brake"
+    CHANGE = "change"
+    PREPARE = "prepare"
+    MOVE = "move"
+    HALT = "halt"
+
+
+@dataclass(eq=False)
+class _Move:
+    """A move of the drives' own.
+
+    Attributes:
+        goal: positions (n,) and ratios.
+        failure: why it ended before its goal; empty if it did not.
+        done: whether all drives are there.
+    """
+
+    goal: Goal
+    failure: str = ""
+    done: bool = False
+
+    @property
+    def waits(self) -> bool:
+        """Whether it has not come to an end."""
+        return not self.done and not self.failure
+
+
+class Motion:
+    """The motion of all joints. Belongs to the I/O thread, but for `stop`.
+
+    Args:
+        config: of the arm.
+        link: its drives.
+
+    Attributes:
+        way: what the drives are told to follow.
+        moving: whether a joint moved between the last two samples.
+        fault: why the drives cannot go on, in words; empty if they can.
+    """
+
+    def __init__(self, config: CanopenConfig, link: ArmLink) -> None:
+        joints = config.joints.values()
+        self._config = config
+        self._link = link
+        self._velocities = np.array([joint.velocity for joint in joints])
+        self._accelerations = np.array([joint.acceleration for joint in joints])
+        self._lower = np.array([joint.lower for joint in joints])
+        self._upper = np.array([joint.upper for joint in joints])
+        self._rest = next(iter(config.ways), Way.POSITIONS)
+        self._stop = threading.Event()
+        self._jobs = NodeJobs()
+        self.way = self._rest
+        self.moving = False
+        self.fault = ""
+        self._phase = _Phase.HOLD
+        self._waiting: Setpoint | None = None
+        self._move: _Move | None = None
+        self._began = 0.0
+        self._stood = 0
+        self._stands_since = 0.0
+        self._held: Vector | None = None
+        self._speed = np.zeros(len(self._velocities))
+        self._still = np.zeros(len(self._velocities))
+        self._before: Vector = vector(())
+        self._target: list[int] = []
+        self._wanted: list[ProfileRates] = []
+        self._given: list[ProfileRates | None] = []
+        self._giving: dict[int, ProfileRates] = {}
+
+    # ------------------------------------------------------------------------------------ told by others
+
+    @property
+    def _axes(self) -> list[Axis]:
+        return self._link.axes
+
+    def begin(self) -> None:
+        """The drives have just been found: they are to stay where they are."""
+        self._jobs = NodeJobs()
+        self.way, self.fault, self._waiting, self._move = self._rest, "", None, None
+        self._still = np.array([self._least_motion(axis) for axis in self._axes])
+        self._before, self.moving = vector(()), False
+        self._stop.clear()
+        self.hold_here()
+        self._given = [*self._full_rates()]
+        self._giving = {}
+
+    def _least_motion(self, axis: Axis) -> float:
+        """Return what a joint moves in a cycle at least, unless it stands and its last count flickers."""
+        counts = 1.5 * abs(axis.facts.units.position)
+        return max(_STILL * axis.config.velocity * self._config.period, counts)
+
+    def note_set_up(self, nodes: set[int]) -> None:
+        """Nodes have been set up again: they hold the limits of velocity and acceleration."""
+        for index, rates in enumerate(self._full_rates()):
+            if self._axes[index].config.node in nodes:
+                self._given[index] = rates
+
+    def begin_anew(self, now: float) -> None:
+        """Forget what was to be done, and hold still in the mode of rest; the drives may have no power."""
+        self.fault, self._waiting, self._move = "", None, None
+        self._stop.clear()
+        self.use(self._rest, now)
+
+    def note(self, positions: Vector, now: float) -> None:
+        """Take where all joints are (n,)."""
+        if positions.size == self._before.size:
+            moved = np.abs(positions - self._before)
+            self.moving = bool((moved > self._still).any())
+        self._stood = 0 if self.moving else self._stood + 1
+        if self.moving or self._stands_since == 0.0:
+            self._stands_since = now
+        self._before = positions
+
+    @property
+    def takes_setpoints(self) -> bool:
+        """Whether a setpoint takes effect at once."""
+        return not self._stop.is_set() and self._phase in (_Phase.HOLD, _Phase.FOLLOW)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether no stop and no change of mode is under way, and no joint moves."""
+        under_way = self._phase in (_Phase.BRAKE, _Phase.CHANGE, _Phase.HALT)
+        return not under_way and not self.moving
+
+    @property
+    def changes(self) -> bool:
+        """Whether the mode is changing."""
+        return self._phase is _Phase.CHANGE
+
+    @property
+    def setpoint(self) -> Vector | None:
+        """The positions (n,) that the drives are told to be at; None where they are told something else."""
+        return self._held
+
+    def follow(self, setpoint: Setpoint, now: float) -> None:
+        """Follow a setpoint; one of another kind begins with a change of mode."""
+        way = STREAMED[setpoint.mode]
+        self._waiting = setpoint
+        if not self.takes_setpoints:
+            return
+        if way is not self.way:
+            self.use(way, now)
+        else:
+            self._phase = _Phase.FOLLOW
+            self._take(setpoint)
+
+    def stop(self) -> None:
+        """Come to rest, and hold. From any thread."""
+        self._stop.set()
+
+    def move(self, goal: Goal, now: float) -> None:
+        """Have the drives move to a goal by themselves, as soon as they are in the mode for it."""
+        self._move, self._waiting = _Move(goal), None
+        if self.way is Way.MOVES and self._phase is not _Phase.CHANGE:
+            self._prepare_move()
+        elif self._phase is _Phase.HOLD:
+            self._settle(now)
+        elif self._phase is _Phase.FOLLOW:
+            self._come_to_rest(now)
+
+    def progress(self) -> MoveProgress:
+        """Say where the move stands.
+
+        Raises:
+            MotionAborted: it has ended before its goal, and why.
+        """
+        move = self._move
+        if move is None:
+            return MoveProgress.FAILED
+        if move.failure:
+            raise MotionAborted(
+                f"the drives ended move_jp: {move.failure}",
+                where=self._link.where,
+                remedy="Look at the drives, and send it again.",
+            )
+        return MoveProgress.DONE if move.done else MoveProgress.RUNNING
+
+    def use(self, way: Way, now: float) -> None:
+        """Change to the modes of a way, holding still."""
+        self.hold_here()
+        self.way, self._phase, self._began = way, _Phase.CHANGE, now
+        self._wanted = self._full_rates()
+        self._stood = 0
+        for axis in self._axes:
+            axis.use(axis.mode_for(way))
+
+    def hold_here(self) -> None:
+        """Have the drives stay where they are, in whatever mode they are."""
+        outputs = self._link.outputs
+        outputs.position[:] = self._link.positions
+        count = len(outputs.position)
+        outputs.velocity[:] = [0] * count
+        outputs.torque[:] = [0] * count
+        self._held = self._link.units.positions(self._link.positions)
+        self._speed = np.zeros(count)
+        self._phase = _Phase.HOLD
+
+    # ------------------------------------------------------------------------------------- in each cycle
+
+    def step(self, now: float) -> None:
+        """Go on with what is under way."""
+        if self._stop.is_set():
+            self._stop.clear()
+            self._begin_to_stop(now)
+        going_on: dict[_Phase, Callable[[float], None]] = {
+            _Phase.BRAKE: self._brake,
+            _Phase.CHANGE: self._change,
+            _Phase.PREPARE: self._prepare,
+            _Phase.MOVE: self._follow_move,
+            _Phase.HALT: self._halt,
+        }
+        if self._phase in going_on:
+            going_on[self._phase](now)
+
+    def _begin_to_stop(self, now: float) -> None:
+        self._waiting = None
+        if self._move is not None and self._move.waits:
+            self._move.failure = "it was stopped"
+        if self._phase in (_Phase.PREPARE, _Phase.MOVE):
+            self._begin_halt()
+        elif self._phase is _Phase.FOLLOW:
+            self._come_to_rest(now)
+
+    def _come_to_rest(self, now: float) -> None:
+        """End a stream; what waits begins after that."""
+        if self.way is not Way.EFFORTS:
+            self._phase = _Phase.BRAKE
+        elif self.way is self._rest:
+            self.hold_here()
+        else:
+            self.use(self._rest, now)
+
+    def _settle(self, now: float) -> None:
+        """The joints stand: begin what waits, or hold in the way of rest."""
+        begins = self._move is not None and self._move.waits
+        way = Way.MOVES if begins else self._rest
+        if self.way is not way:
+            self.use(way, now)
+        elif begins:
+            self._prepare_move()
+        else:
+            self._phase = _Phase.HOLD
+
+    def _take(self, setpoint: Setpoint) -> None:
+        """Have the drives follow a setpoint of the mode they are in."""
+        units, outputs, values = self._link.units, self._link.outputs, setpoint.values
+        if self.way is Way.POSITIONS:
+            outputs.position[:] = units.position_counts(values)
+            before = values if self._held is None else self._held
+            speed = (values - before) / self._config.period
+            self._speed = np.clip(speed, -self._velocities, self._velocities)
+            self._held = values
+            return
+        self._held = None
+        if self.way is Way.VELOCITIES:
+            outputs.velocity[:] = units.velocity_counts(values)
+            self._speed = np.array(values)
+        else:
+            outputs.torque[:] = units.effort_counts(values)
+
+    def _brake(self, now: float) -> None:
+        """Slow down within the limits of acceleration, and hold where that ends."""
+        period, units, outputs = self._config.period, self._link.units, self._link.outputs
+        change = self._accelerations * period
+        self._speed = np.sign(self._speed) * np.maximum(np.abs(self._speed) - change, 0.0)
+        if self.way is Way.VELOCITIES:
+            self._send(outputs.velocity, units.velocity_counts(vector(self._speed)))
+        elif self._held is not None:
+            here = self._held
+            lowest, highest = np.minimum(self._lower, here), np.maximum(self._upper, here)
+            self._held = vector(np.clip(here + self._speed * period, lowest, highest))
+            self._send(outputs.position, units.position_counts(self._held))
+        if not self._speed.any():
+            self._settle(now)
+
+    def _send(self, column: list[int], counts: list[int]) -> None:
+        """Send to those drives only that follow; the others are told to be where they are."""
+        for index, axis in enumerate(self._axes):
+            if axis.is_enabled:
+                column[index] = counts[index]
+
+    def _change(self, now: float) -> None:
+        outputs, positions = self._link.outputs, self._link.positions
+        for index, axis in enumerate(self._axes):
+            if not axis.shows_mode:
+                outputs.position[index] = positions[index]
+        try:
+            # A drive in profile velocity mode goes by the rates that its last move was given.
+            given = self.way is not Way.VELOCITIES or self._give_rates()
+        except CrtkError as error:
+            self._phase, self.fault = _Phase.HOLD, str(error)
+            return
+        if given and all(axis.shows_mode for axis in self._axes):
+            self._end_change(now)
+        elif now - self._began > MODE_TIME:
+            self._phase = _Phase.HOLD
+            slow = ", ".join(axis.place for axis in self._axes if not axis.shows_mode)
+            self.fault = f"the mode of operation did not change: {slow or 'an SDO is not answered'}"
+
+    def _end_change(self, now: float) -> None:
+        waiting, self._waiting = self._waiting, None
+        self._phase = _Phase.HOLD
+        if waiting is not None and STREAMED[waiting.mode] is self.way:
+            self._phase = _Phase.FOLLOW
+            self._take(waiting)
+        elif self.way is Way.POSITIONS and self.moving and self._link.velocities is not None:
+            self._speed = np.array(self._link.units.velocities(self._link.velocities))
+            self._phase = _Phase.BRAKE
+        else:
+            self._settle(now)
+
+    # ------------------------------------------------------------------------------ moves of the drives' own
+
+    def _prepare_move(self) -> None:
+        """Let the drives have what the move needs; those that still move go on meanwhile."""
+        assert self._move is not None
+        goal = self._move.goal
+        assert goal.joints is not None
+        self._held = None
+        self._target = self._link.units.position_counts(goal.joints)
+        velocities = self._velocities * goal.ratios.velocity
+        accelerations = self._accelerations
+        if not self.moving:  # a joint that moves needs all it has, so as not to go beyond its goal
+            here = self._link.units.positions(self._link.positions)
+            velocities, accelerations = shared_rates(
+                goal.joints - here, velocities, accelerations * goal.ratios.acceleration
+            )
+        self._wanted = self._rates(velocities, accelerations)
+        self._phase = _Phase.PREPARE
+
+    def _full_rates(self) -> list[ProfileRates]:
+        return self._rates(self._velocities, self._accelerations)
+
+    def _rates(
+        self, velocities: NDArray[np.float64], accelerations: NDArray[np.float64]
+    ) -> list[ProfileRates]:
+        return [
+            ProfileRates.of(velocity, acceleration, axis.facts.units.velocity)
+            for velocity, acceleration, axis in zip(
+                velocities.tolist(), accelerations.tolist(), self._axes, strict=True
+            )
+        ]
+
+    def _prepare(self, now: float) -> None:
+        try:
+            if not self._give_rates():
+                return
+        except CrtkError as error:
+            self._fail_move(str(error))
+            return
+        for axis in self._axes:
+            axis.handshake.start()
+        self._phase, self._stands_since = _Phase.MOVE, now
+
+    def _give_rates(self) -> bool:
+        """Return whether the drives in profile modes hold the rates that are wanted; else have them written.
+
+        Raises:
+            CrtkError: a drive does not take them.
+        """
+        if self._jobs.running:
+            return False
+        giving, self._giving = self._giving, {}
+        errors, self._jobs.errors = self._jobs.errors, []
+        for index, rates in giving.items():
+            self._given[index] = None if errors else rates
+        if errors and all(self._wanted[index] == rates for index, rates in giving.items()):
+            raise errors[0]
+        nodes: dict[int, list[Callable[[], None]]] = {}
+        for index, axis in enumerate(self._axes):
+            rates, before = self._wanted[index], self._given[index]
+            if axis.mode in (OpMode.PP, OpMode.PV) and rates != before:
+                self._giving[index] = rates
+                sdo = Sdo(self._link.master.sdo(axis.config.node), axis.config.axis)
+                nodes.setdefault(axis.config.node, []).append(partial(rates.write, sdo, before))
+        self._jobs.start({node: partial(_each, writes) for node, writes in nodes.items()})
+        return not nodes
+
+    def _follow_move(self, now: float) -> None:
+        """Hand the targets over, and see whether all drives are there."""
+        move, axes = self._move, self._axes
+        assert move is not None
+        for index, axis in enumerate(axes):
+            if axis.is_enabled and axis.handshake.sends_target:
+                self._link.outputs.position[index] = self._target[index]
+        phases = [axis.handshake.phase for axis in axes]
+        if HandshakePhase.FAILED in phases:
+            told = [f"{axis.place}: {axis.handshake.failure}" for axis in axes]
+            failed = zip(told, phases, strict=True)
+            self._fail_move("; ".join(t for t, phase in failed if phase is HandshakePhase.FAILED))
+        elif all(phase is HandshakePhase.REACHED for phase in phases):
+            move.done, self._held = True, move.goal.joints
+            self._settle(now)
+        elif now - self._stands_since > REACH_TIME:
+            slow = [axis.place for axis in axes if axis.handshake.phase < HandshakePhase.REACHED]
+            self._fail_move(
+                f"{', '.join(slow)}: it stands, but does not tell that it is there (bit 10 of the "
+                "statusword); check its position window (6067h, 6068h) and limits (607Dh, 607Fh)"
+            )
+
+    def _fail_move(self, text: str) -> None:
+        if self._move is not None:
+            self._move.failure = text
+        self._begin_halt()
+
+    def _begin_halt(self) -> None:
+        for axis in self._axes:
+            axis.halt()
+        self._phase, self._stood, self._held = _Phase.HALT, 0, None
+
+    def _halt(self, now: float) -> None:
+        if self._stood >= _STOOD:
+            self.hold_here()
+            self._settle(now)
+
+
+def _each(writes: list[Callable[[], None]]) -> None:
+    for write in writes:
+        write()
