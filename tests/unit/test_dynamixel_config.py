@@ -164,6 +164,20 @@ def test_mistakes_name_the_joint(values: dict[str, Any], text: str) -> None:
         ({"rate": 0}, "rate: must be greater"),
         ({"watchdog": 3.0}, "watchdog: must be less than or equal to 2.54"),
         ({"latency_budget": float("nan")}, "latency_budget: must be a finite number"),
+        (
+            {"silent_timeout": 0.5},
+            "silent_timeout (0.5 s) must be below sample_timeout (0.5 s): the whole link",
+        ),
+        (
+            {"rate": 5.0, "watchdog": 0.0},
+            "silent_timeout (0.25 s) must be 0.4 s at least, two cycles at a rate of 5 Hz: a single",
+        ),
+        (
+            {"latency_budget": 0.1, "watchdog": 0.0},
+            "silent_timeout (0.25 s) must be above 0.3 s: a cycle waits up to 3 times latency_budget",
+        ),
+        ({"watchdog": 0.04, "rate": 40.0}, "watchdog (0.04 s) must be 0 or 0.05 s at least"),
+        ({"watchdog": 0.1, "latency_budget": 0.06}, "watchdog (0.1 s) must be 0 or 0.12 s at"),
         ({"watchdogg": 1.0}, "watchdogg: unknown key. Did you mean 'watchdog'"),
         ({"arm": "koch_folower"}, "there is no arm 'koch_folower'. Did you mean 'koch_follower'"),
         (
@@ -179,6 +193,12 @@ def test_mistakes_name_the_joint(values: dict[str, Any], text: str) -> None:
 )
 def test_mistakes_of_the_chain(values: dict[str, Any], text: str) -> None:
     assert text in refusal(**values)
+
+
+def test_timings_that_agree() -> None:
+    made(silent_timeout=0.4, sample_timeout=0.41, rate=5.0, watchdog=0.4)
+    made(watchdog=0.0, latency_budget=0.08)
+    made(rate=1.0, silent_timeout=2.0, sample_timeout=5.0, watchdog=2.0)
 
 
 def test_the_same_id_on_two_buses_is_two_servos() -> None:

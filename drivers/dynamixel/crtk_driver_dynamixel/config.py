@@ -10,6 +10,7 @@ from pydantic import Field, field_validator, model_validator
 
 from crtk_driver_dynamixel import arms
 from crtk_driver_dynamixel.gripper import Finger, Jaw, Linear, SliderCrank
+from crtk_driver_dynamixel.groups import MOST_GAPS
 from crtk_driver_dynamixel.models import Model, OperatingMode, model_named
 from crtk_drivers.config import DeviceConfig, Settings
 
@@ -396,13 +397,13 @@ class DynamixelConfig(DeviceConfig):
         ge=0.0,
         le=2.54,
         description="A servo stops by itself when it heard nothing for this long, in s (steps of 20 ms); "
-        "0: never.",
+        "0: never. Two cycles at least.",
     )
     silent_timeout: float = Field(
         default=0.25,
         gt=0.0,
         le=10.0,
-        description="FAULT when a servo did not answer for this long, in s.",
+        description="FAULT when a servo did not answer for this long, in s; below sample_timeout.",
     )
     slow_interval: float = Field(
         default=0.1,
@@ -467,6 +468,41 @@ class DynamixelConfig(DeviceConfig):
             raise ValueError(
                 f"joints.{self.gripper.joint}: is also the name of the gripper's joint"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _timings(self) -> DynamixelConfig:
+        cycle, patience = 1.0 / self.rate, self.latency_budget
+        silent, longest = 2.0 * cycle, 2.0 * max(cycle, patience)
+        needed = (
+            (
+                "silent_timeout",
+                self.silent_timeout < self.sample_timeout,
+                f"below sample_timeout ({self.sample_timeout:g} s): the whole link would be given up before "
+                "the servo that is silent is named",
+            ),
+            (
+                "silent_timeout",
+                self.silent_timeout >= silent,
+                f"{silent:g} s at least, two cycles at a rate of {self.rate:g} Hz: a single answer that is "
+                "lost would be a FAULT",
+            ),
+            (
+                "silent_timeout",
+                self.silent_timeout > MOST_GAPS * patience,
+                f"above {MOST_GAPS * patience:g} s: a cycle waits up to {MOST_GAPS} times latency_budget "
+                f"({patience:g} s) for servos that are silent",
+            ),
+            (
+                "watchdog",
+                not self.watchdog or self.watchdog >= longest,
+                f"0 or {longest:g} s at least: at a rate of {self.rate:g} Hz and with a latency_budget of "
+                f"{patience:g} s servos that nothing is wrong with would stop by themselves",
+            ),
+        )
+        for key, is_met, text in needed:
+            if not is_met:
+                raise ValueError(f"{key} ({getattr(self, key):g} s) must be {text}")
         return self
 
     def servos(self) -> Iterator[tuple[str, ServoConfig]]:
