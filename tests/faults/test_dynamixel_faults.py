@@ -274,6 +274,54 @@ def check_work(bench: DynamixelBench) -> None:
     bench.until_still()
 
 
+@pytest.mark.parametrize("fast_read", [True, False])
+def test_what_an_adapter_held_back_never_counts_as_new(fast_read):
+    """However long: what comes after its time is from before, and has no new stamp."""
+    values = {**PATIENT, "fast_read": fast_read, "latency_budget": 0.004}
+    values |= {"silent_timeout": 9.0, "sample_timeout": 10.0}
+    values["joints"] = {"pan": {"id": 1, "model": "xm430-w350"}}
+    with dynamixel_bench(values) as bench:
+        samples = []
+
+        def keep():
+            joints, stamp = bench.engine.feedback("measured_js")
+            samples.append((stamp.monotonic, float(joints.position[0])))
+
+        def after(placed, angle):
+            found = [position for at, position in samples if at > placed]
+            assert found == pytest.approx([angle] * len(found), abs=2 * COUNT)
+            return found
+
+        bench.engine.on_sample = keep
+        for angle in (0.1, 0.2, 0.3):
+            bench.cycles(3)
+            bench.sim.control.inject("stall")
+            until_misses(bench, 5)
+            placed = put(bench, angle)
+            bench.sim.control.clear("stall")
+            bench.cycles(5)
+            assert len(after(placed, angle)) > 1
+        for number in range(12):
+            bench.sim.control.inject("late", seconds=0.1 + 0.004 * number)
+            until_misses(bench, 5)
+            placed = put(bench, 0.1 * number)
+            until_misses(bench, 12)
+            after(placed, 0.1 * number)
+
+
+def put(bench: DynamixelBench, angle: float) -> float:
+    """Put the joint somewhere; return a time from which on every reading begins after that."""
+    bench.place(joint_1=angle)
+    until_misses(bench, 2)
+    return time.monotonic()
+
+
+def until_misses(bench: DynamixelBench, count: int) -> None:
+    """Wait until so many more answers were missed."""
+    goal = bench.arm.health().device["timeouts"] + count
+    eventually(lambda: bench.arm.health().device["timeouts"] >= goal, f"{count} misses")
+
+
 def test_values_that_need_stuffing_arrive_as_they_are(sim):
     with driver_at(sim, {**VALUES, "fast_read": False}) as bench:
         before = bench.arm.health().device
@@ -298,7 +346,8 @@ def test_values_that_need_stuffing_arrive_as_they_are(sim):
 
 
 def test_a_watchdog_that_tripped_is_recognised(sim):
-    with driver_at(sim, {**VALUES, "watchdog": WATCHDOG, "silent_timeout": 5.0}) as bench:
+    values = {**VALUES, "watchdog": WATCHDOG, "silent_timeout": 5.0, "sample_timeout": 10.0}
+    with driver_at(sim, values) as bench:
         bench.enable()
         move = start_moving(bench)
         sim.control.inject("lost")

@@ -170,6 +170,15 @@ def test_latency_of_the_adapter(sim: RunningSim, wire: Wire) -> None:
     assert sum(times()[1:]) > 11 * 0.04  # one answer in every 50 ms, at most
 
 
+def test_an_adapter_that_stalls_keeps_all_in_order(sim: RunningSim, wire: Wire) -> None:
+    sim.control.inject("stall")
+    for number in (2, 1, 3):
+        assert wire.ask(instruction(number, 0x01)) == []
+    sim.control.clear("stall")
+    assert [s.number for s in statuses(wire.receive(3 * ANSWER_1))] == [2, 1, 3]
+    assert [s.number for s in wire.ask(PING_1, ANSWER_1)] == [1]
+
+
 @pytest.mark.parametrize("chain", ["goes_on", "stalls"])
 def test_a_silent_servo_in_a_sync_read(sim: RunningSim, wire: Wire, chain: str) -> None:
     sim.control.inject("silent", id=2, chain=chain)
@@ -366,5 +375,5 @@ def test_a_wrong_fault_file(tmp_path: Path) -> None:
 
 
 def test_every_kind_has_an_effect() -> None:
-    wire = {*REPLIES, "lost", "late", "silent", "echo", "latency", "unplug"}
+    wire = {*REPLIES, "lost", "late", "silent", "echo", "latency", "stall", "unplug"}
     assert set(KINDS) == wire | set(BEGIN)

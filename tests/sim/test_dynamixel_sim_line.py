@@ -145,7 +145,7 @@ def test_a_client_in_time_does_not_collide_and_one_too_early_does(make: Make) ->
     assert dues(line) == []
 
 
-WIRE_KINDS = (*REPLIES, "lost", "late", "echo", "latency", "silent")
+WIRE_KINDS = (*REPLIES, "lost", "late", "echo", "latency", "stall", "silent")
 TALK = st.one_of(
     st.binary(max_size=30),
     st.builds(

@@ -1,20 +1,20 @@
 """Groups over a pseudo-terminal: all at once, and what a silent or damaged servo costs the others."""
 
+import time
+from collections import deque
 from contextlib import contextmanager
+from random import Random
 
 import pytest
 from dynamixel_bytes import fast_status2, status1, status2
 from dynamixel_peer import FAST, Peer, open_bus
 
-from crtk_driver_dynamixel import groups, line, protocol1, protocol2
+from crtk_driver_dynamixel import groups, protocol1, protocol2
 from crtk_driver_dynamixel.bus import ServoLink
 from crtk_driver_dynamixel.replies import Failure
 
 SHORT = 0.15
 """Seconds of patience where silence is expected."""
-
-LATEST = 5.0
-"""Seconds past its deadline that a reply may take, so that a slow machine does not decide."""
 
 
 @contextmanager
@@ -27,6 +27,9 @@ def bus_on(links=None, *, budget=0.2, baud=FAST):
             bus.close()
 
 
+WAIT = 20.0
+
+
 def data(id, turn=0):
     return bytes((id, turn, 0, 0))
 
@@ -37,6 +40,19 @@ def statuses(ids, turn=0):
 
 def fast(ids, turn=0):
     return fast_status2([(id, 0, data(id, turn)) for id in ids])
+
+
+def answers(turn=0):
+    """What servos answer to whatever read; data of 4 bytes tell their id and the turn."""
+
+    def answer(request):
+        body = request[8:-2]
+        if request[7] == 0x02:
+            length = int.from_bytes(body[2:4], "little")
+            return status2(request[4], data(request[4], turn) if length == 4 else bytes(length))
+        return (fast if request[7] == 0x8A else statuses)(body[4:], turn)
+
+    return answer
 
 
 def failures(result):
@@ -154,7 +170,7 @@ def test_a_silent_servo_whose_followers_stall():
         assert failures(result) == {2: Failure.SILENT}
         assert values(result) == {1: data(1), 3: data(3), 4: data(4)}
         assert peer.requests[1:] == [protocol2.sync_read([3, 4], 132, 4)]
-        assert bus.line_counters.waits == 0
+        assert bus.line_counters.probes == 0
 
 
 def test_a_truncated_reply_whose_followers_stall():
@@ -208,15 +224,14 @@ def test_a_chain_that_gets_its_power_back_is_found_again():
         for _ in range(groups.LEAVE_OUT_AFTER):
             group.run()
         assert set(group.left_out) == {1, 2}
-        peer.answer_all(lambda request: statuses(request[12:-2]))
+        peer.answer_all(answers())
         assert set(values(group.run())) == {1}
         assert group.left_out == ()
         assert group.run().complete
         assert peer.requests[-1] == protocol2.sync_read([1, 2], 132, 4)
 
 
-def test_late_replies_of_the_last_servo_are_not_taken(monkeypatch):
-    monkeypatch.setattr(line, "LATEST", LATEST)
+def test_late_replies_of_the_last_servo_are_not_taken():
     with bus_on(budget=SHORT) as (peer, bus):
         group = bus.sync_group([1, 2, 3], 132, 4)
         peer.script(
@@ -227,50 +242,69 @@ def test_late_replies_of_the_last_servo_are_not_taken(monkeypatch):
         assert failures(group.run()) == {3: Failure.SILENT}
         assert values(group.run()) == {id: data(id, 2) for id in (1, 2, 3)}
         assert bus.read(3, 132, 4) == data(3, 3)
-        assert (bus.line_counters.strays, bus.line_counters.waits) == (1, 0)
+        assert (bus.line_counters.strays, bus.line_counters.probes) == (1, 0)
 
 
-def test_a_reply_that_is_owed_cannot_come_behind_those_to_a_later_request(monkeypatch):
-    monkeypatch.setattr(line, "LATEST", LATEST)
+def test_a_reply_that_is_owed_cannot_come_behind_those_to_a_later_request():
     with bus_on(budget=SHORT) as (peer, bus):
         peer.script(statuses([1]), statuses([1, 2], turn=2), statuses([2], turn=3))
         assert failures(bus.sync_read([1, 2], 132, 4)) == {2: Failure.SILENT}
         assert bus.sync_read([1, 2], 132, 4).complete
         assert bus.read(2, 132, 4) == data(2, 3)
-        assert bus.line_counters.waits == 0
+        assert bus.line_counters.probes == 0
 
 
-def test_late_replies_of_all_servos_are_not_taken(monkeypatch):
-    monkeypatch.setattr(line, "LATEST", LATEST)
+def until_complete(group):
+    """Run until every servo has brought its data; nothing else may be among them meanwhile."""
+    seen = []
+    deadline = time.monotonic() + WAIT
+    while not (result := group.run()).complete:
+        seen += values(result).values()
+        assert time.monotonic() < deadline
+    return [*seen, *values(result).values()]
+
+
+@pytest.mark.parametrize("is_fast", [False, True])
+def test_late_replies_of_all_servos_are_not_taken(is_fast):
     with bus_on(budget=SHORT) as (peer, bus):
-        group = bus.sync_group([1, 2], 132, 4)
-        peer.script([3 * SHORT, statuses([1, 2], turn=1)])
-        peer.answer_all(lambda request: statuses(request[12:-2], turn=2))
+        group = bus.sync_group([1, 2], 132, 4, fast=is_fast)
+        peer.script([4 * SHORT, (fast if is_fast else statuses)([1, 2], turn=1)])
+        peer.answer_all(answers(turn=2))
         group.run()
-        assert values(group.run()) == {id: data(id, 2) for id in (1, 2)}
-        assert bus.line_counters.waits >= 1
+        assert {told[1] for told in until_complete(group)} == {2}
+        assert bus.line_counters.probes >= 1
 
 
-def test_a_late_fast_reply_is_not_taken(monkeypatch):
-    monkeypatch.setattr(line, "LATEST", LATEST)
+@pytest.mark.parametrize("is_fast", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_whatever_is_held_back_no_cycle_has_data_of_an_earlier_one(seed, is_fast):
+    random, held, cycle = Random(seed), deque(), [0]
+
+    def answer(request):
+        reply = answers(cycle[0])(request)
+        held.extend(reply[at : at + 9] for at in range(0, len(reply), 9))
+        comes = random.choice((0, 0, 1, 3, 200, 200))
+        return b"".join(held.popleft() for _ in range(min(comes, len(held))))
+
+    with bus_on(budget=0.003) as (peer, bus):
+        group = bus.sync_group([1, 2, 3], 132, 4, fast=is_fast)
+        peer.answer_all(answer)
+        found = 0
+        for turn in range(1, 120):
+            cycle[0] = turn
+            for id, told in values(group.run()).items():
+                assert told == data(id, turn)
+                found += 1
+        assert found > 0
+
+
+def test_a_late_fast_reply_is_not_taken():
     with bus_on(budget=SHORT) as (peer, bus):
         group = bus.sync_group([1, 2], 132, 4, fast=True)
         peer.script(None, None, fast([1, 2], turn=1) + statuses([2], turn=2), fast([1, 2], turn=3))
         assert values(group.run()) == {2: data(2, 2)}
         assert values(group.run()) == {id: data(id, 3) for id in (1, 2)}
-        assert (bus.line_counters.strays, bus.line_counters.waits) == (1, 0)
-
-
-def test_a_late_fast_reply_is_waited_for_before_another_is_asked(monkeypatch):
-    monkeypatch.setattr(line, "LATEST", LATEST)
-    with bus_on(budget=SHORT) as (peer, bus):
-        group = bus.sync_group([1], 132, 4, fast=True)
-        peer.script([4 * SHORT, fast([1], turn=1)])
-        peer.answer_all(
-            lambda request: (fast if request[7] == 0x8A else statuses)(request[12:-2], 3)
-        )
-        group.run()
-        assert values(group.run()) == {1: data(1, 3)}
+        assert (bus.line_counters.strays, bus.line_counters.probes) == (1, 0)
 
 
 def test_a_reply_that_comes_too_early_does_not_prove_others_missing():

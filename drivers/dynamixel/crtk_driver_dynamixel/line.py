@@ -3,10 +3,9 @@
 Deadlines are what the wire and the servos need (bytes at the baud rate, return delay) and a budget for
 adapter and operating system.
 
-Bytes arrive in the order in which they were sent, however late: a reply that an earlier request was left
-owing comes before any to a newer one, and is dropped. Where the first reply to a new request could not be
-told from an owed one, the line is first left quiet until no such reply can come any more. What is later
-than `LATEST` cannot be recognised.
+A reply that comes after its request was given up is never taken for one to a newer request, however late it
+is (`crtk_driver_dynamixel.owed`). Where the two could not be told apart, the servo is first asked for
+something else: nothing is owed any more when that has come, and until then the servo counts as silent.
 """
 
 from __future__ import annotations
@@ -14,21 +13,20 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from crtk_driver_dynamixel import framing, protocol1, protocol2
 from crtk_driver_dynamixel.framing import Status
 from crtk_driver_dynamixel.group_replies import FastReply, PlainReplies, Whole, WholeReply
 from crtk_driver_dynamixel.matching import Matcher, Slot
+from crtk_driver_dynamixel.owed import Owed
 from crtk_driver_dynamixel.port import Port
 from crtk_driver_dynamixel.protocol2 import BROADCAST
-from crtk_driver_dynamixel.replies import Counters, Reply
+from crtk_driver_dynamixel.protocols import PROTOCOLS
+from crtk_driver_dynamixel.replies import Counters, Failure, Reply
 
-__all__ = ["LATEST", "Line", "LineCounters"]
-
-LATEST: Final = 0.02
-"""Seconds past its deadline after which a reply does not come any more: an adapter holds it 16 ms at most."""
+__all__ = ["Line", "LineCounters"]
 
 
 @dataclass(slots=True)
@@ -41,7 +39,7 @@ class LineCounters:
         bad_crc: damaged packets.
         echoes: of our own requests, which some adapters return.
         strays: replies that nothing had asked for: late, doubled, or of another length.
-        waits: times that the line was left quiet for late replies.
+        probes: times that a servo was asked only to see that no late reply comes any more.
     """
 
     requests: int = 0
@@ -49,17 +47,13 @@ class LineCounters:
     bad_crc: int = 0
     echoes: int = 0
     strays: int = 0
-    waits: int = 0
+    probes: int = 0
 
 
+PROBED: Final = 0
+"""Address from which a probe reads: model number and what follows, in every control table."""
 WORTH_SLEEPING: Final = 0.002
 """Seconds of the wire's time from which on replies are looked at only when they can be complete."""
-
-
-class _Owed(NamedTuple):
-    id: int
-    length: int
-    until: float
 
 
 class _Received(NamedTuple):
@@ -85,13 +79,13 @@ class Line:
             2: protocol2.StatusParser(longest=0),
         }
         self._servos: defaultdict[int, Counters] = defaultdict(Counters)
-        self._owed: list[_Owed] = []
+        self._owed = Owed()
         self._free_at = 0.0
         self._echoing = False
         self._requests = 0
         self._echoes = 0
         self._strays = 0
-        self._waits = 0
+        self._probes = 0
 
     @property
     def counters(self) -> LineCounters:
@@ -103,7 +97,7 @@ class Line:
             bad_crc=sum(parser.bad_crc for parser in parsers),
             echoes=self._echoes + sum(parser.echoes for parser in parsers),
             strays=self._strays,
-            waits=self._waits,
+            probes=self._probes,
         )
 
     def servo(self, id: int) -> Counters:
@@ -111,8 +105,7 @@ class Line:
         return self._servos[id]
 
     def forget(self) -> None:
-        """Forget what was under way: the port was opened anew."""
-        self._owed.clear()
+        """Forget what was under way, but not what may still come: the port was opened anew."""
         self._free_at = 0.0
         for parser in self._parsers.values():
             parser.finish()
@@ -133,7 +126,8 @@ class Line:
         """Send a request and return the replies, in the order of `slots`.
 
         It ends when a servo lets its time pass without a reply: that one is then the last of the list, and
-        whether those behind it would have answered is not known.
+        whether those behind it would have answered is not known. So it ends, too, if the first one does not
+        answer a probe: nothing else is asked of it then.
 
         Args:
             slots: whose replies are expected, in their order; not empty.
@@ -142,7 +136,8 @@ class Line:
         Raises:
             ConnectionLost: the adapter is gone.
         """
-        self._prepare(self._parsers[protocol], slots[0].id, slots[0].length, again=again)
+        if not self._prepare(protocol, slots[0], slots[0].id, again=again):
+            return [_silent(slots[0])]
         self.send(request)
         deadline = self._free_at + slots[0].time
         return self._search(protocol, request, slots, b"", deadline, again=again)
@@ -151,10 +146,11 @@ class Line:
         self, request: bytes, slots: Sequence[Slot], replies: PlainReplies
     ) -> Whole | list[Reply]:
         """As `ask` in protocol 2.0, but where all replies come as expected they are taken at once."""
-        self._prepare(self._parsers[2], slots[0].id, slots[0].length, again=False)
+        if not self._prepare(2, slots[0], slots[0].id):
+            return [_silent(slots[0])]
         self.send(request)
         deadline = self._free_at + slots[0].time
-        if self._owed:
+        if not self._owed.none:
             return self._search(2, request, slots, b"", deadline)
         received = self._receive(request, replies, deadline, slots[-1].time)
         if received.whole is not None:
@@ -174,11 +170,13 @@ class Line:
             ConnectionLost: the adapter is gone.
         """
         parser = self._parsers[2]
-        self._prepare(parser, BROADCAST, reply.data_size, again=False)
+        slot = Slot(BROADCAST, reply.data_size, reply.size, patience)
+        if not self._prepare(2, slot, reply.ids[0]):
+            return [None] * len(reply.ids)
         self.send(request)
         received = self._receive(request, reply, self._free_at + patience, 0.0)
         if received.whole is not None:
-            self._owed.clear()
+            self._owed.answered(again=False)
             self._count_whole(reply.ids, received.whole)
             return received.whole
         _, buffer, deadline, over = received
@@ -192,9 +190,9 @@ class Line:
         echoes = parser.echoes
         if start < 0:
             self._stray([*parser.feed(buffer), *parser.finish()])
-            self._owed.append(_Owed(BROADCAST, reply.data_size, deadline + LATEST))
+            self._owed.missed(BROADCAST, reply.data_size)
         else:
-            self._owed.clear()
+            self._owed.answered(again=False)
             for around in (buffer[:start], buffer[start + reply.size :]):
                 self._stray([*parser.feed(around), *parser.finish()])
         self._echoing = parser.echoes > echoes
@@ -243,46 +241,40 @@ class Line:
             for id, alert in zip(ids, whole.alerts, strict=True):
                 servos[id].alerts += alert != 0
 
-    def _prepare(
-        self, parser: framing.StatusParser, first: int, length: int, *, again: bool
-    ) -> None:
-        """Take what came unasked, and let the line fall quiet if the first reply could be an owed one."""
+    def _prepare(self, protocol: int, first: Slot, id: int, *, again: bool = False) -> bool:
+        """Take what came unasked, and make sure that the first reply cannot be one that is owed.
+
+        Args:
+            first: reply to the request.
+            id: of the servo to be probed.
+
+        Returns:
+            False if the servo does not answer the probe.
+        """
+        parser = self._parsers[protocol]
         late = self.port.drain()
         if late:
             self._stray([*parser.feed(late), *parser.finish()])
-        if self._owed and not again:
-            self._settle(parser, first, length)
-
-    def _settle(self, parser: framing.StatusParser, first: int, length: int) -> None:
-        begin = now = self._clock()
-        while now < (until := self._owed_until(first, length)):
-            self._stray(parser.feed(self.port.read(until)))
-            now = self._clock()
-        if now > begin:
-            self._waits += 1
-            self._stray(parser.finish())
-        self._owed = [owed for owed in self._owed if owed.until > now]
-
-    def _owed_until(self, id: int, length: int) -> float:
-        return max((o.until for o in self._owed if o.id == id and o.length == length), default=0.0)
-
-    def _owes(self, status: Status) -> int | None:
-        """Return the index in `_owed` of the reply that this one can be."""
-        for index, owed in enumerate(self._owed):
-            if owed.id == status.id and (status.error or owed.length == len(status.params)):
-                return index
-        return None
+        if not again:
+            self._owed.begin()
+        if not self._owed.is_ambiguous(first.id, first.length):
+            return True
+        codec = PROTOCOLS[protocol]
+        length = self._owed.probe(id, first.length)
+        size = codec.status_size(length)
+        slot = replace(
+            first, id=id, length=length, size=size, time=first.time + self.port.wire_time(size)
+        )
+        request = codec.read(id, PROBED, length)
+        self.send(request)
+        self._probes += 1
+        deadline = self._free_at + slot.time
+        (reply,) = self._search(protocol, request, [slot], b"", deadline, is_probe=True)
+        return reply.data is not None
 
     def _stray(self, statuses: Sequence[Status]) -> None:
-        """Count replies that nothing asked for; what was owed up to them is owed no more."""
-        for status in statuses:
-            self._stray_ids([status.id])
-            self._settle_owed(status)
-
-    def _settle_owed(self, status: Status) -> None:
-        index = self._owes(status)
-        if index is not None:
-            del self._owed[: index + 1]
+        """Count replies that nothing asked for."""
+        self._stray_ids([status.id for status in statuses])
 
     def _search(
         self,
@@ -294,6 +286,7 @@ class Line:
         over: bool = False,
         *,
         again: bool = False,
+        is_probe: bool = False,
     ) -> list[Reply]:
         """Find the replies among whatever else has arrived and arrives.
 
@@ -304,6 +297,9 @@ class Line:
             deadline: of the next reply.
             over: it has passed.
         """
+        owed = self._owed
+        is_owed = owed.holds_besides_probes if is_probe else owed.holds
+        expected = {(slot.id, slot.length) for slot in slots}
         parser = self._parsers[protocol]
         parser.expect_echo(request)
         parser.corrupt.clear()
@@ -318,14 +314,11 @@ class Line:
         while True:
             at = matcher.at
             for status in statuses:
-                if not (again or certain) and self._owes(status) is not None:
+                if not certain and is_owed(status):
                     self._stray([status])
                     continue
-                certain = True
-                strays = matcher.place(status)
-                if strays:
-                    self._stray_ids(strays)
-                    self._settle_owed(status)
+                certain = certain or (status.id, len(status.params)) in expected
+                self._stray_ids(matcher.place(status))
             if matcher.complete:
                 break
             now = self._clock()
@@ -347,16 +340,21 @@ class Line:
         replies = matcher.replies(parser.corrupt)
         for reply in replies:
             self._servos[reply.id].take(reply.failure, error=reply.error, alert=reply.alert)
-        if certain and not again:
-            self._owed.clear()
-        self._owed += [
-            _Owed(slot.id, slot.length, deadline + LATEST)
-            for slot in slots[matcher.answered :]
-            if slot.id not in parser.corrupt
-        ]
+        if is_probe:
+            if certain:
+                owed.probed()
+            return replies
+        if certain:
+            owed.answered(again=again)
+        for slot in slots[matcher.answered :]:
+            owed.missed(slot.id, slot.length)
         return replies
 
     def _stray_ids(self, ids: Sequence[int]) -> None:
         for id in ids:
             self._strays += 1
             self._servos[id].strays += 1
+
+
+def _silent(slot: Slot) -> Reply:
+    return Reply(slot.id, None, failure=Failure.SILENT)

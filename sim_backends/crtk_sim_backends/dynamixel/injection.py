@@ -210,6 +210,12 @@ KINDS: Final[Mapping[str, FaultKind]] = {
             lasting=True,
         ),
         FaultKind(
+            "stall",
+            "the adapter hands over nothing; cleared: all that it has received, in order",
+            {"bus": _BUS},
+            lasting=True,
+        ),
+        FaultKind(
             "unplug", "the adapter is unplugged; cleared: a new tty", {"bus": _BUS}, lasting=True
         ),
         _servo_kind("stuck", "the joint is blocked mechanically"),

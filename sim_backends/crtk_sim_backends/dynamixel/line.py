@@ -144,6 +144,11 @@ class Line:
             return float(active.fault.parameters["milliseconds"]) * 1e-3
         return self._latency
 
+    @property
+    def _holds(self) -> bool:
+        """Whether the adapter hands over nothing."""
+        return bool(self._of_kind("stall"))
+
     # From the client
 
     def receive(self, data: bytes, now: float, plant_time: float, baud: int) -> None:
@@ -253,13 +258,13 @@ class Line:
 
     @property
     def due(self) -> float:
-        """When the next bytes are to be handed over; infinity if there are none."""
-        return self._pieces[0][0] if self._pieces else math.inf
+        """When the next bytes are to be handed over; infinity if there are none, or while they are held."""
+        return self._pieces[0][0] if self._pieces and not self._holds else math.inf
 
     def deliver(self, now: float) -> None:
         """Hand over what is due."""
         statistics = self.statistics
-        while self._pieces and self._pieces[0][0] <= now:
+        while self._pieces and self.due <= now:
             due, _, _, data = heapq.heappop(self._pieces)
             sent = self.port.write(data) if self.port.plugged else len(data)
             statistics.bytes_out += sent
