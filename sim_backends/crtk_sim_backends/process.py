@@ -69,6 +69,12 @@ def listen(host: str, port: int, name: str) -> socket.socket:
                 f"simulator or a vendor simulator that binds every address; `ss -ltnp 'sport = "
                 f":{port}'` names the process. Stop it, or choose another 127.x.y.z address."
             ) from error
+        if error.errno == errno.EACCES:
+            raise SimStartError(
+                f"cannot bind the {name} port {host}:{port}: ports below 1024 need privilege; give "
+                f"another one with {name}_port, run as root, or permit it with `sudo sysctl "
+                f"net.ipv4.ip_unprivileged_port_start={port}`"
+            ) from error
         raise SimStartError(
             f"cannot bind the {name} port {host}:{port}: {error.strerror}; choose an address of "
             "this machine, such as 127.0.0.2 (macOS: `sudo ifconfig lo0 alias 127.0.0.2` first)"

@@ -10,11 +10,14 @@ from crtk_sim_backends.options import (
     ConfigError,
     Options,
     check_choice,
+    check_port,
     option,
 )
 from crtk_sim_backends.process import AUTO
 from crtk_sim_backends.ur.models import MODELS, RobotModel
+from crtk_sim_backends.ur.tool_device import parse_device
 from crtk_sim_backends.ur.variables import Version
+from crtk_sim_backends.ur.wiring import Wire, WiringError, parse_wires
 
 PORTS: Final = {
     "rtde": 30004,
@@ -25,8 +28,14 @@ PORTS: Final = {
     "primary_read_only": 30011,
     "secondary_read_only": 30012,
     "realtime_read_only": 30013,
+    "modbus": 502,
+    "tool": 54321,
 }
-"""TCP ports of the controller by name. PolyScope X (10.x) has no dashboard server."""
+"""TCP ports of the controller by name.
+
+PolyScope X (10.x) has no dashboard server, CB3 no serial line to the tool, and the Modbus server is
+an option.
+"""
 
 _DEFAULT_VERSIONS: Final = {True: "3.15.8", False: "5.12.4"}  # by "is a CB3 arm"
 
@@ -46,6 +55,24 @@ class SimConfig(Options):
     powered_on: bool = option(True, "start with the arm powered and the brakes released")
     remote: bool = option(True, "start in remote control (e-Series)")
     serial_number: str = option("20235500001", "serial number that the dashboard reports")
+    modbus: bool = option(False, "have the Modbus server (needs crtk-drivers[ur-sim])")
+    modbus_port: int = option(
+        PORTS["modbus"],
+        "its port; most systems permit 502 to root only; 0: any free one",
+    )
+    tool_communication: bool = option(
+        False, "start with the serial line to the tool on, at 115200 8N1, and 24 V for the tool"
+    )
+    tool_device: str = option(
+        "",
+        "what is attached to it: path of a tty (needs crtk-drivers[ur-sim]), tcp://host:port or "
+        "unix:///path; nothing when empty",
+    )
+    wiring: str = option(
+        "",
+        "outputs that are connected to inputs, such as "
+        "digital_out_0=digital_in_3,analog_out_1=tool_analog_in_0",
+    )
     trace_size: int = option(5000, "how many received input packages the trace keeps")
 
     def __post_init__(self) -> None:
@@ -61,6 +88,12 @@ class SimConfig(Options):
             raise ConfigError(f"version: a {self.robot.title} has software {needed}, not {major}.x")
         if self.robot.is_cb3 and not self.remote:
             raise ConfigError("remote: a CB3 controller has no local control")
+        check_port("modbus_port", self.modbus_port)
+        if self.tool_device:
+            parse_device(self.tool_device)
+        if self.robot.is_cb3 and (self.tool_device or self.tool_communication):
+            raise ConfigError("tool_device: a CB3 arm has no serial line to the tool")
+        _ = self.wires
 
     @property
     def robot(self) -> RobotModel:
@@ -78,8 +111,21 @@ class SimConfig(Options):
         return major, minor, bugfix, build
 
     @property
+    def wires(self) -> tuple[Wire, ...]:
+        """What `wiring` says."""
+        try:
+            return parse_wires(self.wiring)
+        except WiringError as error:
+            raise ConfigError(f"wiring: {error}") from error
+
+    @property
     def ports(self) -> dict[str, int]:
         """The TCP ports that this controller has, by name, without the control port."""
-        if self.software[0] < 10:
-            return dict(PORTS)
-        return {name: port for name, port in PORTS.items() if name != "dashboard"}
+        ports = {**PORTS, "modbus": self.modbus_port}
+        if self.software[0] >= 10:
+            del ports["dashboard"]
+        if self.robot.is_cb3:
+            del ports["tool"]
+        if not self.modbus:
+            del ports["modbus"]
+        return ports

@@ -25,6 +25,7 @@ from crtk_sim_backends.ur.messages import (
 from crtk_sim_backends.ur.models import RobotModel
 from crtk_sim_backends.ur.motion import MotionLibrary
 from crtk_sim_backends.ur.player import RAMP_SECONDS, ProgramPlayer, ramp
+from crtk_sim_backends.ur.port_map import PortMap
 from crtk_sim_backends.ur.power import ArmPower
 from crtk_sim_backends.ur.process_image import ProcessImage
 from crtk_sim_backends.ur.robot_library import robot_builtins
@@ -40,8 +41,12 @@ from crtk_sim_backends.ur.safety import (
     SafetyRule,
     gravest,
 )
+from crtk_sim_backends.ur.signal_library import signal_builtins
 from crtk_sim_backends.ur.signals import Signals
+from crtk_sim_backends.ur.state_signals import StateSignals
+from crtk_sim_backends.ur.tool_line import LineSettings
 from crtk_sim_backends.ur.urscript import PURE_BUILTINS, Builtin, timing_builtins
+from crtk_sim_backends.ur.wiring import Wire
 
 IDLE_PROGRAM: Final = "def {}():\n  while (True):\n    sleep(0.1)\n  end\nend\n"
 STORED_PROGRAMS: Final = ("external_control.urp", "simulation.urp")
@@ -49,6 +54,7 @@ OPERATIONAL_MODES: Final = ("NONE", "MANUAL", "AUTOMATIC")
 
 _NOT_IN_REMOTE: Final = 210
 _PLAYABLE: Final[tuple[RuntimeState, ...]] = (RuntimeState.STOPPED, RuntimeState.STOPPING)
+_FAILURES: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, SafetyMode.FAULT)
 _UNDER_POWER: Final = (RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.RUNNING)
 
 _log = logging.getLogger(__name__)
@@ -67,6 +73,7 @@ class Controller:
         version: software version (major, minor, bugfix, build).
         powered_on: start in RUNNING with the brakes released, else in POWER_OFF.
         remote: start in remote control; CB3 has nothing else.
+        wires: outputs that are connected to inputs.
         extra_builtins: URScript built-ins to add (the socket functions of `script_sockets`).
 
     Attributes:
@@ -81,6 +88,9 @@ class Controller:
         loaded_program: file name of the loaded program, "" when none.
         player: runs the programs.
         signals: digital and analog signals.
+        port_map: registers and bits of its Modbus server.
+        state_signals: outputs that follow the state, and inputs that act.
+        tool_communication: settings of the serial line to the tool; see `set_tool_communication`.
     """
 
     def __init__(
@@ -90,10 +100,11 @@ class Controller:
         *,
         powered_on: bool = True,
         remote: bool = True,
+        wires: Iterable[Wire] = (),
         extra_builtins: Callable[[Controller], Iterable[Builtin]] = no_builtins,
     ) -> None:
         self.model = model
-        self.version = version
+        self.version: tuple[int, int, int, int] = version
         self.dt = 1.0 / model.frequency
         self.tick_count = 0
         self.time = 0.0
@@ -108,7 +119,10 @@ class Controller:
         self.loaded_program: str = ""
 
         self.safety_mode: SafetyMode = SafetyMode.NORMAL
-        self.signals: Signals = Signals(self.inputs, self.outputs)
+        self.signals: Signals = Signals(self.inputs, self.outputs, wires)
+        self.port_map = PortMap(self)
+        self.state_signals = StateSignals(self)
+        self.tool_communication = LineSettings()
         self.arm = Arm(model, self.dt)
         self.kinematics = Kinematics(model)
         self.dynamics = Dynamics(self.kinematics)
@@ -144,6 +158,7 @@ class Controller:
                         robot_builtins(self),
                         force_builtins(self),
                         io_builtins(self),
+                        signal_builtins(self),
                         extra_builtins(self),
                     )
                     for builtin in group
@@ -171,6 +186,7 @@ class Controller:
         if violation is not None:
             self.protective_stop(violation.code, violation.joint)
         self._settle()
+        self.state_signals.update()
         self._image.update()
 
     def _update_scale(self) -> None:
@@ -268,6 +284,11 @@ class Controller:
                 self.load_changed()
 
     # Tool and load.
+
+    def set_tool_communication(self, settings: LineSettings) -> None:
+        """Set the serial line to the tool. It takes the wires of the tool's analog inputs."""
+        self.tool_communication = settings
+        self.signals.connect_tool_analog(not settings.enabled)
 
     def set_tcp(self, pose: tuple[float, ...]) -> None:
         """Set the TCP: a pose in the flange frame."""
@@ -508,7 +529,7 @@ class Controller:
         rule = self._rule
         self.arm.stop_deceleration = rule.deceleration
         if rule.program is ProgramRule.STOP:
-            self.player.end()
+            self.player.end(failed=mode in _FAILURES)
         elif rule.program is ProgramRule.PAUSE:
             self.pause()
         if not rule.keeps_power:

@@ -1,6 +1,6 @@
-"""The URScript built-ins for registers, digital and analog signals.
+"""The URScript built-ins for registers and for what Modbus clients share with programs.
 
-Names, parameters and defaults follow the URScript manual, chapters "internals" and "interfaces".
+Names, parameters and defaults follow the URScript manual, chapter "interfaces".
 """
 
 from __future__ import annotations
@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from crtk_sim_backends.ur.port_map import PortError, PortTable
+from crtk_sim_backends.ur.registers import BOOLEANS, boolean_written, read_boolean
 from crtk_sim_backends.ur.urscript import Builtin, ScriptRuntimeError
 
 if TYPE_CHECKING:
@@ -15,13 +17,10 @@ if TYPE_CHECKING:
 
 WATCHDOG_ACTIONS = ("ignore", "pause", "stop")
 
-# Digital signals by kind: first bit, number of signals (RTDE actual_digital_*_bits).
-DIGITAL = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
-
 
 def io_builtins(controller: Controller) -> Iterator[Builtin]:
     """Every built-in of this module for one controller."""
-    for group in (_registers, _signals):
+    for group in (_registers, _ports):
         for call in group(controller):
             yield Builtin(call.__name__, call)
 
@@ -65,31 +64,19 @@ def _registers(c: Controller) -> list[Callable[..., Any]]:
             raise ScriptRuntimeError(f"Register value out of range: {value}")
         outputs[lookup(int_out, address)] = number
 
-    def bit(direction: str, address: Any) -> tuple[str, int]:
-        if not isinstance(address, (int, float)) or not 0 <= address < 128:
+    def boolean(address: Any) -> int:
+        if not isinstance(address, (int, float)) or not 0 <= address < BOOLEANS:
             raise ScriptRuntimeError(f"Register address out of range: {address}")
-        index = int(address)
-        if index < 64:
-            span = "0_to_31" if index < 32 else "32_to_63"
-            return f"{direction}_bit_registers{span}", 1 << index % 32
-        return f"{direction}_bit_register_{index}", 0
-
-    def read_bit(image: dict[str, Any], direction: str, address: int) -> bool:
-        name, mask = bit(direction, address)
-        return bool(image[name] & mask if mask else image[name])
+        return int(address)
 
     def read_input_boolean_register(address: int) -> bool:
-        return read_bit(inputs, "input", address)
+        return read_boolean(inputs, "input", boolean(address))
 
     def read_output_boolean_register(address: int) -> bool:
-        return read_bit(outputs, "output", address)
+        return read_boolean(outputs, "output", boolean(address))
 
     def write_output_boolean_register(address: int, value: bool) -> None:
-        name, mask = bit("output", address)
-        if not mask:
-            outputs[name] = bool(value)
-        else:
-            outputs[name] = outputs[name] | mask if value else outputs[name] & ~mask
+        outputs.update(boolean_written(outputs, "output", boolean(address), bool(value)))
 
     def rtde_set_watchdog(variable_name: str, min_frequency: float, action: str = "pause") -> None:
         if variable_name not in inputs:
@@ -112,73 +99,35 @@ def _registers(c: Controller) -> list[Callable[..., Any]]:
     ]
 
 
-def _signals(c: Controller) -> list[Callable[..., Any]]:
-    out = c.outputs
+def _ports(c: Controller) -> list[Callable[..., Any]]:
+    registers = c.port_map.registers
+    bits = c.port_map.bits
 
-    def bit(kind: str, n: Any) -> int:
-        first, count = DIGITAL[kind]
-        if not isinstance(n, (int, float)) or not 0 <= n < count:
-            raise ScriptRuntimeError(f"No {kind} digital signal {n}")
-        return first + int(n)
+    def read(name: str, table: PortTable, address: int) -> int:
+        try:
+            return table[address]
+        except PortError as error:
+            raise ScriptRuntimeError(f"{name}: {error}") from None
 
-    def reader(name: str, kind: str, image: str) -> Callable[[int], bool]:
-        def read(n: int) -> bool:
-            return bool(out[image] >> bit(kind, n) & 1)
+    def write(name: str, table: PortTable, address: int, value: int) -> None:
+        try:
+            table[address] = value
+        except (PortError, ValueError) as error:
+            raise ScriptRuntimeError(f"{name}: {error}") from None
 
-        read.__name__ = name
-        return read
+    def read_port_bit(address: int) -> bool:
+        return bool(read("read_port_bit", bits, address))
 
-    def writer(name: str, kind: str) -> Callable[[int, bool], None]:
-        def write(n: int, b: bool) -> None:
-            c.signals.set_digital_outputs(1 << bit(kind, n), (1 << bit(kind, n)) if b else 0)
+    def read_port_register(address: int) -> int:
+        word = read("read_port_register", registers, address)
+        return word - 0x10000 if word & 0x8000 else word
 
-        write.__name__ = name
-        return write
+    def write_port_bit(address: int, value: bool) -> None:
+        write("write_port_bit", bits, address, int(bool(value)))
 
-    def set_standard_analog_out(n: int, f: float) -> None:
-        if n not in (0, 1) or not 0.0 <= f <= 1.0:
-            raise ScriptRuntimeError(f"set_standard_analog_out: channel {n}, value {f}")
-        c.signals.set_analog_output(int(n), float(f))
+    def write_port_register(address: int, value: int) -> None:
+        if not -0x8000 <= value <= 0x10000:
+            raise ScriptRuntimeError(f"write_port_register: value out of range: {value}")
+        write("write_port_register", registers, address, int(value) & 0xFFFF)
 
-    def set_analog_out(n: int, f: float) -> None:
-        set_standard_analog_out(n, f)
-
-    def get_standard_analog_in(n: int) -> float:
-        if n not in (0, 1):
-            raise ScriptRuntimeError(f"get_standard_analog_in: channel {n}")
-        return float(out[f"standard_analog_input{int(n)}"])
-
-    def get_standard_analog_out(n: int) -> float:
-        if n not in (0, 1):
-            raise ScriptRuntimeError(f"get_standard_analog_out: channel {n}")
-        return float(out[f"standard_analog_output{int(n)}"])
-
-    def get_tool_analog_in(n: int) -> float:
-        if n not in (0, 1):
-            raise ScriptRuntimeError(f"get_tool_analog_in: channel {n}")
-        return float(out[f"tool_analog_input{int(n)}"])
-
-    def set_tool_voltage(voltage: int) -> None:
-        if voltage not in (0, 12, 24):
-            raise ScriptRuntimeError(f"set_tool_voltage: 0, 12 or 24 V, not {voltage}")
-        out["tool_output_voltage"] = int(voltage)
-
-    inputs = "actual_digital_input_bits"
-    outputs = "actual_digital_output_bits"
-    calls: list[Callable[..., Any]] = []
-    for kind in DIGITAL:
-        calls.append(reader(f"get_{kind}_digital_in", kind, inputs))
-        calls.append(reader(f"get_{kind}_digital_out", kind, outputs))
-        calls.append(writer(f"set_{kind}_digital_out", kind))
-    return [
-        *calls,
-        reader("get_digital_in", "standard", inputs),
-        reader("get_digital_out", "standard", outputs),
-        writer("set_digital_out", "standard"),
-        set_standard_analog_out,
-        set_analog_out,
-        get_standard_analog_in,
-        get_standard_analog_out,
-        get_tool_analog_in,
-        set_tool_voltage,
-    ]
+    return [read_port_bit, read_port_register, write_port_bit, write_port_register]

@@ -48,6 +48,7 @@ class ProgramPlayer:
     Attributes:
         state: of the program; a new one is STOPPED.
         name: of the running or last program, "" before the first.
+        failed: whether a runtime error or the safety system has ended the last one.
         ended: called when the running program ends.
         thread_ended: called with the owner (see `caller`) of motions when its thread ends.
         pause_factor: speed scaling by pause: 1 while playing, 0 when paused.
@@ -63,6 +64,7 @@ class ProgramPlayer:
         self._watchdogs: dict[str, _Watchdog] = {}
         self.state: RuntimeState = RuntimeState.STOPPED
         self.name = ""
+        self.failed = False
         self.ended: Callable[[], None] | None = None
         self.thread_ended = thread_ended
         self.pause_factor = 1.0
@@ -120,6 +122,7 @@ class ProgramPlayer:
         self._program = runtime
         self.name = name
         self.state = RuntimeState.PLAYING
+        self.failed = False
         self._controller.post(KeyMessage("PROGRAM_XXX_STARTED", name))
         runtime.start()
 
@@ -149,6 +152,7 @@ class ProgramPlayer:
         try:
             runtime.step()
         except ScriptError as error:
+            self.failed = self.failed or runtime is self._program
             self._report(error)
         finally:
             self._stepping = None
@@ -191,12 +195,13 @@ class ProgramPlayer:
             watchdog.kicked = self._controller.time
         return True
 
-    def end(self) -> None:
+    def end(self, *, failed: bool = False) -> None:
         """Stop the program, let the arm slow down, leave what only a program can hold."""
         self._next = None
         runtime = self._program
         if runtime is None:
             return
+        self.failed = self.failed or failed
         controller = self._controller
         arm = controller.arm
         self._program = None

@@ -33,6 +33,7 @@ from crtk_sim_backends.ur import realtime
 from crtk_sim_backends.ur.config import SimConfig
 from crtk_sim_backends.ur.controller import Controller
 from crtk_sim_backends.ur.dashboard import GREETING, DashboardSession, Robot
+from crtk_sim_backends.ur.external import ExternalDevices
 from crtk_sim_backends.ur.injection import ALL_PORTS, BEGIN, END, EVENTS, KINDS
 from crtk_sim_backends.ur.messages import KeyMessage
 from crtk_sim_backends.ur.ports import Client, Mute, Port, Session
@@ -113,9 +114,15 @@ class UrServer:
             config.software,
             powered_on=config.powered_on,
             remote=config.remote,
+            wires=config.wires,
             extra_builtins=self._sockets.builtins,
         )
         self.controller.player.ended = self._sockets.close_all
+        try:
+            self._external = ExternalDevices(config, self.controller)
+        except SimStartError:
+            self._close_ports()
+            raise
         self._faults = FaultPlayer(KINDS, faults, self._begin, self._end, ("port", "joint"))
         self._stalled = False
         self._scripts = ScriptQueue(self.controller)
@@ -166,6 +173,7 @@ class UrServer:
     def close(self) -> None:
         """Close every socket."""
         self._sockets.close_all()
+        self._external.close()
         self._close_ports()
 
     def _close_ports(self) -> None:
@@ -225,6 +233,7 @@ class UrServer:
         self._report(now)
         self._send_states(now)
         self._send_rtde(now)
+        self._serve_tool(now)
         self._sockets.flush()
 
     def _do_requests(self, now: float) -> list[tuple[Client, bytes]]:
@@ -292,11 +301,15 @@ class UrServer:
             except OSError as error:
                 log.warning("cannot accept on the %s port: %s", port.name, error)
                 break
-            full = len(port.clients) >= _CLIENTS_PER_PORT or sock.fileno() > _HIGHEST_FD
+            full = len(port.clients) >= self._limit(port) or sock.fileno() > _HIGHEST_FD
             if full or "disconnect" in port.faults:
                 sock.close()
                 continue
             self._welcome(port, sock, now)
+
+    def _limit(self, port: Port) -> int:
+        """How many clients a port lets in."""
+        return self._external.tool_clients if port.name == "tool" else _CLIENTS_PER_PORT
 
     def _welcome(self, port: Port, sock: socket.socket, now: float) -> None:
         """Make a client of an accepted connection."""
@@ -325,6 +338,10 @@ class UrServer:
                 )
             case "dashboard":
                 return DashboardSession(self._robot, self._dashboard_commands.append)
+            case "modbus":
+                return self._external.modbus_session()
+            case "tool":
+                return self._external.tool_session()
             case "control":
                 return ControlSession(
                     {
@@ -445,6 +462,18 @@ class UrServer:
             if connection.closed or connection.blocked_for(now) > _SLOW_READER_LIMIT:
                 log.warning("closing RTDE connection %d: it does not read", client.number)
                 self._remove(port, client)
+
+    def _serve_tool(self, now: float) -> None:
+        """Send on what the tool has said; without its serial line nobody stays connected."""
+        port = self._ports.get("tool")
+        if port is None:
+            return
+        said = self._external.advance_tool()
+        if not self._external.tool_clients:
+            self._disconnect(port)
+        for client in port.clients:
+            if said and not port.silent and not isinstance(client.session, Mute):
+                client.connection.send(said, now)
 
     # Faults
 
