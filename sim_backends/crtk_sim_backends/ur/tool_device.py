@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import re
 import socket
 from collections.abc import Callable
 from typing import Any, Final, Protocol
-from urllib.parse import urlsplit
 
 from crtk_sim_backends.options import ConfigError
 from crtk_sim_backends.process import SimStartError
@@ -106,21 +106,18 @@ def parse_device(address: str) -> Callable[[float], Stream]:
     Raises:
         ConfigError: it is none of these.
     """
-    parts = urlsplit(address)
-    if not parts.scheme and address.startswith("/"):
+    if address.startswith("/"):
         return lambda timeout: _TtyStream(address)
-    if parts.scheme == "unix" and parts.path and not parts.netloc:
-        return lambda timeout: _SocketStream(socket.AF_UNIX, parts.path, timeout)
-    try:
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        host = port = None
-    if parts.scheme != "tcp" or not host or not port:
-        raise ConfigError(
-            "tool_device must be tcp://host:port, unix:///path or the absolute path of a tty, "
-            f"not {address!r}"
-        )
-    return lambda timeout: _SocketStream(socket.AF_INET, (host, port), timeout)
+    if match := re.fullmatch(r"unix://(/.+)", address):
+        path = match[1]
+        return lambda timeout: _SocketStream(socket.AF_UNIX, path, timeout)
+    if match := re.fullmatch(r"tcp://([^/:]+):(\d{1,5})", address):
+        host, port = match[1], int(match[2])
+        return lambda timeout: _SocketStream(socket.AF_INET, (host, port), timeout)
+    raise ConfigError(
+        "tool_device must be tcp://host:port, unix:///path or the absolute path of a tty, "
+        f"not {address!r}"
+    )
 
 
 class ToolDevice:
