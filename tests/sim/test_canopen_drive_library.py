@@ -155,7 +155,9 @@ def test_emergency(node, adapter):
     with adapter.lock:
         adapter.drive.axes[0].fault(0x2310, b"\1\2\3\4\5")
         adapter.drive.next_timer = 0.0
-    emergency = node.emcy.wait(0x2310, WAIT)
+    until(lambda: node.emcy.log)
+    (emergency,) = node.emcy.log
+    assert emergency.code == 0x2310
     assert (emergency.register, emergency.data) == (3, b"\1\2\3\4\5")
     assert node.sdo[0x1003][1].raw == 0x02012310
     node.sdo[0x6040].raw = 0x80
