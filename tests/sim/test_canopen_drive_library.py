@@ -142,11 +142,10 @@ def test_network_management_and_heartbeat(node):
 
 
 def test_reset_boots(node):
-    waiting = threading.Thread(target=node.nmt.wait_for_bootup, args=(WAIT,))
-    waiting.start()
-    time.sleep(0.01)
+    states: list[int] = []
+    node.nmt.add_heartbeat_callback(states.append)
     node.nmt.state = "RESET"
-    waiting.join()
+    until(lambda: 0 in states)
     until(lambda: node.nmt.state in ("PRE-OPERATIONAL", "INITIALISING"))
     assert node.sdo[0x1017].raw == 0
 
