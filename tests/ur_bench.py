@@ -38,8 +38,14 @@ PATIENT = {
 HOME = (0.0, -1.57, 1.57, -1.57, -1.57, 0.0)
 """Where the simulated arm starts, rad."""
 
+WAYS = ("ur_rtde", "native")
+"""Who carries commands out: values of the option `control`."""
+
 IDLE_CODES = frozenset({0, 35})
-"""Values of the command register that ask for nothing: none, and the watchdog being set."""
+"""Values of ur-rtde's command register that ask for nothing: none, and the watchdog being set."""
+
+SEQUENCES = ("input_int_register_1", "input_int_register_25")
+"""Registers that our own control program's commands have, and what only feeds its watchdog has not."""
 
 
 def eventually(test: Callable[[], object], what: str, timeout: float = LONG) -> Any:
@@ -84,8 +90,9 @@ class Log(Observer):
 class UrBench:
     """The two of them."""
 
-    def __init__(self, sim: RunningSim, session: Session) -> None:
+    def __init__(self, sim: RunningSim, session: Session, control: str) -> None:
         self.sim = sim
+        self.control = control
         self.session = session
         self.engine = session.engine
         self.device: Any = session.engine.device
@@ -197,12 +204,13 @@ class UrBench:
         found: list[Mapping[str, Any]] = []
         while part := self.sim.control.trace(after=mark):
             mark = part[-1]["number"]
-            found += [
-                entry["values"]
-                for entry in part
-                if entry["values"].get("input_int_register_0", 0) not in IDLE_CODES
-            ]
+            found += [entry["values"] for entry in part if self._asks(entry["values"])]
         return found
+
+    def _asks(self, values: Mapping[str, Any]) -> bool:
+        if self.control == "native":
+            return any(name in values for name in SEQUENCES)
+        return values.get("input_int_register_0", 0) not in IDLE_CODES
 
     @contextmanager
     def nothing_sent(self) -> Iterator[None]:
@@ -210,7 +218,7 @@ class UrBench:
         with self.nothing_moves():
             mark = self.mark()
             yield
-            # Two round trips through the control process are behind whatever was on its way.
+            # So many packages later whatever was on its way has arrived.
             done = self.mark()
             eventually(lambda: self.mark() > done + 10, "the watchdog is fed")
         assert self.sent_since(mark) == []
@@ -257,11 +265,11 @@ def driver_at(
     """A driver for a simulated controller that runs already."""
     values = {**PATIENT, "host": sim.host, **(config or {})}
     with lenient():
-        session = Session(PLUGIN, load(PLUGIN.config, from_values(values)))
-        bench = UrBench(sim, session)
+        loaded = load(PLUGIN.config, from_values(values))
+        bench = UrBench(sim, Session(PLUGIN, loaded), str(values.get("control", "ur_rtde")))
         try:
             if start:
-                session.start()
+                bench.session.start()
                 bench.until_connected()
             yield bench
         finally:

@@ -1,4 +1,4 @@
-"""The UR driver keeps the contract of every device, on an e-Series and on a CB3 arm."""
+"""The UR driver keeps the contract of every device, on e-Series and CB3, by ur-rtde and by our program."""
 
 from collections.abc import Iterator
 
@@ -15,11 +15,16 @@ from crtk_drivers.testing.contract import DeviceContract  # noqa: E402
 from crtk_sim_backends.ur import SIM, RunningSim  # noqa: E402
 
 
-@pytest.fixture(scope="module", params=["ur5e", "ur5"])
-def controller(request) -> Iterator[tuple[str, RunningSim]]:
-    """A simulated controller and the model of its arm; one for all tests."""
-    with SIM.spawn(model=request.param) as sim:
-        yield request.param, sim
+@pytest.fixture(
+    scope="module",
+    params=[("ur5e", "ur_rtde"), ("ur5", "ur_rtde"), ("ur5e", "native"), ("ur5", "native")],
+    ids="-".join,
+)
+def controller(request) -> Iterator[tuple[str, str, RunningSim]]:
+    """A simulated controller, the model of its arm, and the way to it; one for all tests."""
+    model, control = request.param
+    with SIM.spawn(model=model) as sim:
+        yield model, control, sim
 
 
 class TestUr(DeviceContract):
@@ -27,8 +32,8 @@ class TestUr(DeviceContract):
 
     @pytest.fixture
     def session(self, controller) -> Iterator[Session]:
-        model, self.sim = controller
-        values = {**PATIENT, "model": model, "host": self.sim.host}
+        model, control, self.sim = controller
+        values = {**PATIENT, "model": model, "control": control, "host": self.sim.host}
         with lenient():
             yield Session(PLUGIN, load(PLUGIN.config, from_values(values)))
         self.sim.control.clear()

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ur_bench import HOME, LONG, UrBench, driver_at, eventually, ur_bench
+from ur_bench import HOME, LONG, WAYS, UrBench, driver_at, eventually, ur_bench
 
 from crtk_drivers.errors import CommandRefused, DeviceError, MotionAborted, TransitionFailed
 from crtk_sim_backends.ur import SIM
@@ -28,10 +28,16 @@ SAMPLE_TIMEOUT = 1.0
 CONFIG = {"sample_timeout": SAMPLE_TIMEOUT, "open_timeout": 2.0}
 
 
-@pytest.fixture(scope="module")
-def shared():
-    with ur_bench(CONFIG) as bench:
+@pytest.fixture(scope="module", params=WAYS)
+def shared(request):
+    with ur_bench({**CONFIG, "control": request.param}) as bench:
         yield bench
+
+
+by_ur_rtde = pytest.mark.parametrize("shared", ["ur_rtde"], indirect=True)
+"""For what concerns the control process only."""
+
+both_ways = pytest.mark.parametrize("control", WAYS)
 
 
 @pytest.fixture
@@ -320,6 +326,7 @@ def travel_after_death(bench: UrBench, speed: float) -> float:
     return 2.0 * speed * link_timeout + speed * speed / (2.0 * 2.0)
 
 
+@by_ur_rtde
 @pytest.mark.parametrize("moving", [start_moving, start_streaming])
 def test_f16_killed_control_process(bench, moving):
     move = moving(bench)
@@ -350,6 +357,7 @@ def test_f16_a_program_left_by_an_interrupted_start_is_stopped_by_the_next_enabl
         assert_enables_at_rest(bench)
 
 
+@by_ur_rtde
 def test_f16_frozen_control_process(bench):
     move = start_moving(bench)
     child = bench.child
@@ -362,6 +370,7 @@ def test_f16_frozen_control_process(bench):
     assert_enables_at_rest(bench)
 
 
+@by_ur_rtde
 def test_f16_disable_reaches_power_off_although_the_control_process_hangs(bench):
     os.kill(bench.child, signal.SIGSTOP)
     bench.arm.state_command("disable", timeout=0)
@@ -370,6 +379,7 @@ def test_f16_disable_reaches_power_off_although_the_control_process_hangs(bench)
     assert_enables_at_rest(bench)
 
 
+@by_ur_rtde
 def test_f16_a_control_process_that_dies_again_and_again_is_started_slowly(bench):
     starts = bench.arm.health().device["control process starts"]
     began = time.monotonic()
@@ -393,7 +403,7 @@ from ur_bench import HOME, SIM, driver_at
 class Sim:
     host = {host!r}
 
-with driver_at(Sim()) as bench:
+with driver_at(Sim(), {{"control": {control!r}}}) as bench:
     bench.enable()
     if {servo}:
         while True:
@@ -404,17 +414,18 @@ with driver_at(Sim()) as bench:
 """
 
 
-def driver_process(host: str, *, servo: bool) -> subprocess.Popen:
+def driver_process(host: str, control: str, *, servo: bool) -> subprocess.Popen:
     """A driver in a process of its own that enables the arm and moves it."""
     path = [str(Path(__file__).parent.parent), *filter(None, sys.path)]
-    text = DRIVER.format(path=path, host=host, servo=servo, far=FAR)
+    text = DRIVER.format(path=path, host=host, control=control, servo=servo, far=FAR)
     return subprocess.Popen([sys.executable, "-c", text])
 
 
+@both_ways
 @pytest.mark.parametrize("servo", [False, True], ids=["move", "stream"])
-def test_f16_f19_killed_driver_and_its_restart(servo):
-    with SIM.spawn() as sim, driver_at(sim, CONFIG, start=False) as bench:
-        process = driver_process(sim.host, servo=servo)
+def test_f16_f19_killed_driver_and_its_restart(control, servo):
+    with SIM.spawn() as sim, driver_at(sim, {**CONFIG, "control": control}, start=False) as bench:
+        process = driver_process(sim.host, control, servo=servo)
         try:
             bench.until_moving()
             before = bench.q()[0]
@@ -433,9 +444,10 @@ def test_f16_f19_killed_driver_and_its_restart(servo):
         assert_enables_at_rest(bench)
 
 
-def test_f16_a_frozen_driver_stops_the_arm():
-    with SIM.spawn() as sim, driver_at(sim, CONFIG, start=False) as bench:
-        process = driver_process(sim.host, servo=False)
+@both_ways
+def test_f16_a_frozen_driver_stops_the_arm(control):
+    with SIM.spawn() as sim, driver_at(sim, {**CONFIG, "control": control}, start=False) as bench:
+        process = driver_process(sim.host, control, servo=False)
         try:
             bench.until_moving()
             process.send_signal(signal.SIGSTOP)
@@ -446,9 +458,10 @@ def test_f16_a_frozen_driver_stops_the_arm():
             process.wait()
 
 
-def test_f16_dead_robot_under_motion_is_a_fault_and_close_is_quick():
+@both_ways
+def test_f16_dead_robot_under_motion_is_a_fault_and_close_is_quick(control):
     with SIM.spawn() as sim:
-        with driver_at(sim, CONFIG) as bench:
+        with driver_at(sim, {**CONFIG, "control": control}) as bench:
             bench.enable()
             move = start_moving(bench)
             sim.suspend()
@@ -462,8 +475,9 @@ def test_f16_dead_robot_under_motion_is_a_fault_and_close_is_quick():
         assert not [t for t in threading.enumerate() if sim.host in t.name]
 
 
-def test_f16_robot_without_power_under_motion():
-    with SIM.spawn() as sim, driver_at(sim, CONFIG) as bench:
+@both_ways
+def test_f16_robot_without_power_under_motion(control):
+    with SIM.spawn() as sim, driver_at(sim, {**CONFIG, "control": control}) as bench:
         bench.enable()
         move = start_moving(bench)
         sim.kill()
@@ -537,8 +551,13 @@ def test_f18_clock_jump(bench, monkeypatch, jump):
 # F20
 
 
-def test_f20_a_second_writer_is_refused_by_name_of_the_cause():
-    with SIM.spawn() as sim, driver_at(sim, CONFIG) as first, driver_at(sim, CONFIG) as second:
+@both_ways
+def test_f20_a_second_writer_is_refused_by_name_of_the_cause(control):
+    with (
+        SIM.spawn() as sim,
+        driver_at(sim, {**CONFIG, "control": control}) as first,
+        driver_at(sim, {**CONFIG, "control": control}) as second,
+    ):
         first.enable()
         with first.nothing_moves():
             with pytest.raises((CommandRefused, DeviceError), match="another program"):

@@ -21,9 +21,11 @@ from crtk_drivers.samples import Pose, vector
 from crtk_sim_backends.ur import SIM
 
 ARMS = {
-    "ur5e": {"model": "ur5e", "version": "5.12.4"},
-    "ur10e": {"model": "ur10e", "version": "5.23.0"},
-    "ur5": {"model": "ur5", "version": "3.15.8"},
+    "ur5e": ("ur_rtde", {"model": "ur5e", "version": "5.12.4"}),
+    "ur10e": ("ur_rtde", {"model": "ur10e", "version": "5.23.0"}),
+    "ur5": ("ur_rtde", {"model": "ur5", "version": "3.15.8"}),
+    "ur5e native": ("native", {"model": "ur5e", "version": "5.12.4"}),
+    "ur5 native": ("native", {"model": "ur5", "version": "3.15.8"}),
 }
 POWER_OFF, RUNNING = 3, 7
 STOPPED, PLAYING = 1, 2
@@ -32,7 +34,8 @@ PERIOD = 0.004
 
 @pytest.fixture(scope="module", params=ARMS)
 def shared(request):
-    with ur_bench(**ARMS[request.param]) as bench:
+    control, controller = ARMS[request.param]
+    with ur_bench({"control": control}, **controller) as bench:
         yield bench
 
 

@@ -91,6 +91,11 @@ class UrConfig(DeviceConfig):
         le=50.0,
         description="The controller stops the arm when it heard nothing for one period of this, in Hz.",
     )
+    control: Literal["ur_rtde", "native"] = Field(
+        default="ur_rtde",
+        description="Who carries commands out: the ur-rtde library in a process of its own, or a control "
+        "program of our own, fed from here.",
+    )
     upper_range_registers: bool = Field(
         default=False,
         description="Use RTDE registers 24 to 47, where a fieldbus or another client has the lower.",
@@ -118,6 +123,16 @@ class UrConfig(DeviceConfig):
     )
     move: MoveConfig = Field(default=MoveConfig(), description="Point-to-point motion.")
     servo: ServoConfig = Field(default=ServoConfig(), description="Streamed motion.")
+
+    @model_validator(mode="after")
+    def _watchdog_is_fed(self) -> UrConfig:
+        slow = self.frequency is not None and self.frequency < 4.0 * self.watchdog_frequency
+        if self.control == "native" and slow:
+            raise ValueError(
+                f"frequency: {self.frequency:g} Hz is too slow to feed the watchdog at "
+                f"{self.watchdog_frequency:g} Hz; give at least 4 times that, or control: ur_rtde"
+            )
+        return self
 
     @model_validator(mode="after")
     def _generation(self) -> UrConfig:

@@ -317,7 +317,7 @@ class ControlSupervisor:
         ``set_standard_digital_out(pin, on)``, ``set_configurable_digital_out(pin, on)``,
         ``set_tool_digital_out(pin, on)``, ``set_analog_output_voltage(pin, ratio)``,
         ``set_analog_output_current(pin, ratio)``. Dashboard: the names in
-        `crtk_driver_ur.dashboard_worker.DASHBOARD_METHODS`, for example ``power_on``.
+        `crtk_driver_ur.dashboard.REQUESTS`, for example ``power_on``.
         """
         sequence = next(self._sequences)
         self._send(Request(sequence, name, arguments))

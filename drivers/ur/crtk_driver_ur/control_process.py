@@ -42,7 +42,8 @@ from crtk_driver_ur.control_frames import (
     encode,
     six,
 )
-from crtk_driver_ur.dashboard_worker import DASHBOARD_METHODS, DashboardWorker
+from crtk_driver_ur.dashboard import REQUESTS
+from crtk_driver_ur.dashboard_worker import DashboardWorker
 from crtk_driver_ur.library_calls import LibraryCalls, LibraryError, explain
 from crtk_driver_ur.motion_sequencer import MotionOptions, MotionSequencer
 from crtk_driver_ur.output_worker import OUTPUT_REQUESTS, OutputWorker
@@ -70,7 +71,7 @@ _LATER = object()
 
 _WORKERS: Mapping[str, type[RequestWorker]] = MappingProxyType(
     {
-        **dict.fromkeys(DASHBOARD_METHODS, DashboardWorker),
+        **dict.fromkeys(REQUESTS, DashboardWorker),
         **dict.fromkeys(OUTPUT_REQUESTS, OutputWorker),
     }
 )

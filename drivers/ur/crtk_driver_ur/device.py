@@ -1,8 +1,9 @@
 """A Universal Robots arm as a CRTK device.
 
 Two ways lead to the controller. The state comes over an RTDE connection of our own (`rtde.stream`), read
-in the I/O thread. Commands go to a control process that owns the vendor library (`control_link`): it may hang
-or crash without harm to this one, and the controller's watchdog stops the arm when it does.
+in the I/O thread. Commands go over a `ControlLink`: to a control program of our own (`native_link`), or to a
+control process that owns the vendor library (`process_link`), which may hang or crash without harm to this
+one. In both the controller's watchdog stops the arm when nothing is heard of them.
 """
 
 from __future__ import annotations
@@ -20,12 +21,14 @@ from crtk_driver_ur.frames import IDENTITY, Transform
 from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import CB3, JOINT_NAMES, RobotModel, model_named
 from crtk_driver_ur.motion_sequencer import MotionOptions
+from crtk_driver_ur.native_link import NativeLink
 from crtk_driver_ur.outputs import UrInputs
 from crtk_driver_ur.primary import read_robot_info
+from crtk_driver_ur.process_link import ProcessLink
 from crtk_driver_ur.reports import numbers_of, reports_of
 from crtk_driver_ur.robot import Robot
 from crtk_driver_ur.rtde.stream import RTDE_PORT, RtdeStream, StateSample
-from crtk_driver_ur.safety import PROGRAM_PAUSED, RobotMode, RuntimeState
+from crtk_driver_ur.safety import PROGRAM_PAUSED, RobotMode
 from crtk_driver_ur.samples import BASE_FRAME, TOOL_FRAME, SampleMaker, pose_of
 from crtk_driver_ur.services import UrServices
 from crtk_drivers.device import (
@@ -66,11 +69,8 @@ limit."""
 STOP_TIMEOUT = 5.0
 """Seconds that disable waits for the arm to stand, before it goes on to switch the power off."""
 
-CLOSE_TIMEOUT = 0.7
-"""Seconds for the control process to stop the arm and end."""
-
 DEAD_AFTER = 0.1
-"""Seconds without a sample after which the control process is not asked to end, but killed."""
+"""Seconds without a sample after which the controller counts as silent."""
 
 CALIBRATION_TIMEOUT = 2.0
 """Seconds for the controller to tell its calibration."""
@@ -83,9 +83,6 @@ MODEL_TOLERANCE = 0.05
 
 REMOTE_CONTROL_SINCE = (5, 6)
 """PolyScope version from which on there is remote and local control (Dashboard Server manual)."""
-
-FREEDRIVE_SINCE = (5, 10)
-"""PolyScope version from which on ur_rtde's control program has freedrive; below it does nothing."""
 
 _PROGRAM_STOPPED = Condition(
     OperatingState.PAUSED,
@@ -109,15 +106,14 @@ class UrDevice(Device):
         self._kinematics_tool: tuple[float, ...] | None = None
         self._samples = SampleMaker(self._tool)
         self._frequency = config.frequency or self._model.frequency
-        self._link = ControlLink(
-            config.host, _control_options(config, self._model), f"ur {self.address}"
-        )
+        link = NativeLink if config.control == "native" else ProcessLink
+        options = _control_options(config, self._model)
+        self._link: ControlLink = link(config.host, options, f"ur {self.address}")
         self._stream: RtdeStream | None = None
         self._opening: RtdeStream | None = None
         self._aborted = False
         self._stream_lost = False
         self._robot = Robot(self._link, f"ur {self.address}")
-        self._has_freedrive = False
         self._in_control = False
         self._why_stopped = _PROGRAM_STOPPED
         self._calibration_note = ""
@@ -208,17 +204,18 @@ class UrDevice(Device):
             return found
         if self._link.loss:
             return Condition(OperatingState.FAULT, self._link.loss)
-        return found if self._link.program_runs else self._why_stopped
+        if self._link.program_runs:
+            return found
+        if self._link.complaint:
+            said = f"{self._why_stopped.reason} The controller says: {self._link.complaint}."
+            return Condition(self._why_stopped.allows, said)
+        return self._why_stopped
 
     @property
     def counters(self) -> Mapping[str, float]:
-        """Of the RTDE stream (packages) and of the control process."""
-        status, state = self._link.process.status, self._robot.state
-        counters = {
-            "control process starts": float(status.starts),
-            "control process silent for (s)": status.silent_for if status.alive else math.nan,
-            "longest library call (s)": status.heartbeat.longest_call,
-        }
+        """Of the RTDE stream (packages) and of whoever carries commands out."""
+        state = self._robot.state
+        counters = dict(self._link.counters)
         if self._stream is not None:
             stream = self._stream.counters
             counters["packages lost"] = float(stream.lost)
@@ -268,7 +265,7 @@ class UrDevice(Device):
             stream.open(deadline)
             self._check_generation(stream)
             version = (stream.controller_version.major, stream.controller_version.minor)
-            self._link.open(has_local_control=version >= REMOTE_CONTROL_SINCE)
+            self._link.open(version, has_local_control=version >= REMOTE_CONTROL_SINCE)
         except BaseException:
             stream.close()
             raise
@@ -276,7 +273,6 @@ class UrDevice(Device):
             self._opening = None
         self._calibration_note = self._check_calibration(deadline)
         self._stream, self._stream_lost = stream, False
-        self._has_freedrive = version >= FREEDRIVE_SINCE
         self._robot.state, self._in_control = None, False
         self._inputs.reset()
 
@@ -324,10 +320,7 @@ class UrDevice(Device):
             stream.close()
         state = self._robot.state
         silent = state is None or time.monotonic() - state.received > DEAD_AFTER
-        if self._stream_lost or silent:
-            # Waiting for a library that lost its controller too would keep the caller.
-            self._link.process.kill()
-        self._link.close(CLOSE_TIMEOUT)
+        self._link.close(lost=self._stream_lost or silent)
         self._robot.state, self._in_control = None, False
 
     def read(self, deadline: float) -> Sample | None:
@@ -343,9 +336,8 @@ class UrDevice(Device):
         if state is None:
             return None
         self._robot.take(state)
-        if state.runtime_state in (RuntimeState.STOPPING, RuntimeState.STOPPED):
-            self._link.program_stands()
-        elif self._link.program_runs and self._robot.paused:
+        self._link.take(state)
+        if self._link.program_runs and self._robot.paused:
             self._link.end_paused_program()
             self._why_stopped = PROGRAM_PAUSED
         self._follow_tool(state)
@@ -367,12 +359,11 @@ class UrDevice(Device):
         servo, link, valid_for = self._config.servo, self._link, self._config.stream_timeout
         values = setpoint.values.tolist()
         if setpoint.mode is Mode.JOINT_POSITION:
-            link.send(link.process.send_servo_joint, values)
+            link.servo_joint(values)
         elif setpoint.mode is Mode.JOINT_VELOCITY:
-            link.send(link.process.send_speed_joint, values, servo.joint_acceleration, valid_for)
+            link.speed_joint(values, servo.joint_acceleration, valid_for)
         else:
-            acceleration = servo.linear_acceleration
-            link.send(link.process.send_speed_cartesian, values, acceleration, valid_for)
+            link.speed_cartesian(values, servo.linear_acceleration, valid_for)
 
     def stop(self) -> None:
         """See the base class."""
@@ -382,16 +373,14 @@ class UrDevice(Device):
         """See the base class."""
         move, link = self._config.move, self._link
         if goal.joints is not None:
-            link.move(
-                link.process.move_joint,
+            link.move_joint(
                 goal.joints.tolist(),
                 move.joint_velocity * goal.ratios.velocity,
                 move.joint_acceleration * goal.ratios.acceleration,
             )
             return
         assert goal.pose is not None
-        link.move(
-            link.process.move_linear,
+        link.move_linear(
             rotvec_from_pose(goal.pose).tolist(),
             move.linear_velocity * goal.ratios.velocity,
             move.linear_acceleration * goal.ratios.acceleration,
@@ -400,16 +389,15 @@ class UrDevice(Device):
     def move_progress(self) -> MoveProgress:
         """See the base class."""
         progress = self._link.move_progress()
-        # The library believes its own connection, which has no checksum; the arm must stand as well.
+        # What says so came over a connection without a checksum; the arm must stand as well.
         moving = progress is MoveProgress.DONE and not self._robot.standing
         return MoveProgress.RUNNING if moving else progress
 
     def free(self) -> Steps:
         """See the base class."""
-        link = self._link
-        link.move(lambda: link.process.freedrive(teach_mode=not self._has_freedrive))
+        self._link.freedrive()
         while True:
-            link.move_progress()
+            self._link.move_progress()
             yield
 
     # ------------------------------------------------------------------------------------- transitions
@@ -445,9 +433,7 @@ class UrDevice(Device):
             yield from self._robot.until(lambda: self._robot.standing, STOP_TIMEOUT)
             yield from self._link.stop_program()
         if self._config.power_off_on_disable and self._robot.mode > RobotMode.POWER_OFF:
-            if self._link.connecting:
-                # The power is not to wait for that.
-                self._link.restart()
+            self._link.give_up_connecting()
             yield from self._robot.power_off()
 
     def _begin(self, command: str) -> Steps:

@@ -1,4 +1,4 @@
-"""Setting outputs of the control box and the tool, in a thread of its own of the control process."""
+"""Setting outputs of the control box and the tool, in a thread of its own."""
 
 from __future__ import annotations
 
@@ -34,6 +34,10 @@ class OutputWorker(RequestWorker):
             self._inputs.write(request.arguments["values"])
         else:
             self._run_beside(_TOOL_VOLTAGE.format(request.arguments["voltage"]))
+
+    def release(self) -> None:
+        """See the base class."""
+        self._inputs.close()
 
     def _run_beside(self, script: str) -> None:
         with socket.create_connection((self.host, SECONDARY_PORT), TIMEOUT) as peer:

@@ -15,7 +15,7 @@ from crtk_drivers.sims import RunningSim
 
 
 def _create(config: UrConfig) -> UrDevice:
-    if find_spec("rtde_control") is None:
+    if config.control == "ur_rtde" and find_spec("rtde_control") is None:
         raise MissingExtra("ur-rtde", "ur")
     return UrDevice(config)
 

@@ -1,4 +1,4 @@
-"""What the primary interface tells of an arm once: its software, its type, its calibration.
+"""What the primary interface tells: of an arm once, its software, type and calibration; of programs always.
 
 A packet is ``i32 size | u8 type | body``, big endian. A robot state (type 16) is a row of sub-packages
 ``u32 size | u8 type | body``; a robot message (type 20) begins with ``u64 time | i8 source | i8 type``.
@@ -20,7 +20,14 @@ from typing import Final
 from crtk_driver_ur.calibration import Calibration
 from crtk_drivers.errors import ConnectionFailed, ProtocolError
 
-__all__ = ["PORTS", "PacketReader", "PrimaryError", "RobotInfo", "read_robot_info"]
+__all__ = [
+    "PORTS",
+    "MessageReader",
+    "PacketReader",
+    "PrimaryError",
+    "RobotInfo",
+    "read_robot_info",
+]
 
 PORTS: Final = (30011, 30001)
 """The read-only port, which is open in local control too; and the other, where that is missing."""
@@ -31,6 +38,11 @@ _HEADER: Final = struct.Struct(">iB")
 _STATE, _MESSAGE = 16, 20
 _KINEMATICS, _CONFIGURATION = 5, 6
 _VERSION: Final = 3
+_ERROR, _EXCEPTION = 6, 10
+_MESSAGE_HEAD: Final = struct.Struct(">Qbb")
+_ERROR_HEAD: Final = struct.Struct(">iiiII")
+_EXCEPTION_HEAD: Final = struct.Struct(">ii")
+_WARNING: Final = 2
 _DH: Final = struct.Struct(">6I24d")
 _ROBOT_TYPE: Final = struct.Struct(">4i")
 _ROBOT_TYPE_AT: Final = (12 + 12 + 5 + 24) * 8
@@ -50,11 +62,34 @@ class RobotInfo:
     robot_type: int | None = None
 
 
-class PacketReader:
-    """Bytes in, packets out, however they were split; of these it keeps what `RobotInfo` has."""
+class PacketCutter:
+    """Bytes in, packets out, however they were split."""
 
     def __init__(self) -> None:
         self._buffer = b""
+
+    def feed(self, data: bytes) -> Iterator[tuple[int, bytes]]:
+        """Yield type and body of each packet that is complete.
+
+        Raises:
+            PrimaryError: they are no packets.
+        """
+        self._buffer += data
+        while len(self._buffer) >= _HEADER.size:
+            size, kind = _HEADER.unpack_from(self._buffer)
+            if not _HEADER.size <= size <= MAX_PACKET:
+                raise PrimaryError(f"a packet claims {size} bytes")
+            if len(self._buffer) < size:
+                return
+            body, self._buffer = self._buffer[_HEADER.size : size], self._buffer[size:]
+            yield kind, body
+
+
+class PacketReader:
+    """Bytes in, and what `RobotInfo` has of them out."""
+
+    def __init__(self) -> None:
+        self._cutter = PacketCutter()
         self._version: str | None = None
         self._calibration: Calibration | None = None
         self._robot_type: int | None = None
@@ -75,15 +110,8 @@ class PacketReader:
         Raises:
             PrimaryError: they are no packets.
         """
-        self._buffer += data
         try:
-            while len(self._buffer) >= _HEADER.size:
-                size, kind = _HEADER.unpack_from(self._buffer)
-                if not _HEADER.size <= size <= MAX_PACKET:
-                    raise PrimaryError(f"a packet claims {size} bytes")
-                if len(self._buffer) < size:
-                    return
-                body, self._buffer = self._buffer[_HEADER.size : size], self._buffer[size:]
+            for kind, body in self._cutter.feed(data):
                 self._take(kind, body)
         except (struct.error, IndexError) as error:
             raise PrimaryError(f"a packet is too short: {error}") from error
@@ -97,6 +125,43 @@ class PacketReader:
                     self._robot_type = _ROBOT_TYPE.unpack_from(content, _ROBOT_TYPE_AT)[2]
         elif kind == _MESSAGE and body[9] == _VERSION:
             self._version = _version(body[10:])
+
+
+class MessageReader:
+    """Bytes in, and what a program did wrong out, in words."""
+
+    def __init__(self) -> None:
+        self._cutter = PacketCutter()
+
+    def feed(self, data: bytes) -> list[str]:
+        """Return the runtime exceptions, and the entries of the log that are warnings or worse.
+
+        Raises:
+            PrimaryError: they are no packets.
+        """
+        try:
+            found = [_complaint(body) for kind, body in self._cutter.feed(data) if kind == _MESSAGE]
+        except struct.error as error:
+            raise PrimaryError(f"a packet is too short: {error}") from error
+        return [text for text in found if text]
+
+
+def _complaint(body: bytes) -> str:
+    """Return what a message complains about; empty if it does not."""
+    _, _, kind = _MESSAGE_HEAD.unpack_from(body)
+    content = body[_MESSAGE_HEAD.size :]
+    if kind == _EXCEPTION:
+        line, column = _EXCEPTION_HEAD.unpack_from(content)
+        return f"{_text(content[_EXCEPTION_HEAD.size :])} (line {line}, column {column})"
+    if kind == _ERROR:
+        code, argument, level, _, _ = _ERROR_HEAD.unpack_from(content)
+        if level >= _WARNING:
+            return f"C{code}A{argument} {_text(content[_ERROR_HEAD.size :])}".strip()
+    return ""
+
+
+def _text(data: bytes) -> str:
+    return data.decode("utf-8", "replace").strip("\0 ")
 
 
 def _subpackages(body: bytes) -> Iterator[tuple[int, bytes]]:

@@ -1,6 +1,6 @@
-"""Requests that wait for the network, in a thread of their own in the control process.
+"""Requests that wait for the network, in a thread of their own.
 
-The results are collected by the main loop, which is woken through a file descriptor.
+The results are collected by another thread, which may be woken through a file descriptor.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import queue
 import threading
+import time
 from abc import ABC, abstractmethod
 from typing import Any
 
@@ -27,14 +28,25 @@ class RequestWorker(ABC):
 
     def __init__(self, host: str) -> None:
         self.host = host
-        self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
+        self._requests: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
         self._replies: queue.SimpleQueue[Reply] = queue.SimpleQueue()
+        self._stopped = False
         self.wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._thread = threading.Thread(target=self._run, name=type(self).__name__, daemon=True)
 
     def start(self) -> None:
-        """Start the thread; it ends with the process."""
+        """Start the thread; it ends after `stop`, and with the process."""
         self._thread.start()
+
+    def stop(self) -> None:
+        """Let the thread end: what it waits for is broken off where that is possible. Does not wait."""
+        self._stopped = True
+        self._requests.put(None)
+        self.interrupt()
+
+    def join(self, deadline: float) -> None:
+        """Wait for its end, until the monotonic `deadline`."""
+        self._thread.join(max(0.0, deadline - time.monotonic()))
 
     def submit(self, request: Request) -> None:
         """Queue one request."""
@@ -55,11 +67,18 @@ class RequestWorker(ABC):
     def carry_out(self, request: Request) -> Any:
         """Do it and return its value, in the thread of this worker; what it raises is the reply."""
 
+    def interrupt(self) -> None:  # noqa: B027 - most wait for little
+        """Break off what the thread waits for; called from another."""
+
+    def release(self) -> None:  # noqa: B027 - most have nothing
+        """Close what is open, in the thread of this worker, as its last act."""
+
     def _run(self) -> None:
-        while True:
-            request = self._requests.get()
+        while (request := self._requests.get()) is not None and not self._stopped:
             self._replies.put(self._reply(request))
             os.eventfd_write(self.wake_fd, 1)
+        self.release()
+        os.close(self.wake_fd)
 
     def _reply(self, request: Request) -> Reply:
         try:

@@ -14,6 +14,7 @@ from crtk_drivers.device import Condition
 from crtk_drivers.state import OperatingState
 
 __all__ = [
+    "STANDING_PROGRAM",
     "RobotMode",
     "RobotStatus",
     "RuntimeState",
@@ -66,6 +67,10 @@ class RuntimeState(IntEnum):
     PAUSING = 3
     PAUSED = 4
     RESUMING = 5
+
+
+STANDING_PROGRAM = frozenset({RuntimeState.STOPPING, RuntimeState.STOPPED})
+"""States in which no program runs, or not for long."""
 
 
 def name_of(kind: type[IntEnum], number: int) -> str:

@@ -1,4 +1,4 @@
-"""Setting the controller's I/O over RTDE: a connection that only sends.
+"""Writing the controller's input variables over RTDE: a connection that only sends.
 
 A variable is claimed when it is first set, and is the connection's until that is closed: another client
 that wants it is told IN_USE, and so is this one where another was first. What is set stays set.
@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from typing import Final, TypeVar
 
 from crtk_driver_ur.rtde import codec
@@ -34,7 +35,10 @@ _ReplyT = TypeVar("_ReplyT", VersionReply, SetupReply)
 
 
 class RtdeInputs:
-    """Blocking, for a thread of its own. Connects when it is first used, and anew when it was cut off.
+    """Connects when it is first used, and anew when it was cut off.
+
+    `write` and `claim` block, for a thread of its own; `post` and `check` never do, and may be called from
+    another thread than these once the recipes are claimed.
 
     Args:
         host: address or name of the controller.
@@ -63,42 +67,78 @@ class RtdeInputs:
             ConnectionLost: it went away meanwhile; the values may have been set or not.
             ValueError: a value that does not fit its type.
         """
-        try:
-            if self._cut_off():
-                self.close()
-            if self._socket is None:
-                self._connect()
+        with self._blocking():
             recipe = self._recipe(tuple(values))
             self._peer.sendall(codec.encode_data(recipe, list(values.values())))
+
+    def claim(self, names: Sequence[str]) -> Recipe:
+        """Claim input variables, to be written together by `post`.
+
+        Raises:
+            ConnectionFailed, ConnectionLost: as `write`.
+        """
+        with self._blocking():
+            return self._recipe(tuple(names))
+
+    def post(self, recipe: Recipe, values: Sequence[float]) -> None:
+        """Set the variables of a recipe, all in the same control cycle, without waiting.
+
+        Raises:
+            ConnectionLost: there is no connection, or the controller does not read.
+            ValueError: a value that does not fit its type.
+        """
+        data = codec.encode_data(recipe, values)
+        try:
+            if self._peer.send(data, socket.MSG_DONTWAIT) != len(data):
+                raise BlockingIOError("the controller does not read")
+        except OSError as error:
+            raise self._lost(error) from error
+
+    def check(self) -> None:
+        """Take what the controller has sent, which are texts if anything.
+
+        Raises:
+            ConnectionLost: that was the end.
+        """
+        try:
+            while data := self._peer.recv(4096, socket.MSG_DONTWAIT):
+                self._decoder.feed(data)
+        except BlockingIOError:
+            return
+        except (OSError, RtdeFramingError) as error:
+            raise self._lost(error) from error
+        raise self._lost(ConnectionResetError("the controller closed the connection"))
+
+    @contextmanager
+    def _blocking(self) -> Iterator[None]:
+        """Be connected, and let the connection wait within."""
+        try:
+            if self._socket is not None:
+                with suppress(ConnectionLost):
+                    self.check()
+            if self._socket is None:
+                self._connect()
+            self._peer.settimeout(TIMEOUT)
+            yield
+            self._peer.setblocking(False)
         except ConnectionFailed:  # which is an OSError too
             raise
         except (OSError, RtdeFramingError) as error:
-            self.close()
-            raise ConnectionLost(
-                f"the values could not be sent: {error}",
-                where=self._where,
-                remedy="Check the network and the controller, and send them again.",
-            ) from error
+            raise self._lost(error) from error
+
+    def _lost(self, error: Exception) -> ConnectionLost:
+        self.close()
+        return ConnectionLost(
+            f"the values could not be sent: {error}",
+            where=self._where,
+            remedy="Check the network and the controller, and send them again.",
+        )
 
     @property
     def _peer(self) -> socket.socket:
-        assert self._socket is not None
-        return self._socket
-
-    def _cut_off(self) -> bool:
-        """Take what has arrived, which are texts if anything; whether it is the end."""
         if self._socket is None:
-            return False
-        self._socket.setblocking(False)
-        try:
-            while data := self._socket.recv(4096):
-                self._decoder.feed(data)
-        except BlockingIOError:
-            self._socket.settimeout(TIMEOUT)
-            return False
-        except OSError:
-            pass
-        return True
+            raise ConnectionResetError("not connected")
+        return self._socket
 
     def _connect(self) -> None:
         try:

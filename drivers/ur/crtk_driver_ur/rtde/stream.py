@@ -93,6 +93,8 @@ class StateSample(NamedTuple):
     output_int_register_0: int
     output_int_register_1: int
     output_int_register_2: int
+    output_int_register_3: int
+    output_int_register_4: int
     payload: float | None
     tcp_offset: Vector6 | None
     actual_current_as_torque: Vector6 | None
@@ -115,6 +117,30 @@ class StateSample(NamedTuple):
     tool_output_voltage: int | None
     tool_output_current: float | None
     tool_temperature: float | None
+    output_int_register_24: int | None
+    output_int_register_25: int | None
+    output_int_register_26: int | None
+    output_int_register_27: int | None
+    output_int_register_28: int | None
+
+    def control_registers(self, first: int) -> tuple[int, int, int, int, int] | None:
+        """Return the five integer output registers from `first` (0 or 24) on; None if there are none."""
+        if first == 0:
+            return (
+                self.output_int_register_0,
+                self.output_int_register_1,
+                self.output_int_register_2,
+                self.output_int_register_3,
+                self.output_int_register_4,
+            )
+        upper = (
+            self.output_int_register_24,
+            self.output_int_register_25,
+            self.output_int_register_26,
+            self.output_int_register_27,
+            self.output_int_register_28,
+        )
+        return None if None in upper else cast(tuple[int, int, int, int, int], upper)
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,6 +63,8 @@ NEEDED_OUTPUTS: Mapping[str, str] = MappingProxyType(
         "output_int_register_0": "INT32",
         "output_int_register_1": "INT32",
         "output_int_register_2": "INT32",
+        "output_int_register_3": "INT32",
+        "output_int_register_4": "INT32",
     }
 )
 """Type of each output variable that a state sample needs."""
@@ -91,6 +93,11 @@ OPTIONAL_OUTPUTS: Mapping[str, str] = MappingProxyType(
         "tool_output_voltage": "INT32",
         "tool_output_current": "DOUBLE",
         "tool_temperature": "DOUBLE",
+        "output_int_register_24": "INT32",
+        "output_int_register_25": "INT32",
+        "output_int_register_26": "INT32",
+        "output_int_register_27": "INT32",
+        "output_int_register_28": "INT32",
     }
 )
 """Type of each that older controllers do not have, and that the driver can do without."""

@@ -1,0 +1,226 @@
+"""The control program of our own: its registers, the text that is uploaded, and what it reports.
+
+Driver and program talk over RTDE registers, counted from the first of the range that is used (0, or 24):
+
+| Input    | int                                         | double                                       |
+|----------|---------------------------------------------|----------------------------------------------|
+| 0        | number of the program that is meant         | 0 to 5: values of the motion                 |
+| 1, 2     | sequence number and `Kind` of the motion    | 6, 7: its parameters (see `Kind`)            |
+| 3, 4     | number and `Setting` of a setting           | 10 to 19: values of the setting              |
+
+| Output   | int                                                                                        |
+|----------|--------------------------------------------------------------------------------------------|
+| 0        | number of the program that runs, or ran last                                               |
+| 1, 2     | sequence number that it took last, and its `Phase`                                         |
+| 3        | number of the setting that it took last                                                    |
+| 4        | counts the cycles of the program                                                           |
+
+A program obeys what is meant for its own number only: nothing that another one left in the registers is
+carried out. The number is written with every package, and feeds the watchdog.
+
+Source of the built-ins, their parameters and the versions that have them: URScript manual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from importlib.resources import files
+from string import Template
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+__all__ = [
+    "FEED",
+    "MOTION",
+    "SETTING",
+    "UPPER_RANGE",
+    "Kind",
+    "Phase",
+    "ProgramOptions",
+    "ProgramState",
+    "Setting",
+    "program_text",
+]
+
+UPPER_RANGE: Final = 24
+"""First register of the upper range, which no fieldbus claims (RTDE Guide)."""
+
+
+class Kind(IntEnum):
+    """Kinds of motion, with their six values and two parameters."""
+
+    REST = 0
+    """Stop, and hold."""
+    SERVO_JOINT = 1
+    """Joint angles, rad; lookahead, s, and gain."""
+    SPEED_JOINT = 2
+    """Joint speeds, rad/s; acceleration, rad/s², and for how many seconds it is good."""
+    SPEED_CARTESIAN = 3
+    """Twist of the tool in base axes, m/s and rad/s; acceleration, m/s², and for how many seconds."""
+    MOVE_JOINT = 4
+    """Joint angles, rad; speed, rad/s, and acceleration, rad/s²."""
+    MOVE_LINEAR = 5
+    """Pose: m and rotation vector; speed, m/s, and acceleration, m/s²."""
+    FREEDRIVE = 6
+    """Let the arm be moved by hand."""
+    FORCE = 7
+    """Wrench on the axes that are selected, N and N·m."""
+    QUIT = 8
+    """Stop, and end the program."""
+
+
+class Phase(IntEnum):
+    """What the program is doing."""
+
+    STANDING = 0
+    MOVING = 1
+    STOPPING = 2
+
+
+class Setting(IntEnum):
+    """What can be set beside any motion, with its values."""
+
+    PAYLOAD = 1
+    """Mass, kg, and centre of gravity from the flange, m (3)."""
+    TCP = 2
+    """Pose of the tool centre point from the flange: m and rotation vector (6)."""
+    GRAVITY = 3
+    """Acceleration opposite to gravity in base axes, m/s² (3)."""
+    ZERO_FORCE_SENSOR = 4
+    TARGET_PAYLOAD = 5
+    """Mass, kg, centre of gravity, m (3), and inertia about it: xx, yy, zz, xy, xz, yz, kg m² (6)."""
+    FREE_AXES = 6
+    """One for each axis that freedrive lets go, else zero (6)."""
+    FREE_FRAME = 7
+    """Pose of the frame of these axes in the base frame (6)."""
+    FORCE_AXES = 8
+    """One for each axis that gives way in force mode, else zero (6)."""
+    FORCE_FRAME = 9
+    """Pose of the frame of these axes in the base frame (6)."""
+    FORCE_LIMITS = 10
+    """Along axes that give way the largest speed, m/s and rad/s; along others the deviation, m and rad."""
+    FORCE_DAMPING = 11
+    """0 (none) to 1."""
+    FORCE_GAIN = 12
+    """0 to 2."""
+
+
+SETTING_VALUES: Final = 10
+"""Most values that a setting has."""
+
+
+class Registers(NamedTuple):
+    """Registers that one package writes, counted from the first of the range."""
+
+    ints: tuple[int, ...]
+    doubles: tuple[int, ...] = ()
+
+    def names(self, first: int) -> tuple[str, ...]:
+        """Return the names of the input variables."""
+        return (
+            *(f"input_int_register_{first + i}" for i in self.ints),
+            *(f"input_double_register_{first + i}" for i in self.doubles),
+        )
+
+
+FEED: Final = Registers((0,))
+MOTION: Final = Registers((0, 1, 2), (*range(8),))
+SETTING: Final = Registers((0, 3, 4), (*range(10, 10 + SETTING_VALUES),))
+
+
+class ProgramState(NamedTuple):
+    """What a program reports, in the order of its output registers."""
+
+    program: int = 0
+    sequence: int = 0
+    phase: int = Phase.STANDING
+    setting: int = 0
+    cycle: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramOptions:
+    """What is filled in.
+
+    Attributes:
+        version: major and minor version of the controller's software.
+        first: first register of the range.
+        watchdog_frequency: Hz at which the driver feeds the watchdog at least.
+        period: control period of the controller, s.
+        joint_deceleration: of stops of joint motions, rad/s².
+        linear_deceleration: of stops of the tool, m/s².
+    """
+
+    version: tuple[int, int]
+    first: int
+    watchdog_frequency: float
+    period: float
+    joint_deceleration: float
+    linear_deceleration: float
+
+    @property
+    def is_cb3(self) -> bool:
+        """Whether the controller is of the generation before the e-Series."""
+        return self.version < (5, 0)
+
+
+_SINCE: Final[Mapping[str, tuple[tuple[int, int], tuple[int, int]]]] = MappingProxyType(
+    {
+        "freedrive_mode": ((99, 0), (5, 10)),
+        "set_target_payload": ((3, 15), (5, 10)),
+        "zero_ftsensor": ((99, 0), (5, 0)),
+        "force_mode_set_gain_scaling": ((99, 0), (5, 0)),
+    }
+)
+"""Versions of CB3 and e-Series from which on there is a built-in; a program that names another fails."""
+
+
+def program_text(options: ProgramOptions, program: int) -> str:
+    """Return the URScript text of the program with the number `program` (above 0, 31 bits)."""
+
+    def has(name: str) -> bool:
+        return options.version >= _SINCE[name][0 if options.is_cb3 else 1]
+
+    def real(address: int) -> str:
+        return f"read_input_float_register({options.first + address})"
+
+    target_payload = (
+        f"set_target_payload({real(10)}, three_from({options.first + 11}), "
+        f"six_from({options.first + 14}))"
+        if has("set_target_payload")
+        else f"set_payload({real(10)}, three_from({options.first + 11}))"
+    )
+    freedrive = has("freedrive_mode")
+    values = {
+        "register": options.first,
+        "program": program,
+        "watchdog_frequency": options.watchdog_frequency,
+        "period": options.period,
+        "joint_deceleration": options.joint_deceleration,
+        "linear_deceleration": options.linear_deceleration,
+        "kinds": _constants(Kind),
+        "phases": _constants(Phase),
+        "settings": _constants(Setting),
+        "zero_force_sensor": "zero_ftsensor()" if has("zero_ftsensor") else "sync()",
+        "target_payload": target_payload,
+        "force_gain": (
+            f"force_mode_set_gain_scaling({real(10)})"
+            if has("force_mode_set_gain_scaling")
+            else "sync()"
+        ),
+        "begin_freedrive": (
+            "freedrive_mode(freeAxes=free_axes, feature=free_frame)"
+            if freedrive
+            else "teach_mode()"
+        ),
+        "end_freedrive": "end_freedrive_mode()" if freedrive else "end_teach_mode()",
+    }
+    template = files("crtk_driver_ur").joinpath("control_program.script").read_text("utf-8")
+    _, _, body = template.partition("\n\n")
+    return Template(body).substitute(values)
+
+
+def _constants(kinds: type[IntEnum]) -> str:
+    return "\n".join(f"  {kind.name} = {kind.value}" for kind in kinds)

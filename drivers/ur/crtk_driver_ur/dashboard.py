@@ -1,0 +1,151 @@
+"""The dashboard server: one line of text out, one line back. Blocking, for a thread of its own.
+
+Source: Universal Robots, "Dashboard Server e-Series" and "Dashboard Server CB-Series".
+"""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Mapping
+from contextlib import suppress
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
+
+from crtk_drivers.errors import ConnectionFailed, ConnectionLost, TransitionFailed
+
+__all__ = ["DASHBOARD_PORT", "REQUESTS", "DashboardClient"]
+
+DASHBOARD_PORT: Final = 29999
+TIMEOUT: Final = 2.5
+"""Seconds for the connection, and for each answer."""
+LONGEST_LINE: Final = 4096
+
+
+class DashboardRequest(NamedTuple):
+    """A line, the argument that comes behind it if any, and how the answer to it begins if it is done."""
+
+    line: str
+    done: str = ""
+    argument: str = ""
+
+
+REQUESTS: Final[Mapping[str, DashboardRequest]] = MappingProxyType(
+    {
+        "power_on": DashboardRequest("power on", "Powering on"),
+        "power_off": DashboardRequest("power off", "Powering off"),
+        "brake_release": DashboardRequest("brake release", "Brake releasing"),
+        "unlock_protective_stop": DashboardRequest(
+            "unlock protective stop", "Protective stop releasing"
+        ),
+        "restart_safety": DashboardRequest("restart safety", "Restarting safety"),
+        "close_popup": DashboardRequest("close popup", "closing popup"),
+        "close_safety_popup": DashboardRequest("close safety popup", "closing safety popup"),
+        "play": DashboardRequest("play", "Starting program"),
+        "stop_program": DashboardRequest("stop", "Stopped"),
+        "pause_program": DashboardRequest("pause", "Pausing program"),
+        "popup": DashboardRequest("popup", "showing popup", "text"),
+        "add_to_log": DashboardRequest("addToLog", "Added log message", "text"),
+        "is_in_remote_control": DashboardRequest("is in remote control"),
+        "polyscope_version": DashboardRequest("PolyscopeVersion"),
+        "serial_number": DashboardRequest("get serial number"),
+        "robot_model": DashboardRequest("get robot model"),
+        "robot_mode": DashboardRequest("robotmode"),
+        "safety_mode": DashboardRequest("safetymode"),
+        "safety_status": DashboardRequest("safetystatus"),
+        "program_state": DashboardRequest("programState"),
+        "loaded_program": DashboardRequest("get loaded program"),
+    }
+)
+"""What may be asked for, by our name of it."""
+
+_TRUTH: Final = {"true": True, "false": False}
+
+
+class DashboardClient:
+    """Connects when it is first used, and anew after whatever went wrong.
+
+    Args:
+        host: address or name of the controller.
+        port: of the dashboard server.
+    """
+
+    def __init__(self, host: str, port: int = DASHBOARD_PORT) -> None:
+        self._address = (host, port)
+        self._where = f"dashboard {host}:{port}"
+        self._socket: socket.socket | None = None
+        self._received = b""
+
+    def close(self) -> None:
+        """Close the connection."""
+        peer, self._socket = self._socket, None
+        if peer is not None:
+            peer.close()
+
+    def interrupt(self) -> None:
+        """Let an answer that is awaited fail at once. From another thread."""
+        peer = self._socket
+        if peer is not None:
+            with suppress(OSError):
+                peer.shutdown(socket.SHUT_RDWR)
+
+    def ask(self, name: str, arguments: Mapping[str, Any] = MappingProxyType({})) -> str | bool:
+        """Carry out a request of `REQUESTS` and return the answer; yes and no as True and False.
+
+        Raises:
+            ConnectionFailed: there is no dashboard server, or it is silent.
+            ConnectionLost: it went away; the request may have been carried out or not.
+            TransitionFailed: it answers that it does not do that.
+        """
+        request = REQUESTS[name]
+        line = f"{request.line} {arguments[request.argument]}" if request.argument else request.line
+        answer = self._exchange(" ".join(line.split()))
+        refused = answer.startswith("could not understand")
+        if refused or not answer.lower().startswith(request.done.lower()):
+            raise TransitionFailed(
+                f"the controller answers {answer!r} to {request.line!r}",
+                where=self._where,
+                remedy="Look at the teach pendant; it may have control, or a pop-up may be open.",
+            )
+        return _TRUTH.get(answer, answer)
+
+    def _exchange(self, line: str) -> str:
+        if self._socket is None:
+            self._connect()
+        assert self._socket is not None
+        try:
+            self._socket.sendall(f"{line}\n".encode())
+            return self._read_line()
+        except OSError as error:
+            # A late answer to this line must not be taken for the answer to the next.
+            self.close()
+            raise ConnectionLost(
+                f"no answer to {line!r}: {error}",
+                where=self._where,
+                remedy="The controller does not answer: check the network and the controller.",
+            ) from error
+
+    def _connect(self) -> None:
+        self._received = b""
+        try:
+            self._socket = socket.create_connection(self._address, TIMEOUT)
+            self._read_line()  # the greeting
+        except OSError as error:
+            self.close()
+            raise ConnectionFailed(
+                f"cannot connect: {error}",
+                where=self._where,
+                remedy="Check the address, and that the controller has finished starting; "
+                "PolyScope X has no dashboard server.",
+            ) from error
+
+    def _read_line(self) -> str:
+        assert self._socket is not None
+        while b"\n" not in self._received:
+            data = self._socket.recv(LONGEST_LINE)
+            if not data:
+                raise ConnectionResetError("the controller closed the connection")
+            self._received += data
+            if len(self._received) > LONGEST_LINE:
+                raise ConnectionAbortedError("a line without end")
+        line, _, self._received = self._received.partition(b"\n")
+        return line.decode("utf-8", "replace").strip()

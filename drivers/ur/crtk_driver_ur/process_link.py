@@ -1,0 +1,278 @@
+"""Commands by ur-rtde, in the control process: what it was told, what it said, what became of it.
+
+`ControlSupervisor` knows the process; this knows the vendor library in it: whether it is connected,
+whether our control program runs, and how the last move stands.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable, Generator, Mapping, Sequence
+from typing import Any
+
+from crtk_driver_ur.control import ControlOptions, ControlSupervisor
+from crtk_driver_ur.control_frames import Event, EventKind
+from crtk_driver_ur.control_link import INTERRUPTED, PROGRAM_STOPPED, ControlLink
+from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.safety import STANDING_PROGRAM
+from crtk_drivers.device import MoveProgress, Steps
+from crtk_drivers.errors import ConnectionLost, DeviceFault, TransitionFailed
+
+__all__ = ["ProcessLink"]
+
+RESTART_PERIOD = 1.0
+"""Seconds at least between two starts of the control process."""
+
+PROGRAM_START_ALLOWED = 6.0
+"""Seconds after an upload in which the program may still start."""
+
+CLOSE_TIMEOUT = 0.7
+"""Seconds for the control process to stop the arm and end."""
+
+FREEDRIVE_SINCE = (5, 10)
+"""PolyScope version from which on ur_rtde's control program has freedrive; below it does nothing."""
+
+_MOVE_FAILURES = {
+    EventKind.INTERRUPTED: INTERRUPTED,
+    EventKind.MOTION_FAILED: "the controller did not carry it out",
+    EventKind.PROGRAM_STOPPED: PROGRAM_STOPPED,
+}
+
+logger = logging.getLogger(__name__)
+
+
+class ProcessLink(ControlLink):
+    """See the base class.
+
+    Args:
+        host: address of the controller.
+        options: how to connect and to move.
+        where: the device, for messages.
+
+    Attributes:
+        process: the process.
+    """
+
+    def __init__(self, host: str, options: ControlOptions, where: str) -> None:
+        super().__init__(where)
+        self.process = ControlSupervisor(host, options)
+        self._teach_mode = False
+        self._interrupted_at = -math.inf
+        self._started_at = -math.inf
+        self._connected_process = 0
+        self._motion = 0
+        self._stopping = 0
+
+    # The process
+
+    def open(self, version: tuple[int, int], *, has_local_control: bool) -> None:
+        """See the base class."""
+        self.loss, self.remote, self.has_local_control = "", None, has_local_control
+        self._teach_mode = version < FREEDRIVE_SINCE
+        self._restart()
+
+    def close(self, *, lost: bool) -> None:
+        """See the base class."""
+        self.program_runs = False
+        if lost:
+            # Waiting for a library that lost its controller too would keep the caller.
+            self.process.kill()
+        self.process.close(CLOSE_TIMEOUT)
+
+    def _restart(self) -> None:
+        """Kill the process and start another, at once."""
+        self.process.kill()
+        self._start()
+
+    def _start(self) -> None:
+        self._started_at = time.monotonic()
+        try:
+            self.process.start()
+        except ConnectionLost as error:
+            # It died as soon as it was born; `follow` will find that out.
+            logger.warning("%s", error)
+        self._stopping = 0
+        self.program_runs = False
+        self._forget_requests()
+
+    @property
+    def ready(self) -> bool:
+        """See the base class."""
+        return self.process.status.alive
+
+    @property
+    def connected(self) -> bool:
+        """See the base class."""
+        status = self.process.status
+        return status.alive and status.starts == self._connected_process
+
+    def give_up_connecting(self) -> None:
+        """See the base class."""
+        if not self.connected and self.process.status.call:
+            self._restart()
+
+    @property
+    def counters(self) -> Mapping[str, float]:
+        """See the base class."""
+        status = self.process.status
+        return {
+            "control process starts": float(status.starts),
+            "control process silent for (s)": status.silent_for if status.alive else math.nan,
+            "longest library call (s)": status.heartbeat.longest_call,
+        }
+
+    # Following it
+
+    def follow(self) -> None:
+        """See the base class; replaces the process if it died or hangs."""
+        for notice in self.process.poll():
+            if isinstance(notice, Event):
+                self._take_event(notice)
+            else:
+                self._take_reply(notice)
+        self._kill_if_silent()
+        if self.process.status.alive:
+            self._ask_who_has_control()
+        elif time.monotonic() > self._started_at + RESTART_PERIOD:
+            self._start()
+
+    def take(self, state: StateSample) -> None:
+        """See the base class."""
+        if state.runtime_state in STANDING_PROGRAM:
+            self.program_runs = False
+            if time.monotonic() > self._interrupted_at + PROGRAM_START_ALLOWED:
+                self._interrupted_at = -math.inf
+
+    def _take_event(self, event: Event) -> None:
+        error = event.error
+        if event.sequence == self._motion:
+            if event.kind is EventKind.MOVE_DONE:
+                self._progress = MoveProgress.DONE
+            elif event.kind in _MOVE_FAILURES:
+                self._move_failed(error.text or _MOVE_FAILURES[event.kind])
+        if event.kind is EventKind.STOPPED and event.sequence >= self._stopping:
+            self._stopping = 0
+        if event.kind in (EventKind.PROCESS_DIED, EventKind.CONNECTION_LOST):
+            self.loss = self.loss or f"{error.text}. {error.hint}"
+            logger.error("%s: %s", self._where, error.text)
+        elif event.kind is EventKind.PROGRAM_STOPPED:
+            self.program_runs = False
+            self._stopping = 0
+            self._remote_asked_at = -math.inf
+        elif event.kind in (EventKind.MOTION_FAILED, EventKind.BAD_FRAME):
+            logger.warning("%s: %s: %s %s", self._where, error.call, error.text, error.hint)
+
+    def _kill_if_silent(self) -> None:
+        status = self.process.status
+        if not status.alive or status.responsive:
+            return
+        call = f" in {status.call}" if status.call else ""
+        self.loss = (
+            f"the control process has been silent for {status.silent_for:.2f} s{call}. "
+            "It is replaced; the arm has to be enabled again."
+        )
+        logger.error("%s: %s", self._where, self.loss)
+        self.process.kill()
+
+    # Motion
+
+    def servo_joint(self, q: Sequence[float]) -> None:
+        """See the base class."""
+        self._send(self.process.send_servo_joint, q)
+
+    def speed_joint(self, qd: Sequence[float], acceleration: float, valid_for: float) -> None:
+        """See the base class."""
+        self._send(self.process.send_speed_joint, qd, acceleration, valid_for)
+
+    def speed_cartesian(
+        self, twist: Sequence[float], acceleration: float, valid_for: float
+    ) -> None:
+        """See the base class."""
+        self._send(self.process.send_speed_cartesian, twist, acceleration, valid_for)
+
+    def move_joint(self, q: Sequence[float], speed: float, acceleration: float) -> None:
+        """See the base class."""
+        self._move(self.process.move_joint, q, speed, acceleration)
+
+    def move_linear(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
+        """See the base class."""
+        self._move(self.process.move_linear, pose, speed, acceleration)
+
+    def freedrive(self) -> None:
+        """See the base class."""
+        self._move(lambda: self.process.freedrive(teach_mode=self._teach_mode))
+
+    def stop(self) -> None:
+        """See the base class."""
+        try:
+            self._stopping = self.process.stop()
+        except ConnectionLost as error:
+            logger.warning("%s; the controller's watchdog stops the arm", error)
+
+    @property
+    def stopping(self) -> bool:
+        """See the base class."""
+        return self._stopping > 0
+
+    def _send(self, command: Callable[..., int], *arguments: Any) -> int:
+        """Call one of the commands of `process` and return its number."""
+        try:
+            return command(*arguments)
+        except ConnectionLost as error:
+            raise DeviceFault(
+                error.message, where=self._where, remedy="Send enable to start again."
+            ) from error
+
+    def _move(self, command: Callable[..., int], *arguments: Any) -> None:
+        self._progress, self._move_failure = MoveProgress.RUNNING, ""
+        self._motion = self._send(command, *arguments)
+
+    # The control program
+
+    def start_program(self) -> Steps:
+        """See the base class; through the present process if that can, or else through another."""
+        try:
+            uploaded = yield from self._upload()
+            if uploaded:
+                return
+            if self._connected_process == self.process.status.starts:
+                self._restart()
+            yield from self._answer("connect", self._send(self.process.connect))
+        except BaseException:
+            self._interrupted_at = time.monotonic()
+            raise
+        self._connected_process, self._was_local = self.process.status.starts, False
+
+    @property
+    def left_program(self) -> bool:
+        """See the base class: its start ended before its watchdog was armed."""
+        return self._interrupted_at > -math.inf
+
+    def stop_program(self) -> Steps:
+        """See the base class."""
+        try:
+            yield from self.ask("stop_script")
+        except TransitionFailed as error:
+            logger.warning("%s", error)
+
+    def _upload(self) -> Generator[None, None, bool]:
+        # A switch to local control closes the port for programs, and the library never opens it again.
+        if not self.connected or self._was_local:
+            return False
+        try:
+            yield from self._answer("upload_script", self._send(self.process.upload_script))
+        except TransitionFailed as error:
+            logger.warning("%s", error)
+            return False
+        return True
+
+    # Requests
+
+    @property
+    def _generation(self) -> int:
+        return self.process.status.starts
+
+    def _request(self, name: str, arguments: Mapping[str, Any]) -> int:
+        return self._send(lambda: self.process.request(name, **arguments))
