@@ -403,7 +403,7 @@ def test_speed_slider_and_digital_output(driver):
 
 def test_power_cycle_by_dashboard():
     with SIM.spawn(model="ur5e", powered_on=False) as cold, started(cold) as driver:
-        assert str(driver.ask("polyscope_version")).startswith("5.12.4")
+        assert "5.12.4" in str(driver.ask("polyscope_version"))
         driver.ask("power_on")
         driver.ask("brake_release")
         driver.until(lambda: driver.outputs("robot_mode") == 7, "running")

@@ -31,6 +31,7 @@ from crtk_driver_ur.rtde.stream import RTDE_PORT, RtdeStream, StateSample
 from crtk_driver_ur.safety import PROGRAM_PAUSED, RobotMode
 from crtk_driver_ur.samples import BASE_FRAME, TOOL_FRAME, SampleMaker, pose_of
 from crtk_driver_ur.services import UrServices
+from crtk_driver_ur.servo_lag import ServoLag
 from crtk_drivers.device import (
     Capabilities,
     CartesianLimits,
@@ -114,6 +115,7 @@ class UrDevice(Device):
         self._aborted = False
         self._stream_lost = False
         self._robot = Robot(self._link, f"ur {self.address}")
+        self._lag = ServoLag()
         self._in_control = False
         self._why_stopped = _PROGRAM_STOPPED
         self._calibration_note = ""
@@ -215,7 +217,7 @@ class UrDevice(Device):
     def counters(self) -> Mapping[str, float]:
         """Of the RTDE stream (packages) and of whoever carries commands out."""
         state = self._robot.state
-        counters = dict(self._link.counters)
+        counters = {**self._link.counters, "servo lag (s)": self._lag.seconds}
         if self._stream is not None:
             stream = self._stream.counters
             counters["packages lost"] = float(stream.lost)
@@ -337,6 +339,7 @@ class UrDevice(Device):
             return None
         self._robot.take(state)
         self._link.take(state)
+        self._lag.measure(state.actual_q, state.actual_qd)
         if self._link.program_runs and self._robot.paused:
             self._link.end_paused_program()
             self._why_stopped = PROGRAM_PAUSED
@@ -360,18 +363,23 @@ class UrDevice(Device):
         values = setpoint.values.tolist()
         if setpoint.mode is Mode.JOINT_POSITION:
             link.servo_joint(values)
-        elif setpoint.mode is Mode.JOINT_VELOCITY:
+            self._lag.command(values)
+            return
+        self._lag.end()
+        if setpoint.mode is Mode.JOINT_VELOCITY:
             link.speed_joint(values, servo.joint_acceleration, valid_for)
         else:
             link.speed_cartesian(values, servo.linear_acceleration, valid_for)
 
     def stop(self) -> None:
         """See the base class."""
+        self._lag.end()
         self._link.stop()
 
     def move(self, goal: Goal) -> None:
         """See the base class."""
         move, link = self._config.move, self._link
+        self._lag.end()
         if goal.joints is not None:
             link.move_joint(
                 goal.joints.tolist(),

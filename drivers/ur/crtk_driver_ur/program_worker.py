@@ -53,7 +53,8 @@ class ProgramWorker(RequestWorker):
         try:
             peer = socket.create_connection((self.host, PRIMARY_PORT), TIMEOUT)
             try:
-                peer.recv(1)  # the controller speaks first, when it has taken the connection
+                # The controller speaks first, when it has taken the connection.
+                peer.recv(1, socket.MSG_PEEK)
                 peer.sendall(text.encode())
                 peer.setblocking(False)
             except BaseException:

@@ -1,0 +1,304 @@
+"""The control program of our own: on a simulated controller alone, and under the driver."""
+
+import socket
+import struct
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from ur_bench import HOME, LONG, UrBench, eventually, ur_bench
+
+from crtk_driver_ur import native_link
+from crtk_driver_ur.control_channel import ControlChannel
+from crtk_driver_ur.control_program import Kind, Phase, ProgramOptions, Setting, program_text
+from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
+from crtk_drivers.errors import ConfigError, ConnectionFailed, MotionAborted, TransitionFailed
+from crtk_sim_backends.ur import SIM, RunningSim
+
+STOPPED, PLAYING = 1, 2
+MINE, OTHER = 77, 78
+PATIENCE = 0.1
+"""Hz of a watchdog that is not what a test is about."""
+NATIVE = {"control": "native"}
+FAR = [2.5, *HOME[1:]]
+
+
+class Rig:
+    """The program on a simulated controller, without the driver; every state is kept."""
+
+    def __init__(self, sim: RunningSim, first: int) -> None:
+        self.sim = sim
+        self.first = first
+        self.channel = ControlChannel(sim.host, first)
+        self.states: list[StateSample] = []
+        self._stream = RtdeStream(sim.host)
+        self._stream.open(time.monotonic() + LONG)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._read)
+        self._thread.start()
+
+    def _read(self) -> None:
+        while not self._ended.is_set():
+            state = self._stream.receive(time.monotonic() + 0.1)
+            if state is not None:
+                self.states.append(state)
+
+    def close(self) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._stream.close()
+        self.channel.close()
+
+    def start(self, watchdog_frequency: float = PATIENCE) -> None:
+        options = ProgramOptions((5, 12), self.first, watchdog_frequency, 0.002, 5.0, 2.0)
+        self.channel.address(MINE)
+        with socket.create_connection((self.sim.host, 30001), LONG) as peer:
+            peer.recv(1)
+            peer.sendall(program_text(options, MINE).encode())
+            self.until(lambda state: self.registers(state)[0] == MINE)
+
+    def registers(self, state: StateSample) -> tuple[int, ...]:
+        found = state.control_registers(self.first)
+        assert found is not None
+        return found
+
+    def until(self, test) -> StateSample:
+        """Return the first state from now on that passes."""
+        index = max(0, len(self.states) - 1)
+
+        def found() -> StateSample | None:
+            return next((state for state in self.states[index:] if test(state)), None)
+
+        state: StateSample = eventually(found, "that state")
+        return state
+
+    def until_done(self, sequence: int) -> StateSample:
+        """Return the first state in which a command was carried out."""
+        return self.until(
+            lambda state: self.registers(state)[1:3] == (sequence, int(Phase.STANDING))
+        )
+
+
+@contextmanager
+def rig_at(first: int = 0) -> Iterator[Rig]:
+    with SIM.spawn(trace_size=2000) as sim:
+        rig = Rig(sim, first)
+        try:
+            yield rig
+        finally:
+            rig.close()
+
+
+@pytest.fixture
+def rig() -> Iterator[Rig]:
+    with rig_at() as rig:
+        yield rig
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[UrBench]:
+    with ur_bench(NATIVE) as bench:
+        yield bench
+
+
+@pytest.fixture
+def bench(shared: UrBench) -> UrBench:
+    shared.reset()
+    return shared
+
+
+# The program alone
+
+
+@pytest.mark.parametrize("first", [0, 24])
+def test_a_move_is_carried_out_and_told(first):
+    with rig_at(first) as rig:
+        rig.start()
+        goal = (0.2, *HOME[1:])
+        sequence = rig.channel.command(Kind.MOVE_JOINT, goal, 2.0, 6.0)
+        done = rig.until_done(sequence)
+        np.testing.assert_allclose(done.target_q, goal, atol=1e-6)
+        assert max(map(abs, done.target_qd)) < 1e-3
+        phases = {rig.registers(state)[2] for state in rig.states}
+        assert Phase.MOVING in phases
+
+
+def test_a_command_for_another_program_is_not_carried_out(rig):
+    rig.start()
+    rig.channel.address(OTHER)
+    rig.channel.command(Kind.MOVE_JOINT, FAR, 2.0, 6.0)
+    rig.channel.set(Setting.PAYLOAD, (3.0, 0.0, 0.0, 0.0))
+    cycle = rig.registers(rig.states[-1])[4]
+    state = rig.until(lambda state: rig.registers(state)[4] > cycle + 100)
+    assert rig.registers(state)[1:4] == (0, Phase.STANDING, 0)
+    np.testing.assert_allclose(state.target_q, HOME, atol=1e-9)
+    assert state.payload == 0.0
+
+
+def test_what_an_earlier_program_left_in_the_registers_is_not_carried_out():
+    with rig_at() as rig:
+        rig.channel.address(OTHER)
+        for _ in range(3):
+            rig.channel.command(Kind.SPEED_JOINT, [1.0] * 6, 5.0, LONG)
+        rig.start()
+        cycle = rig.registers(rig.states[-1])[4]
+        state = rig.until(lambda state: rig.registers(state)[4] > cycle + 100)
+        np.testing.assert_allclose(state.target_q, HOME, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [Kind.SPEED_JOINT, Kind.SPEED_CARTESIAN])
+def test_a_speed_expires_on_the_controller_although_the_watchdog_is_fed(rig, kind):
+    rig.start()
+    sequence = rig.channel.command(kind, (0.0, 0.0, 0.0, 0.0, 0.0, 0.3), 5.0, 0.2)
+    moving = rig.until(lambda state: abs(state.target_qd[5]) > 0.29)
+    rig.channel.feed()
+    done = rig.until_done(sequence)
+    assert max(map(abs, done.target_qd)) < 1e-3
+    assert done.timestamp > moving.timestamp
+    assert done.runtime_state == PLAYING
+    assert abs(done.target_q[5]) < 0.3
+
+
+def test_a_setting_does_not_disturb_a_motion(rig):
+    rig.start()
+    goal = (0.4, *HOME[1:])
+    sequence = rig.channel.command(Kind.MOVE_JOINT, goal, 1.0, 4.0)
+    rig.until(lambda state: state.target_qd[0] > 0.5)
+    number = rig.channel.set(Setting.PAYLOAD, (1.25, 0.01, 0.0, 0.02))
+    taken = rig.until(lambda state: rig.registers(state)[3] == number)
+    assert taken.payload == 1.25
+    assert rig.registers(taken)[2] == Phase.MOVING
+    np.testing.assert_allclose(rig.until_done(sequence).target_q, goal, atol=1e-6)
+
+
+def test_a_newer_command_of_another_kind_begins_from_rest(rig):
+    rig.start()
+    rig.channel.command(Kind.MOVE_JOINT, FAR, 1.0, 4.0)
+    rig.until(lambda state: state.target_qd[0] > 0.5)
+    start = len(rig.states) - 1
+    sequence = rig.channel.command(Kind.MOVE_JOINT, HOME, 1.0, 4.0)
+    rig.until_done(sequence)
+    phases = [rig.registers(state)[2] for state in rig.states[start:]]
+    assert phases.index(Phase.STOPPING) < len(phases) - 1 - phases[::-1].index(Phase.MOVING)
+    steps = np.abs(np.diff([state.target_qd[0] for state in rig.states[start:]]))
+    times = np.diff([state.timestamp for state in rig.states[start:]])
+    assert (steps / times).max() < 6.0, "no jump of the speed"
+
+
+def test_quit_stops_and_ends_the_program(rig):
+    rig.start()
+    rig.channel.command(Kind.SERVO_JOINT, (0.05, *HOME[1:]), 0.1, 300.0)
+    rig.until(lambda state: state.target_qd[0] > 0.1)
+    rig.channel.command(Kind.QUIT)
+    ended = rig.until(lambda state: state.runtime_state == STOPPED)
+    assert max(map(abs, ended.target_qd)) < 1e-3
+    assert ended.target_q[0] < 0.06
+
+
+def test_the_arm_stops_a_declared_time_after_the_last_package():
+    """Measured at the controller, on its own clock: from its cycle of the package to the program's end."""
+    frequency = 5.0
+    with rig_at() as rig:
+        rig.start(frequency)
+        rig.channel.command(Kind.SPEED_JOINT, (0.5, 0.0, 0.0, 0.0, 0.0, 0.0), 5.0, LONG)
+        begin = rig.until(lambda state: rig.registers(state)[1] == 1).timestamp
+        rig.channel.close()
+        end = rig.until(lambda state: state.runtime_state != PLAYING)
+        late = (end.skipped + 1) / 500.0
+        # The driver's last package is at most so old when its link breaks.
+        assert 1.0 / frequency - 0.01 < end.timestamp - begin < 1.0 / frequency + 0.01 + late
+        still = rig.until(lambda state: state.runtime_state == STOPPED)
+        assert max(map(abs, still.target_qd)) < 1e-3
+
+
+def test_registers_that_another_client_has_are_named():
+    names = b"input_int_register_0"
+    with SIM.spawn() as sim, socket.create_connection((sim.host, 30004), LONG) as other:
+        other.sendall(struct.pack(">HBH", 5, ord("V"), 2))
+        assert other.recv(4) == b"\x00\x04V\x01"
+        other.sendall(struct.pack(">HB", 3 + len(names), ord("I")) + names)
+        assert other.recv(64)[3] > 0
+        with pytest.raises(ConnectionFailed, match=r"input_int_register_0.*in use") as caught:
+            ControlChannel(sim.host, 0)
+        assert "upper_range_registers" in caught.value.remedy
+        ControlChannel(sim.host, 24).close()
+
+
+# Under the driver
+
+
+def test_the_upper_registers_serve_as_well():
+    with ur_bench({**NATIVE, "upper_range_registers": True}) as bench:
+        bench.enable()
+        assert bench.arm.move_jp([0.1, *HOME[1:]]).wait(LONG)
+        bench.arm.payload_mass(1.5)
+        bench.until_outputs(payload=(1.5,))
+
+
+def test_a_lost_connection_for_commands_is_a_fault_and_the_arm_stops(bench):
+    move = bench.arm.move_jp(FAR)
+    bench.until_moving()
+    bench.device._link._channel.close()
+    status = bench.until_state("FAULT", "the connection for commands is lost")
+    assert not status.is_busy
+    with pytest.raises(MotionAborted, match="connection for commands"):
+        move.wait(LONG)
+    bench.until_still()
+    bench.until_outputs(runtime_state=(STOPPED,))
+    assert bench.engine.connected, "the state stream lives on"
+    with bench.nothing_moves():
+        bench.enable()
+    assert bench.arm.move_jp(HOME).wait(LONG)
+
+
+def test_a_program_that_does_not_compile_is_told_in_the_controllers_words(bench, monkeypatch):
+    bench.arm.disable(timeout=LONG)
+    text = "def crtk_control():\n  no_such_function()\nend\n"
+    monkeypatch.setattr(native_link, "program_text", lambda options, program: text)
+    with bench.nothing_moves(), pytest.raises(TransitionFailed, match="no_such_function"):
+        bench.enable()
+    monkeypatch.undo()
+    with bench.nothing_moves():
+        bench.enable()
+
+
+def test_why_the_program_ended_is_told(bench, monkeypatch):
+    bench.device._link._channel.set(Setting.PAYLOAD, (-1.0, 0.0, 0.0, 0.0))
+    bench.until_state("PAUSED", "The controller says: ")
+    assert "payload" in eventually(lambda: bench.status.detail, "a reason")
+    with bench.nothing_moves():
+        bench.enable()
+
+
+def test_payload_arrives_while_a_stream_is_followed_and_the_sensor_is_zeroed_at_rest(bench):
+    step = 0
+    while bench.outputs("payload") != pytest.approx(2.25):
+        if step == 20:
+            bench.arm.payload_mass(2.25)
+        bench.arm.servo_jp([0.1 * np.sin(0.01 * step), *HOME[1:]])
+        time.sleep(0.004)
+        step += 1
+        assert step < 5000
+    bench.arm.hold()
+    bench.until_still()
+    bench.inject("external_force", wrench=[0.0, 0.0, 30.0, 0.0, 0.0, 0.0])
+    eventually(lambda: abs(bench.arm.measured_cf().force[2] - 30.0) < 3.0, "the load is measured")
+    assert "left over" in bench.arm.zero_force_sensor(timeout=LONG)
+
+
+def test_the_registers_are_free_again_after_disable(bench):
+    bench.arm.disable(timeout=LONG)
+    eventually(lambda: not bench.device._link.connected, "the connection is closed")
+    ControlChannel(bench.sim.host, 0).close()
+    bench.enable()
+
+
+def test_a_stream_of_samples_too_slow_for_the_watchdog_is_refused():
+    with (
+        pytest.raises(ConfigError, match="too slow to feed the watchdog"),
+        ur_bench({**NATIVE, "frequency": 10.0, "watchdog_frequency": 5.0}, start=False),
+    ):
+        pass
