@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_driver_ur.primary import PacketReader, PrimaryError
+from crtk_driver_ur.primary import MessageReader, PacketReader, PrimaryError
 
 CHECKSUM = (0xDEADBEEF, 2, 3, 4, 5, 0xFFFFFFFF)
 THETA = (0.001, -0.35, 0.35, -0.002, 0.0, 0.0)
@@ -101,3 +101,38 @@ def test_random_bytes_raise_nothing_else(data):
     except PrimaryError:
         return
     assert reader.info.calibration is None
+
+
+EXCEPTION = framed(
+    20, struct.pack(">Qbbii", 1, -2, 10, 2, 3) + b"compile_error_name_not_found:foo:\0"
+)
+
+
+def log_entry(level: int, text: bytes = b"Unstable power") -> bytes:
+    return framed(20, struct.pack(">QbbiiiII", 1, -2, 6, 50, 80, level, 0, 0) + text)
+
+
+def test_what_is_said_against_a_program_is_told_in_words():
+    reader = MessageReader()
+    stream = STREAM + EXCEPTION + log_entry(1) + log_entry(2) + log_entry(3, b"")
+    found = [text for i in range(len(stream)) for text in reader.feed(stream[i : i + 1])]
+    assert found == [
+        "compile_error_name_not_found:foo: (line 2, column 3)",
+        "C50A80 Unstable power",
+        "C50A80",
+    ]
+
+
+@pytest.mark.parametrize("body", [b"", bytes(9), struct.pack(">Qbb", 1, -2, 10) + b"\0\0"])
+def test_a_message_that_is_too_short_is_refused(body):
+    with pytest.raises(PrimaryError):
+        MessageReader().feed(framed(20, body))
+
+
+@given(st.binary(max_size=300))
+def test_random_bytes_are_messages_or_refused(data):
+    reader = MessageReader()
+    try:
+        assert all(isinstance(text, str) for text in reader.feed(data))
+    except PrimaryError:
+        return
