@@ -3,7 +3,7 @@
 import pytest
 from ur_clients import DashboardClient, PrimaryClient, wait_until
 
-from crtk_sim_backends.ur import SIM
+from crtk_sim_backends.ur import SIM, ConfigError
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +51,10 @@ def test_it_greets(dashboard):
         ("load installation default.installation", "Loading installation: default.installation"),
         ("get operational mode", "NONE"),
         ("set operational mode automatic", "Operational mode AUTOMATIC is set"),
+        ("set operational mode none", "Failed setting operational mode: NONE"),
+        ("load installation other.installation", "File not found: other.installation"),
+        ("load missing.urp", "File not found: missing.urp"),
+        ("addToLog", "No log message to add"),
         ("generate support file .", "Completed successfully: ./ursupport.zip"),
         ("no such thing", "could not understand: 'no such thing'"),
         ("getUserRole", "could not understand: 'getUserRole'"),
@@ -164,6 +168,77 @@ def test_cb3_knows_its_own_commands_only():
             assert dashboard.ask(unknown) == f"could not understand: '{unknown}'"
         assert dashboard.ask("getUserRole") == "PROGRAMMER"
         assert dashboard.ask("setUserRole operator") == "Setting user role: operator"
+
+
+@pytest.mark.parametrize("role", ["OPERATOR", "NONE", "LOCKED", "RESTRICTED", "PROGRAMMER"])
+def test_the_user_role_of_cb3_is_kept(cb3, role):
+    with DashboardClient(cb3.host) as dashboard:
+        assert dashboard.ask(f"setUserRole {role}") == f"Setting user role: {role}"
+        assert dashboard.ask("getUserRole") == role
+        assert dashboard.ask("setUserRole king") == "Failed setting user role: king"
+        assert dashboard.ask("getUserRole") == role
+
+
+@pytest.fixture(scope="module")
+def cb3():
+    with SIM.spawn(model="ur10", version="3.15.8") as running:
+        yield running
+
+
+def test_manual_mode_refuses_what_needs_remote_control_until_it_ends():
+    with SIM.spawn() as sim, DashboardClient(sim.host) as dashboard:
+        assert dashboard.ask("set operational mode manual") == "Operational mode MANUAL is set"
+        assert dashboard.ask("get operational mode") == "MANUAL"
+        assert dashboard.ask("is in remote control") == "false"
+        assert dashboard.ask("power off").startswith("Command is not allowed")
+        assert dashboard.ask("popup here").startswith("showing")
+        sim.control.inject("enabling_device_released")
+        wait_until(
+            lambda: (
+                dashboard.ask("safetystatus") == "Safetystatus: SYSTEM_THREE_POSITION_ENABLING_STOP"
+            )
+        )
+        assert dashboard.ask("safetymode") == "Safetymode: SAFEGUARD_STOP"
+        assert dashboard.ask("clear operational mode") == (
+            "No longer controlling the operational mode. Current operational mode: NONE."
+        )
+        assert dashboard.ask("is in remote control") == "true"
+        assert dashboard.ask("safetystatus") == "Safetystatus: NORMAL"
+        assert dashboard.ask("power off") == "Powering off"
+
+
+def test_programs_come_from_a_folder(tmp_path):
+    (tmp_path / "cell").mkdir()
+    (tmp_path / "cell/pick.urp").write_bytes(b"\x1f\x8bcompressed tree")
+    (tmp_path / "cell/pick.script").write_text("def pick():\n  sleep(100)\nend\n")
+    (tmp_path / "tree.urp").write_bytes(b"\x1f\x8bcompressed tree")
+    (tmp_path / "broken.script").write_text("nothing_such()\n")
+    (tmp_path / "lines.script").write_text("sleep(100)\n")
+    (tmp_path / "cell.installation").write_text("")
+    (tmp_path.parent / "outside.script").write_text("sleep(1)\n")
+    with SIM.spawn(programs=str(tmp_path)) as sim, DashboardClient(sim.host) as dashboard:
+        assert dashboard.ask("load tree.urp") == "Error while loading program: tree.urp"
+        assert dashboard.ask("load broken.script") == "Error while loading program: broken.script"
+        assert dashboard.ask("load ../outside.script") == "File not found: ../outside.script"
+        assert dashboard.ask("get loaded program") == "No program loaded"
+        assert dashboard.ask("load lines.script") == "Loading program: /programs/lines.script"
+        assert dashboard.ask("play") == "Starting program"
+        assert dashboard.ask("load cell/pick.urp") == "Error while loading program: cell/pick.urp"
+        assert dashboard.ask("stop") == "Stopped"
+        assert dashboard.ask("load /ursim/programs/cell/pick.urp").endswith("/cell/pick.urp")
+        assert dashboard.ask("get loaded program") == "Loaded program: /programs/cell/pick.urp"
+        assert dashboard.ask("isProgramSaved") == "true pick.urp"
+        assert dashboard.ask("load installation cell.installation").startswith("Loading")
+        with PrimaryClient(sim.host) as primary:
+            assert dashboard.ask("play") == "Starting program"
+            assert primary.message(7)[8:] == bytes([19]) + b"PROGRAM_XXX_STARTEDpick"
+        assert dashboard.ask("programState") == "PLAYING pick.urp"
+        assert dashboard.ask("load installation cell.installation").startswith("Failed to load")
+
+
+def test_a_folder_of_programs_that_is_not_there_is_refused():
+    with pytest.raises(ConfigError, match="no folder"):
+        SIM.spawn(programs="/nowhere")
 
 
 def test_polyscope_x_has_no_dashboard():

@@ -6,6 +6,7 @@ import pytest
 from ur_virtual import Bench, apart
 
 from crtk_sim_backends.ur.messages import ErrorMessage, KeyMessage, SafetyModeMessage, TextMessage
+from crtk_sim_backends.ur.programs import ProgramError
 from crtk_sim_backends.ur.safety import (
     SAFETY_RULES,
     JointMode,
@@ -250,6 +251,78 @@ def test_every_safety_mode_that_stops_says_so_in_its_bits() -> None:
         assert bool(rule.bits & 1 << 10) == stops, mode
 
 
+def test_the_system_emergency_stop_has_a_mode_of_its_own(bench: Bench) -> None:
+    bench.controller.emergency_stop(SafetyMode.SYSTEM_EMERGENCY_STOP)
+    bench.seconds(0.5)
+    assert bench["safety_mode"] == 6
+    assert bench["safety_status_bits"] == 1 << 5 | 1 << 7 | 1 << 10
+    bench.controller.emergency_stop()
+    bench.controller.release_emergency_stop(SafetyMode.SYSTEM_EMERGENCY_STOP)
+    bench.seconds(0.5)
+    assert bench["safety_mode"] == 7
+    bench.controller.release_emergency_stop()
+    bench.ticks(1)
+    assert bench["safety_mode"] == 1
+
+
+def test_recovery_stops_the_program_and_keeps_power(bench: Bench) -> None:
+    moving(bench)
+    bench.controller.recovery_mode(True)
+    bench.seconds(0.5)
+    assert (bench["safety_mode"], bench["robot_mode"]) == (4, RobotMode.RUNNING)
+    assert bench["runtime_state"] == RuntimeState.STOPPED
+    bench.start(FOREVER)
+    assert bench.controller.runtime_state == RuntimeState.STOPPED
+    bench.controller.recovery_mode(False)
+    bench.start(FOREVER)
+    assert bench.controller.runtime_state == RuntimeState.PLAYING
+
+
+def test_the_automatic_safeguard_counts_in_automatic_mode_alone(bench: Bench) -> None:
+    bench.controller.automatic_safeguard_stop(True)
+    assert bench.controller.safety_mode == SafetyMode.NORMAL
+    bench.controller.set_operational_mode("AUTOMATIC")
+    assert bench.controller.safety_mode == SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP
+    bench.controller.set_operational_mode("MANUAL")
+    assert bench.controller.safety_mode == SafetyMode.NORMAL
+
+
+def test_the_enabling_device_counts_in_manual_mode_alone(bench: Bench) -> None:
+    bench.controller.hold_enabling_device(False)
+    assert bench.controller.safety_mode == SafetyMode.NORMAL
+    bench.controller.set_operational_mode("MANUAL")
+    assert bench.controller.safety_mode == SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP
+    bench.ticks(1)
+    assert bench["safety_status_bits"] == 1 << 11 | 1 << 10
+    bench.controller.hold_enabling_device(True)
+    assert bench.controller.safety_mode == SafetyMode.NORMAL
+
+
+def test_manual_mode_takes_remote_control_away_and_gives_it_back(bench: Bench) -> None:
+    moving(bench)
+    assert bench.controller.set_operational_mode("MANUAL")
+    assert not bench.controller.remote
+    assert bench.controller.runtime_state == RuntimeState.STOPPING
+    bench.controller.set_operational_mode("AUTOMATIC")
+    assert bench.controller.remote
+    assert not bench.controller.set_operational_mode("other")
+
+
+def test_boot_takes_its_time_and_commands_have_to_wait() -> None:
+    bench = Bench(powered_on=False, boot_seconds=1.0)
+    assert bench["robot_mode"] == RobotMode.DISCONNECTED
+    assert not bench.controller.power_on()
+    assert modes_passed(bench, RobotMode.POWER_OFF) == [0, 2, 3]
+    assert bench.controller.time == pytest.approx(1.0, abs=0.01)
+    assert bench.controller.power_on()
+    assert modes_passed(bench, RobotMode.IDLE) == [3, 4, 5]
+
+
+def test_boot_ends_where_the_arm_was_left() -> None:
+    bench = Bench(boot_seconds=0.5)
+    assert modes_passed(bench, RobotMode.RUNNING) == [0, 2, 3, 4, 5, 7]
+
+
 def test_key_messages_frame_a_program(bench: Bench) -> None:
     bench.start("sleep(0.01)", name="brief")
     bench.seconds(0.05)
@@ -332,10 +405,12 @@ def test_a_pause_does_not_count_for_the_watchdog(bench: Bench) -> None:
 def test_loaded_program_plays_pauses_and_stops(bench: Bench) -> None:
     c = bench.controller
     assert not c.play()
-    assert not c.load_program("missing.urp")
-    assert c.load_program("simulation.urp")
+    with pytest.raises(FileNotFoundError):
+        c.load_program("missing.urp")
+    c.load_program("simulation.urp")
     assert c.play()
-    assert not c.load_program("simulation.urp")  # while it runs
+    with pytest.raises(ProgramError, match="simulation runs"):
+        c.load_program("simulation.urp")
     assert c.pause()
     bench.seconds(0.3)
     assert c.runtime_state == RuntimeState.PAUSED

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from crtk_sim_backends.options import (
@@ -11,6 +12,7 @@ from crtk_sim_backends.options import (
     Options,
     check_choice,
     check_port,
+    check_range,
     option,
 )
 from crtk_sim_backends.process import AUTO
@@ -52,6 +54,10 @@ class SimConfig(Options):
     version: str = option(
         AUTO, "controller software, such as 5.12.4; 'auto': 5.12.4, or 3.15.8 for a CB3 arm"
     )
+    boot_seconds: float = option(0.0, "time that the controller boots at its start, s")
+    programs: str = option(
+        "", "folder of programs (.urp with its .script beside it, or .script) that 'load' finds"
+    )
     powered_on: bool = option(True, "start with the arm powered and the brakes released")
     remote: bool = option(True, "start in remote control (e-Series)")
     serial_number: str = option("20235500001", "serial number that the dashboard reports")
@@ -80,6 +86,9 @@ class SimConfig(Options):
         check_choice("model", self.model, MODELS, "arm")
         if not re.fullmatch(r"\d{4,20}", self.serial_number):
             raise ConfigError(f"serial_number must be 4 to 20 digits, not {self.serial_number!r}")
+        check_range("boot_seconds", self.boot_seconds, 0.0, 3600.0)
+        if self.programs and not Path(self.programs).is_dir():
+            raise ConfigError(f"programs: there is no folder {self.programs}")
         if self.trace_size < 1:
             raise ConfigError(f"trace_size must be at least 1, not {self.trace_size}")
         major = self.software[0]

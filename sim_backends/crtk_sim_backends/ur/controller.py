@@ -28,29 +28,22 @@ from crtk_sim_backends.ur.player import RAMP_SECONDS, ProgramPlayer, ramp
 from crtk_sim_backends.ur.port_map import PortMap
 from crtk_sim_backends.ur.power import ArmPower
 from crtk_sim_backends.ur.process_image import ProcessImage
+from crtk_sim_backends.ur.programs import ProgramError, ProgramFiles
 from crtk_sim_backends.ur.robot_library import robot_builtins
 from crtk_sim_backends.ur.safety import (
-    POWER_OFF_SECONDS,
-    PROTECTIVE_STOP_LOCK_SECONDS,
-    SAFETY_RULES,
     STOP_REASONS,
     ProgramRule,
     RobotMode,
     RuntimeState,
     SafetyMode,
-    SafetyRule,
-    gravest,
 )
+from crtk_sim_backends.ur.safety_system import OPERATIONAL_MODES, SafetySystem
 from crtk_sim_backends.ur.signal_library import signal_builtins
 from crtk_sim_backends.ur.signals import Signals
 from crtk_sim_backends.ur.state_signals import StateSignals
 from crtk_sim_backends.ur.tool_line import LineSettings
 from crtk_sim_backends.ur.urscript import PURE_BUILTINS, Builtin, timing_builtins
 from crtk_sim_backends.ur.wiring import Wire
-
-IDLE_PROGRAM: Final = "def {}():\n  while (True):\n    sleep(0.1)\n  end\nend\n"
-STORED_PROGRAMS: Final = ("external_control.urp", "simulation.urp")
-OPERATIONAL_MODES: Final = ("NONE", "MANUAL", "AUTOMATIC")
 
 _NOT_IN_REMOTE: Final = 210
 _PLAYABLE: Final[tuple[RuntimeState, ...]] = (RuntimeState.STOPPED, RuntimeState.STOPPING)
@@ -74,6 +67,8 @@ class Controller:
         powered_on: start in RUNNING with the brakes released, else in POWER_OFF.
         remote: start in remote control; CB3 has nothing else.
         wires: outputs that are connected to inputs.
+        boot_seconds: time from the start to POWER_OFF; 0.0: it has been on for long.
+        programs: what `load` finds.
         extra_builtins: URScript built-ins to add (the socket functions of `script_sockets`).
 
     Attributes:
@@ -82,10 +77,10 @@ class Controller:
         time: seconds since start; advances in `tick` alone.
         outputs: process image by RTDE output variable name, valid after each `tick`.
         inputs: the same by RTDE input variable name.
-        operational_mode: "NONE", "MANUAL" or "AUTOMATIC".
         popup_text: text of the open pop-up, or None.
-        programs: text of each stored program by file name.
-        loaded_program: file name of the loaded program, "" when none.
+        user_role: role that the dashboard of a CB3 controller set.
+        programs: stored programs and installations, and which of them are loaded.
+        safety: the safety system.
         player: runs the programs.
         signals: digital and analog signals.
         port_map: registers and bits of its Modbus server.
@@ -101,6 +96,8 @@ class Controller:
         powered_on: bool = True,
         remote: bool = True,
         wires: Iterable[Wire] = (),
+        boot_seconds: float = 0.0,
+        programs: ProgramFiles | None = None,
         extra_builtins: Callable[[Controller], Iterable[Builtin]] = no_builtins,
     ) -> None:
         self.model = model
@@ -110,15 +107,12 @@ class Controller:
         self.time = 0.0
         self.outputs: dict[str, Any] = variables.initial_image(variables.OUTPUTS)
         self.inputs: dict[str, Any] = variables.initial_image(variables.INPUTS)
-        self.remote: bool = remote or model.is_cb3
-        self.operational_mode: str = "NONE"
+        self._remote_switch: bool = remote or model.is_cb3
         self.popup_text: str | None = None
-        self.programs = {
-            name: IDLE_PROGRAM.format(name.removesuffix(".urp")) for name in STORED_PROGRAMS
-        }
-        self.loaded_program: str = ""
-
-        self.safety_mode: SafetyMode = SafetyMode.NORMAL
+        self.user_role: str = "PROGRAMMER"
+        self.programs: ProgramFiles = programs or ProgramFiles()
+        self.safety = SafetySystem()
+        self._shown_safety_mode: SafetyMode = self.safety.mode
         self.signals: Signals = Signals(self.inputs, self.outputs, wires)
         self.port_map = PortMap(self)
         self.state_signals = StateSignals(self)
@@ -138,11 +132,7 @@ class Controller:
         self.load_revision = 0
 
         self._messages: list[Message] = []
-        self._causes: set[SafetyMode] = set()
-        self._protective_stop_time = 0.0
-        self._emergency_pressed = False
-        self._emergency_end = 0.0
-        self._power = ArmPower()
+        self._power = ArmPower(boot_seconds)
         self._speed_slider = 1.0  # ramped towards target_speed_fraction
         self._contact_tick: int | None = None
         motion = MotionLibrary(self)
@@ -167,7 +157,7 @@ class Controller:
         )
         self._image = ProcessImage(self)
         if powered_on:
-            self._power.set(RobotMode.RUNNING)
+            self._power.start(RobotMode.RUNNING)
             self._power_changed()
         self._image.update()
 
@@ -191,7 +181,7 @@ class Controller:
 
     def _update_scale(self) -> None:
         """Bring the speed scaling towards slider, safety limit and pause."""
-        limit = SAFETY_RULES[self.safety_mode].speed_limit
+        limit = self.safety.rule.speed_limit
         slider = min(self.outputs["target_speed_fraction"], limit)
         self._speed_slider = ramp(self._speed_slider, slider, self.dt / RAMP_SECONDS)
         self.player.ramp()
@@ -200,11 +190,11 @@ class Controller:
     def _settle(self) -> None:
         """Finish transitions that wait for the arm."""
         self.player.settle()
-        stopped = self._rule.program is ProgramRule.STOP or not self.arm.enabled
+        stopped = self.safety.rule.program is ProgramRule.STOP or not self.arm.enabled
         if stopped and not self.arm.moving and self.arm.target_q != self.arm.actual_q:
             self.arm.hold()
-        if self._causes:
-            self._release_emergency_stop()
+        if self.safety.settle(self.time, powered=self.robot_mode > RobotMode.POWER_OFF):
+            self._apply_safety()
 
     def _hand_force(self) -> tuple[float, ...]:
         """Wrench that compliant modes feel, and the moment of the first contact."""
@@ -218,7 +208,25 @@ class Controller:
             self._contact_tick = self.tick_count
         return self.force_sensor.tcp if self.force_sensor.use_external else wrench
 
-    # Power and programs.
+    # Control, power and programs.
+
+    @property
+    def remote(self) -> bool:
+        """Whether remote clients have control: neither on the pendant's switch nor in manual mode.
+
+        A CB3 controller has no such switch.
+        """
+        return self._remote_switch and self.operational_mode != "MANUAL"
+
+    @property
+    def operational_mode(self) -> str:
+        """One of `safety_system.OPERATIONAL_MODES`."""
+        return self.safety.operational_mode
+
+    @property
+    def safety_mode(self) -> SafetyMode:
+        """The safety mode that shows."""
+        return self.safety.mode
 
     @property
     def robot_mode(self) -> RobotMode:
@@ -238,7 +246,7 @@ class Controller:
     @property
     def can_play(self) -> bool:
         """Whether power and safety permit a program to run."""
-        return self.robot_mode == RobotMode.RUNNING and self._rule.program is ProgramRule.RUN
+        return self.robot_mode == RobotMode.RUNNING and self.safety.rule.program is ProgramRule.RUN
 
     def prepare_script(self, text: str) -> None:
         """Compile a script ahead, in any thread, so that `run_script` need not wait for it."""
@@ -351,13 +359,13 @@ class Controller:
 
     def power_on(self) -> bool:
         """Power the arm: POWER_OFF -> POWER_ON -> IDLE."""
-        if not self._rule.keeps_power:
+        if not self.safety.rule.keeps_power:
             return False
         return self._power.up(RobotMode.IDLE, self.time)
 
     def brake_release(self) -> bool:
         """Release the brakes: IDLE -> RUNNING, powering the arm first where needed."""
-        if self._rule.program is ProgramRule.STOP:
+        if self.safety.rule.program is ProgramRule.STOP:
             return False
         return self._power.up(RobotMode.RUNNING, self.time)
 
@@ -373,9 +381,9 @@ class Controller:
             return False
         if self.player.resume():
             return True
-        if self.runtime_state not in _PLAYABLE or not self.loaded_program:
+        if self.runtime_state not in _PLAYABLE or not self.programs.loaded:
             return False
-        self.player.run(self.programs[self.loaded_program])
+        self.player.run(self.programs.text)
         return self.player.loaded
 
     def pause(self) -> bool:
@@ -389,32 +397,54 @@ class Controller:
 
     def unlock_protective_stop(self) -> bool:
         """Leave a protective stop. Refused in its first 5 s."""
-        if SafetyMode.PROTECTIVE_STOP not in self._causes:
+        if not self.safety.stopped_protectively:
             return True
-        if self.time - self._protective_stop_time < PROTECTIVE_STOP_LOCK_SECONDS:
-            return False
-        self._clear(SafetyMode.PROTECTIVE_STOP)
-        return True
+        unlocked = self.safety.unlock_protective_stop(self.time)
+        self._apply_safety()
+        return unlocked
 
     def restart_safety(self) -> bool:
         """Leave a violation or fault; the arm is powered off afterwards."""
         self.player.end()
         self._cut_power()
-        self._clear(SafetyMode.VIOLATION, SafetyMode.FAULT, SafetyMode.PROTECTIVE_STOP)
+        self.safety.restart()
+        self._apply_safety()
         return True
 
-    def load_program(self, name: str) -> bool:
-        """Load a stored program; refused while a program runs or when there is none such."""
-        if name not in self.programs or self.player.loaded:
-            return False
-        self.loaded_program = name
-        return True
+    def load_program(self, name: str) -> None:
+        """Load a stored program.
+
+        Raises:
+            FileNotFoundError: there is none such.
+            ProgramError: it cannot be loaded, or a program runs.
+        """
+        text = self.programs.read(name)
+        if self.player.loaded:
+            raise ProgramError(f"{self.program_name} runs")
+        error = self.player.check(text)
+        if error is not None:
+            raise ProgramError(f"line {error.line}: {error.text}")
+        self.programs.load(name, text)
+
+    def load_installation(self, name: str) -> None:
+        """Load a stored installation; like `load_program`."""
+        if not self.programs.has_installation(name):
+            raise FileNotFoundError(name)
+        if self.player.loaded:
+            raise ProgramError(f"{self.program_name} runs")
+        self.programs.load_installation(name)
 
     def set_operational_mode(self, mode: str) -> bool:
-        """Set "MANUAL" or "AUTOMATIC", or give the choice back to the panel with "NONE"."""
-        if mode not in OPERATIONAL_MODES:
+        """Set "MANUAL" or "AUTOMATIC", or give the choice back to the panel with "NONE".
+
+        Remote control ends in manual mode, and what remote clients run with it.
+        """
+        if mode not in OPERATIONAL_MODES or self.model.is_cb3:
             return False
-        self.operational_mode = mode
+        if mode == "MANUAL" and self.remote:
+            self.player.end_all()
+        self.safety.set_operational_mode(mode)
+        self._apply_safety()
         return True
 
     # What happens to a robot.
@@ -424,39 +454,50 @@ class Controller:
 
         Without effect on an arm that is powered off or already stopped protectively.
         """
-        if self.robot_mode not in _UNDER_POWER or SafetyMode.PROTECTIVE_STOP in self._causes:
+        if self.robot_mode not in _UNDER_POWER or self.safety.stopped_protectively:
             return
         text = STOP_REASONS.get(reason_code, "Protective Stop")
         self.post(ErrorMessage(reason_code, argument, ReportLevel.VIOLATION, text))
-        self._protective_stop_time = self.time
-        self._cause(SafetyMode.PROTECTIVE_STOP)
+        self.safety.stop_protectively(self.time)
+        self._apply_safety()
 
-    def emergency_stop(self) -> None:
-        """Press the emergency stop button of the robot: a stop of category 1, then no power."""
-        self._emergency_pressed = True
-        self._emergency_end = self.time + POWER_OFF_SECONDS
-        self._cause(SafetyMode.ROBOT_EMERGENCY_STOP)
+    def emergency_stop(self, button: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP) -> None:
+        """Press an emergency stop button: a stop of category 1, then no power.
 
-    def release_emergency_stop(self) -> None:
+        Args:
+            button: ROBOT_EMERGENCY_STOP (on the pendant) or SYSTEM_EMERGENCY_STOP (of the cell).
+        """
+        self.safety.press_emergency_stop(button, self.time)
+        self._apply_safety()
+
+    def release_emergency_stop(self, button: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP) -> None:
         """Pull the emergency stop button out again; the arm is left powered off.
 
         A stop that has begun is completed: until the arm is without power the safety mode stays.
         """
-        self._emergency_pressed = False
-
-    def _release_emergency_stop(self) -> None:
-        """Leave the safety mode once the button is out and the stop is complete."""
-        complete = self.robot_mode == RobotMode.POWER_OFF and self.time >= self._emergency_end
-        if complete and not self._emergency_pressed:
-            self._clear(SafetyMode.ROBOT_EMERGENCY_STOP)
+        self.safety.release_emergency_stop(button)
 
     def safeguard_stop(self, on: bool) -> None:
         """Open (`on`) or close the safeguard input. The program stays paused until `play`."""
         self._set_cause(SafetyMode.SAFEGUARD_STOP, on)
 
+    def automatic_safeguard_stop(self, on: bool) -> None:
+        """The same for the safeguard input that counts in automatic mode alone."""
+        self.safety.open_automatic_safeguard(on)
+        self._apply_safety()
+
+    def hold_enabling_device(self, held: bool) -> None:
+        """Hold or let go of the three-position enabling device, which counts in manual mode."""
+        self.safety.hold_enabling_device(held)
+        self._apply_safety()
+
     def reduced_mode(self, on: bool) -> None:
         """Enter or leave the reduced safety mode."""
         self._set_cause(SafetyMode.REDUCED, on)
+
+    def recovery_mode(self, on: bool) -> None:
+        """Enter or leave recovery: the arm stands outside of a safety limit, no program runs."""
+        self._set_cause(SafetyMode.RECOVERY, on)
 
     def set_remote(self, on: bool) -> None:
         """Switch between remote and local control; a CB3 controller has no such switch.
@@ -467,15 +508,15 @@ class Controller:
             return
         if not on:
             self.player.end_all()
-        self.remote = on
+        self._remote_switch = on
 
     def violation(self) -> None:
         """Enter the safety mode VIOLATION."""
-        self._cause(SafetyMode.VIOLATION)
+        self._set_cause(SafetyMode.VIOLATION, True)
 
     def fault(self) -> None:
         """Enter the safety mode FAULT."""
-        self._cause(SafetyMode.FAULT)
+        self._set_cause(SafetyMode.FAULT, True)
 
     def power_loss(self) -> None:
         """Lose the power of the arm without notice; the brakes fall in."""
@@ -501,32 +542,18 @@ class Controller:
 
     # Safety and power.
 
-    @property
-    def _rule(self) -> SafetyRule:
-        return SAFETY_RULES[self.safety_mode]
-
     def _set_cause(self, cause: SafetyMode, on: bool) -> None:
-        if on:
-            self._cause(cause)
-        else:
-            self._clear(cause)
-
-    def _cause(self, cause: SafetyMode) -> None:
-        self._causes.add(cause)
-        self._apply_safety()
-
-    def _clear(self, *causes: SafetyMode) -> None:
-        self._causes.difference_update(causes)
+        self.safety.set(cause, on)
         self._apply_safety()
 
     def _apply_safety(self) -> None:
-        """Take over the gravest safety mode and do to program and power what it asks."""
-        mode = gravest(self._causes)
-        if mode != self.safety_mode:
-            self.safety_mode = mode
+        """Do to program and power what the safety mode asks."""
+        mode = self.safety.mode
+        if mode != self._shown_safety_mode:
+            self._shown_safety_mode = mode
             self.post(SafetyModeMessage(int(mode)))
             _log.info("safety mode %s", mode.name)
-        rule = self._rule
+        rule = self.safety.rule
         self.arm.stop_deceleration = rule.deceleration
         if rule.program is ProgramRule.STOP:
             self.player.end(failed=mode in _FAILURES)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from crtk_sim_backends.ur.programs import PROGRAM_FOLDER, ProgramError
 from crtk_sim_backends.ur.safety import RobotMode, RuntimeState, SafetyMode
 from crtk_sim_backends.ur.variables import Version
 
@@ -27,7 +28,6 @@ NOT_IN_REMOTE_CONTROL: Final = (
     "reconnect to port 29999"
 )
 MAX_LINE: Final = 4096
-PROGRAM_FOLDER: Final = "/programs/"
 
 
 @dataclass(frozen=True)
@@ -67,20 +67,34 @@ def _boolean(value: bool) -> str:
 
 
 def _program(robot: Robot) -> str:
-    return robot.controller.loaded_program.rsplit("/", 1)[-1] or "<unnamed>"
+    return robot.controller.programs.loaded.rsplit("/", 1)[-1] or "<unnamed>"
 
 
 def _load(robot: Robot, name: str) -> str:
-    if not robot.controller.load_program(name):
+    try:
+        robot.controller.load_program(name)
+    except FileNotFoundError:
         return f"File not found: {name}"
-    return f"Loading program: {PROGRAM_FOLDER}{name.removeprefix(PROGRAM_FOLDER)}"
+    except ProgramError as error:
+        log.warning("%s cannot be loaded: %s", name, error)
+        return f"Error while loading program: {name}"
+    return f"Loading program: {name if name.startswith('/') else PROGRAM_FOLDER + name}"
+
+
+def _load_installation(robot: Robot, name: str) -> str:
+    try:
+        robot.controller.load_installation(name)
+    except FileNotFoundError:
+        return f"File not found: {name}"
+    except ProgramError as error:
+        log.warning("%s cannot be loaded: %s", name, error)
+        return f"Failed to load installation: {name}"
+    return f"Loading installation: {name}"
 
 
 def _loaded_program(robot: Robot, _: str) -> str:
-    name = robot.controller.loaded_program
-    if not name:
-        return "No program loaded"
-    return f"Loaded program: {PROGRAM_FOLDER}{name.removeprefix(PROGRAM_FOLDER)}"
+    name = robot.controller.programs.loaded
+    return f"Loaded program: {PROGRAM_FOLDER}{name}" if name else "No program loaded"
 
 
 def _play(robot: Robot, _: str) -> str:
@@ -112,8 +126,7 @@ def _brake_release(robot: Robot, _: str) -> str:
 
 
 def _unlock(robot: Robot, _: str) -> str:
-    stopped = robot.controller.safety_mode is SafetyMode.PROTECTIVE_STOP
-    if stopped and not robot.controller.unlock_protective_stop():
+    if not robot.controller.unlock_protective_stop():
         return (
             "Cannot unlock protective stop until 5s after occurrence. "
             "Always inspect cause of protective stop before unlocking"
@@ -127,7 +140,7 @@ def _restart_safety(robot: Robot, _: str) -> str:
 
 
 def _popup(robot: Robot, text: str) -> str:
-    robot.controller.open_popup(text)
+    robot.controller.popup_text = text
     return "showing popup"
 
 
@@ -158,8 +171,32 @@ def _version_text(robot: Robot, _: str) -> str:
 
 
 def _set_operational_mode(robot: Robot, mode: str) -> str:
-    robot.controller.set_operational_mode(mode.upper())
-    return f"Operational mode {mode.upper()} is set"
+    mode = mode.upper()
+    if mode == "NONE" or not robot.controller.set_operational_mode(mode):
+        return f"Failed setting operational mode: {mode}"
+    return f"Operational mode {mode} is set"
+
+
+_USER_ROLES: Final = ("PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED")
+
+
+def _set_user_role(robot: Robot, role: str) -> str:
+    if role.upper() not in _USER_ROLES:
+        return f"Failed setting user role: {role}"
+    robot.controller.user_role = role.upper()
+    return f"Setting user role: {role}"
+
+
+_SHOWN_AS: Final = {
+    SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP: SafetyMode.SAFEGUARD_STOP,
+    SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP: SafetyMode.SAFEGUARD_STOP,
+}
+"""What `safetymode` calls the modes that only `safetystatus` knows."""
+
+
+def _safety_mode(robot: Robot, _: str) -> str:
+    mode = robot.controller.safety_mode
+    return f"Safetymode: {_SHOWN_AS.get(mode, mode).name}"
 
 
 def _clear_operational_mode(robot: Robot, _: str) -> str:
@@ -171,6 +208,8 @@ def _clear_operational_mode(robot: Robot, _: str) -> str:
 
 
 def _add_to_log(robot: Robot, text: str) -> str:
+    if not text:
+        return "No log message to add"
     log.info("log message of a dashboard client: %s", text)
     return "Added log message"
 
@@ -196,7 +235,7 @@ def _command(
 _LOCAL: Final = True
 
 COMMANDS: Final[tuple[Command, ...]] = (
-    _command(r"load installation (.+)", "Loading installation: {}", (3, 2)),
+    _command(r"load installation (.+)", _load_installation, (3, 2)),
     _command(r"load (.+)", _load),
     _command(r"play", _play),
     _command(r"stop", _stop),
@@ -209,11 +248,7 @@ COMMANDS: Final[tuple[Command, ...]] = (
         lambda robot, _: f"Robotmode: {RobotMode(robot.controller.robot_mode).name}",
         local=_LOCAL,
     ),
-    _command(
-        r"safetymode",
-        lambda robot, _: f"Safetymode: {SafetyMode(robot.controller.safety_mode).name}",
-        local=_LOCAL,
-    ),
+    _command(r"safetymode", _safety_mode, local=_LOCAL),
     _command(
         r"safetystatus",
         lambda robot, _: f"Safetystatus: {SafetyMode(robot.controller.safety_mode).name}",
@@ -225,7 +260,7 @@ COMMANDS: Final[tuple[Command, ...]] = (
     _command(r"get loaded program", _loaded_program, local=_LOCAL),
     _command(
         r"isProgramSaved",
-        lambda robot, _: f"{_boolean(bool(robot.controller.loaded_program))} {_program(robot)}",
+        lambda robot, _: f"{_boolean(bool(robot.controller.programs.loaded))} {_program(robot)}",
         local=_LOCAL,
     ),
     _command(r"PolyscopeVersion", _version_text, local=_LOCAL),
@@ -253,11 +288,11 @@ COMMANDS: Final[tuple[Command, ...]] = (
     _command(r"unlock protective stop", _unlock, (3, 1)),
     _command(r"restart safety", _restart_safety, (3, 7), (5, 1)),
     _command(r"close safety popup", "closing safety popup", (3, 1)),
-    _command(r"close popup", _close_popup),
-    _command(r"popup ?(.*)", _popup),
+    _command(r"close popup", _close_popup, local=_LOCAL),
+    _command(r"popup ?(.*)", _popup, local=_LOCAL),
     _command(r"addToLog ?(.*)", _add_to_log, local=_LOCAL),
     _command(r"saveLog", "Log saved to disk", (3, 13), (5, 8), _LOCAL),
-    _command(r"set operational mode (manual|automatic)", _set_operational_mode, None),
+    _command(r"set operational mode (.+)", _set_operational_mode, None, local=_LOCAL),
     _command(
         r"get operational mode",
         lambda robot, _: robot.controller.operational_mode,
@@ -265,9 +300,9 @@ COMMANDS: Final[tuple[Command, ...]] = (
         (5, 6),
         _LOCAL,
     ),
-    _command(r"clear operational mode", _clear_operational_mode, None),
-    _command(r"setUserRole (.+)", "Setting user role: {}", (3, 1), None),
-    _command(r"getUserRole", "PROGRAMMER", (3, 1), None),
+    _command(r"clear operational mode", _clear_operational_mode, None, local=_LOCAL),
+    _command(r"setUserRole (.+)", _set_user_role, (3, 1), None),
+    _command(r"getUserRole", lambda robot, _: robot.controller.user_role, (3, 1), None),
     _command(
         r"generate flight report ?(.*)",
         "Flight Report generated with id: 00000000-0000-4000-8000-000000000001",

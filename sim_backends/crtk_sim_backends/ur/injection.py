@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from crtk_sim_backends import wire
 from crtk_sim_backends.faults import FaultKind, Parameter
 from crtk_sim_backends.ur.config import PORTS
+from crtk_sim_backends.ur.safety import SafetyMode
 from crtk_sim_backends.ur.signals import ANALOG_INPUTS
 
 if TYPE_CHECKING:
@@ -60,7 +61,11 @@ _FAILING_PROGRAM: Final = "def simulated_error():\n  values = [0]\n  textmsg(val
 BEGIN: Final[Mapping[str, Callable[[Controller, Parameters], object]]] = {
     "protective_stop": lambda c, p: c.protective_stop(p["code"]),
     "emergency_stop": lambda c, p: c.emergency_stop(),
+    "system_emergency_stop": lambda c, p: c.emergency_stop(SafetyMode.SYSTEM_EMERGENCY_STOP),
     "safeguard_stop": lambda c, p: c.safeguard_stop(True),
+    "automatic_safeguard_stop": lambda c, p: c.automatic_safeguard_stop(True),
+    "enabling_device_released": lambda c, p: c.hold_enabling_device(False),
+    "recovery_mode": lambda c, p: c.recovery_mode(True),
     "reduced_mode": lambda c, p: c.reduced_mode(True),
     "local_control": lambda c, p: c.set_remote(False),
     "violation": lambda c, p: c.violation(),
@@ -81,7 +86,13 @@ BEGIN: Final[Mapping[str, Callable[[Controller, Parameters], object]]] = {
 
 END: Final[Mapping[str, Callable[[Controller, Parameters], object]]] = {
     "emergency_stop": lambda c, p: c.release_emergency_stop(),
+    "system_emergency_stop": lambda c, p: c.release_emergency_stop(
+        SafetyMode.SYSTEM_EMERGENCY_STOP
+    ),
     "safeguard_stop": lambda c, p: c.safeguard_stop(False),
+    "automatic_safeguard_stop": lambda c, p: c.automatic_safeguard_stop(False),
+    "enabling_device_released": lambda c, p: c.hold_enabling_device(True),
+    "recovery_mode": lambda c, p: c.recovery_mode(False),
     "reduced_mode": lambda c, p: c.reduced_mode(False),
     "local_control": lambda c, p: c.set_remote(True),
     "freeze_joint": lambda c, p: c.freeze_joint(p["joint"], False),
@@ -135,7 +146,13 @@ KINDS: Final[Mapping[str, FaultKind]] = {
         ),
         _robot_kind("emergency_stop", "the emergency stop is pressed; cleared: released"),
         _robot_kind("safeguard_stop", "the safeguard input opens; cleared: closes"),
+        _robot_kind("system_emergency_stop", "the same with the emergency stop of the cell"),
+        _robot_kind("automatic_safeguard_stop", "the safeguard input of automatic mode opens"),
+        _robot_kind(
+            "enabling_device_released", "the three-position device is let go of (manual mode)"
+        ),
         _robot_kind("reduced_mode", "the safety mode is REDUCED"),
+        _robot_kind("recovery_mode", "the safety mode is RECOVERY"),
         _robot_kind("local_control", "somebody switches to local control on the pendant"),
         _robot_kind("violation", "the safety system reports a violation"),
         _robot_kind("safety_fault", "the safety system reports a fault"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -87,8 +86,15 @@ class ProgramPlayer:
 
     def prepare(self, text: str) -> None:
         """Compile a script ahead, in any thread, so that `run` need not wait for it."""
-        with suppress(ScriptError):  # which `run` reports
+        self.check(text)
+
+    def check(self, text: str) -> ScriptError | None:
+        """What is wrong with a script; None when it can be run."""
+        try:
             compile_program(text, self._builtins)
+        except ScriptError as error:
+            return error
+        return None
 
     def run(self, text: str) -> None:
         """Run a script; what is wrong with it becomes a message."""

@@ -158,15 +158,21 @@ SAFETY_RULES: Final[dict[SafetyMode, SafetyRule]] = {
 """What each safety mode means, the gravest first: of several causes the first one shows."""
 
 POWER_UP: Final[dict[RobotMode, tuple[float, RobotMode]]] = {
+    RobotMode.DISCONNECTED: (0.0, RobotMode.BOOTING),  # a boot takes what the option says
+    RobotMode.BOOTING: (0.0, RobotMode.POWER_OFF),
     RobotMode.POWER_OFF: (0.2, RobotMode.POWER_ON),
     RobotMode.POWER_ON: (0.3, RobotMode.IDLE),
     RobotMode.IDLE: (0.3, RobotMode.RUNNING),
 }
 """Next robot mode on the way up, and the seconds until it is reached."""
 
+BOOT_STEPS: Final = 2
+
 POWER_OFF_SECONDS: Final = 0.2
 
 JOINT_MODES: Final[dict[RobotMode, JointMode]] = {
+    RobotMode.DISCONNECTED: JointMode.NOT_RESPONDING,
+    RobotMode.BOOTING: JointMode.NOT_RESPONDING,
     RobotMode.POWER_OFF: JointMode.POWER_OFF,
     RobotMode.POWER_ON: JointMode.BOOTING,
     RobotMode.IDLE: JointMode.IDLE,

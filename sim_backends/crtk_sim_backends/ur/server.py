@@ -43,6 +43,7 @@ from crtk_sim_backends.ur.primary import (
     encode_messages,
     version_message,
 )
+from crtk_sim_backends.ur.programs import ProgramFiles
 from crtk_sim_backends.ur.rtde import InputClaims, RtdeError, RtdeSession, Trace
 from crtk_sim_backends.ur.script_port import ScriptSession
 from crtk_sim_backends.ur.script_queue import ScriptQueue
@@ -115,6 +116,8 @@ class UrServer:
             powered_on=config.powered_on,
             remote=config.remote,
             wires=config.wires,
+            boot_seconds=config.boot_seconds,
+            programs=ProgramFiles(Path(config.programs) if config.programs else None),
             extra_builtins=self._sockets.builtins,
         )
         self.controller.player.ended = self._sockets.close_all
