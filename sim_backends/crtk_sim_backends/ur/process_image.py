@@ -60,6 +60,10 @@ class ProcessImage:
         c = self._controller
         out = c.outputs
         out["timestamp"] = c.time
+        out["control_step"] = c.tick_count
+        for direction in ("input", "output"):
+            bits = out[f"actual_digital_{direction}_bits"]
+            out[f"actual_configurable_digital_{direction}_bits"] = bits >> 8 & 0xFF
         out["speed_scaling"] = c.arm.scale
         modes = (c.robot_mode, c.safety_mode, c.runtime_state)
         if modes != self._modes:
@@ -155,7 +159,7 @@ class ProcessImage:
         sensor = c.force_sensor
         sensor.measure(flange, c.tool, c.payload, c.payload_cog, c.gravity)
         out["ft_raw_wrench"] = sensor.raw
-        out["actual_TCP_force"] = sensor.tcp
+        out["actual_TCP_force"] = out["wrench_calc_from_currents"] = sensor.tcp
         out["tcp_force_scalar"] = norm(sensor.tcp[:3])
         out["actual_tool_accelerometer"] = rotate_back(flange, c.gravity)
         if c.robot_mode != RobotMode.RUNNING:

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-NAMES_LIMIT: Final = 2048  # bytes of a variable list that the controller reads
 NOT_FOUND: Final = "NOT_FOUND"
 IN_USE: Final = "IN_USE"
 
@@ -47,6 +46,15 @@ class Package(IntEnum):
     CONTROL_PACKAGE_PAUSE = 80
 
 
+class TextLevel(IntEnum):
+    """Levels of a text message."""
+
+    EXCEPTION = 0
+    ERROR = 1
+    WARNING = 2
+    INFO = 3
+
+
 class RtdeError(ValueError):
     """The byte stream is not RTDE any more; the connection has to be closed."""
 
@@ -54,6 +62,15 @@ class RtdeError(ValueError):
 def encode(kind: Package, payload: bytes) -> bytes:
     """Put the header before a payload."""
     return _HEADER.pack(_HEADER.size + len(payload), kind) + payload
+
+
+def text_message(protocol: int, level: TextLevel, text: str) -> bytes:
+    """Build a text message to a client."""
+    if protocol == 1:
+        return encode(Package.TEXT_MESSAGE, bytes([level]) + text.encode())
+    parts = [part.encode()[:255] for part in (text, "RTDE")]
+    body = b"".join(bytes([len(part)]) + part for part in parts)
+    return encode(Package.TEXT_MESSAGE, body + bytes([level]))
 
 
 class InputClaims:
@@ -210,6 +227,7 @@ class RtdeSession:
         self._divider = 1
         self._inputs: dict[int, InputRecipe] = {}
         self._started = False
+        self._complaint = ""  # about the package that is handled now
         self.packages_in = 0
         self.packages_bad = 0
 
@@ -237,6 +255,9 @@ class RtdeSession:
             reply = handler(self, payload)
             if reply is not None:
                 replies += encode(Package(kind), reply)
+            elif self._complaint:
+                replies += text_message(self._protocol, TextLevel.ERROR, self._complaint)
+                self._complaint = ""
         del self._buffer[:start]
         return bytes(replies)
 
@@ -293,7 +314,7 @@ class RtdeSession:
     ) -> tuple[list[Variable], list[str]]:
         """Variables found, and a type or NOT_FOUND for each name of a comma-separated list."""
         found, types = [], []
-        for name in names[:NAMES_LIMIT].decode("ascii", "replace").split(","):
+        for name in names.decode("ascii", "replace").split(","):
             if not (name := name.strip()):
                 continue
             variable = table.get(name)
@@ -316,7 +337,8 @@ class RtdeSession:
         recipe = self._inputs.get(payload[0]) if payload else None
         if recipe is None or len(payload) - 1 != recipe.size:
             self.packages_bad += 1
-            log.debug("input package of %d bytes fits no recipe", len(payload))
+            if self._started:  # before that, clients take it for the reply to their request
+                self._complaint = f"input package of {len(payload)} bytes fits no recipe"
             return
         self.packages_in += 1
         values = recipe.unpack(payload[1:])

@@ -1,6 +1,7 @@
 """The RTDE variables of a UR controller: name, type, unit, first value, first software version.
 
-Source: UR "Real-Time Data Exchange (RTDE) Guide", tables of controller outputs and inputs. Both
+Source: UR "Real-Time Data Exchange (RTDE) Guide", tables of controller outputs and inputs; the
+newest of them from the tests of Universal_Robots_Client_Library. Both
 tables map a variable's name to its :class:`Variable`; everything else that needs to know a
 variable (recipes, process image, documentation) is derived from them.
 """
@@ -41,9 +42,8 @@ TYPES: Final[dict[str, WireType]] = {
 class Variable:
     """One RTDE variable.
 
-    `initial` is a scalar, or a tuple for a vector type. `since_cb3` and `since_e` are the first
-    CB3 and e-Series software that has it, None where that series never got it. PolyScope X
-    (10.x) has every variable of the e-Series.
+    `initial` is a scalar, or a tuple for a vector type. `since_cb3`, `since_e` and `since_x` are
+    the first CB3, e-Series and PolyScope X software that has it, None where that never got it.
     """
 
     name: str
@@ -51,18 +51,22 @@ class Variable:
     initial: Any
     unit: str
     since_cb3: tuple[int, int] | None
-    since_e: tuple[int, int]
+    since_e: tuple[int, int] | None
+    since_x: tuple[int, int]
 
     def exists_in(self, version: Version) -> bool:
         """Whether the controller software `version` knows this variable."""
-        if version[0] >= 5:
-            return version[:2] >= self.since_e
-        return self.since_cb3 is not None and version[:2] >= self.since_cb3
+        since = self.since_cb3 if version[0] < 5 else self.since_e
+        if version[0] >= 10:
+            since = self.since_x
+        return since is not None and version[:2] >= since
 
 
 _CB3: Final = (3, 0)
 _E: Final = (5, 0)
+_X: Final = (10, 0)
 _E_ONLY: Final = None
+_X_ONLY: Final = None
 
 
 def _variable(
@@ -70,13 +74,14 @@ def _variable(
     type_name: str,
     unit: str = "",
     since_cb3: tuple[int, int] | None = _CB3,
-    since_e: tuple[int, int] = _E,
+    since_e: tuple[int, int] | None = _E,
+    since_x: tuple[int, int] = _X,
     initial: Any = None,
 ) -> Variable:
     wire = TYPES[type_name]
     if initial is None:
         initial = wire.zero if wire.count == 1 else (wire.zero,) * wire.count
-    return Variable(name, type_name, initial, unit, since_cb3, since_e)
+    return Variable(name, type_name, initial, unit, since_cb3, since_e, since_x)
 
 
 def _registers(direction: str, since_cb3: tuple[int, int]) -> Iterator[Variable]:
@@ -108,7 +113,7 @@ OUTPUTS: Final[dict[str, Variable]] = _table(
         _variable("actual_qd", "VECTOR6D", "rad/s"),
         _variable("actual_current", "VECTOR6D", "A"),
         _variable("actual_current_window", "VECTOR6D", "A"),
-        _variable("actual_current_as_torque", "VECTOR6D", "Nm", _E_ONLY, (5, 23)),
+        _variable("actual_current_as_torque", "VECTOR6D", "Nm", _E_ONLY, (5, 23), (10, 11)),
         _variable("joint_control_output", "VECTOR6D", "A"),
         _variable("actual_TCP_pose", "VECTOR6D", "m, rotation vector"),
         _variable("actual_TCP_speed", "VECTOR6D", "m/s, rad/s"),
@@ -118,6 +123,7 @@ OUTPUTS: Final[dict[str, Variable]] = _table(
         _variable("target_TCP_speed", "VECTOR6D", "m/s, rad/s"),
         _variable("target_TCP_acceleration", "VECTOR6D", "m/s^2, rad/s^2", _E_ONLY),
         _variable("actual_digital_input_bits", "UINT64"),
+        _variable("actual_configurable_digital_input_bits", "UINT64", "", _E_ONLY),
         _variable("joint_temperatures", "VECTOR6D", "degC", initial=(28.0,) * 6),
         _variable("actual_execution_time", "DOUBLE", "ms"),
         _variable("target_execution_time", "DOUBLE", "ms", _E_ONLY),
@@ -134,6 +140,7 @@ OUTPUTS: Final[dict[str, Variable]] = _table(
         _variable("actual_robot_current", "DOUBLE", "A"),
         _variable("actual_joint_voltage", "VECTOR6D", "V"),
         _variable("actual_digital_output_bits", "UINT64"),
+        _variable("actual_configurable_digital_output_bits", "UINT64", "", _E_ONLY),
         _variable("runtime_state", "UINT32", initial=1),
         _variable("elbow_position", "VECTOR3D", "m", (3, 5)),
         _variable("elbow_velocity", "VECTOR3D", "m/s", (3, 5)),
@@ -154,6 +161,7 @@ OUTPUTS: Final[dict[str, Variable]] = _table(
         _variable("tool_analog_input0", "DOUBLE", "A or V"),
         _variable("tool_analog_input1", "DOUBLE", "A or V"),
         _variable("tool_output_voltage", "INT32", "V"),
+        _variable("tool_output_voltage_2", "INT32", "V", _E_ONLY, _X_ONLY, (10, 15)),
         _variable("tool_output_current", "DOUBLE", "A"),
         _variable("tool_temperature", "DOUBLE", "degC", initial=28.0),
         _variable("tool_output_mode", "UINT8", "", _E_ONLY, (5, 2)),
@@ -167,9 +175,17 @@ OUTPUTS: Final[dict[str, Variable]] = _table(
         _variable("payload", "DOUBLE", "kg", (3, 11), (5, 6)),
         _variable("payload_cog", "VECTOR3D", "m", (3, 11), (5, 6)),
         _variable("payload_inertia", "VECTOR6D", "kg m^2", (3, 15), (5, 11)),
-        _variable("target_gravity", "VECTOR3D", "m/s^2", _E_ONLY, initial=(0.0, 0.0, 9.82)),
+        _variable(
+            "target_gravity", "VECTOR3D", "m/s^2", _E_ONLY, (5, 26), (10, 12), (0.0, 0.0, 9.82)
+        ),
+        _variable(
+            "target_base_acceleration", "VECTOR6D", "m/s^2, rad/s^2", _E_ONLY, (5, 26), (10, 12)
+        ),
+        _variable("target_base_wrench", "VECTOR6D", "N, Nm", _E_ONLY, (5, 26), (10, 14)),
+        _variable("control_step", "UINT64", "", _E_ONLY, (5, 26), (10, 13)),
         _variable("script_control_line", "UINT32", "", (3, 14), (5, 9)),
         _variable("ft_raw_wrench", "VECTOR6D", "N, Nm", _E_ONLY, (5, 9)),
+        _variable("wrench_calc_from_currents", "VECTOR6D", "N, Nm", _E_ONLY),
         _variable("actual_robot_energy_consumed", "DOUBLE", "J", _E_ONLY),
         _variable("actual_robot_braking_energy_dissipated", "DOUBLE", "J", _E_ONLY),
         _variable("encoder0_raw", "INT32", "", _E_ONLY),
