@@ -154,8 +154,9 @@ class Feedback:
     # ----------------------------------------------------------------------------------- written by
 
     def take(self, sample: Sample) -> None:
-        """A new sample arrived."""
-        self._sample = sample
+        """A new sample arrived. One without values tells of the link only: what was known goes on ageing."""
+        if sample.values or self._sample is None:
+            self._sample = sample
 
     def invalidate(self) -> None:
         """The link is lost: what was read last is not valid any more."""

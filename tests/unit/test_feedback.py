@@ -6,7 +6,7 @@ from engine_rig import JOINTS, ScriptedDevice, two_joints
 
 from crtk_drivers.device import Mode, Setpoint
 from crtk_drivers.feedback import Feedback, Point
-from crtk_drivers.samples import JointState, Pose, Sample, vector
+from crtk_drivers.samples import JointState, Pose, Sample, Stamp, vector
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.clock import FakeClock
 
@@ -60,6 +60,22 @@ def test_a_sample_is_valid_until_it_is_stale_and_keeps_its_stamp(bench: Bench) -
     assert fresh[1].wall_ns > 0
     assert stale[1].wall_ns == 0
     assert stale[1].monotonic == fresh[1].monotonic
+    assert not bench.feedback.seed(bench.clock())
+
+
+def test_a_sample_without_values_leaves_those_that_were_known_and_their_age(bench: Bench) -> None:
+    before = bench.feedback.get("measured_js", bench.clock(), ON)
+    assert before is not None
+    bench.clock.advance(0.03)
+    bench.feedback.take(Sample(Stamp(1, bench.clock())))
+    assert bench.feedback.get("measured_js", bench.clock(), ON) == before
+    assert bench.setpoint().position.tolist() == [0.1, 0.2]
+    bench.clock.advance(0.03)
+    bench.feedback.take(Sample(Stamp(2, bench.clock())))
+    stale = bench.feedback.get("measured_js", bench.clock(), ON)
+    assert stale is not None
+    assert stale[0] is before[0]
+    assert stale[1].wall_ns == 0
     assert not bench.feedback.seed(bench.clock())
 
 
@@ -128,7 +144,8 @@ def test_goals_are_latched_until_the_next(bench: Bench) -> None:
 
 
 def test_a_sample_without_a_value_has_none_under_that_name(bench: Bench) -> None:
-    bench.feedback.take(Sample(bench.clock.stamp(), {}))
+    pose = Pose(vector((0.0, 0.0, 0.0)), vector((0.0, 0.0, 0.0, 1.0)))
+    bench.feedback.take(Sample(bench.clock.stamp(), {"measured_cp": pose}))
     assert bench.feedback.get("measured_js", bench.clock(), ON) is None
     assert bench.feedback.get("jacobian", bench.clock(), ON) is None
     assert bench.feedback.get("setpoint_cp", bench.clock(), ON) is None
