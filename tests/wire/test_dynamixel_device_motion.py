@@ -147,9 +147,14 @@ def test_hold_ends_a_slow_profile_of_the_servo(shared):
         assert bench.servos()[1]["angle"] < 0.8, "it is behind"
         bench.arm.hold()
         bench.until_still()
-        assert bench.servos()[1]["angle"] < 0.9
+        here = bench.servos()[1]["angle"]
+        assert here < 0.9
+        assert bench.arm.setpoint_js().position[0] == pytest.approx(here, abs=2 * COUNT)
         with bench.nothing_moves():
             bench.cycles(20)
+        assert bench.arm.move_jr([-0.1, *ZERO[1:]]).wait(LONG)
+        bench.until_still()
+        assert bench.servos()[1]["angle"] == pytest.approx(here - 0.1, abs=4 * COUNT)
 
 
 def test_servo_jp_stream_that_stops_holds_the_last_setpoint(bench):

@@ -82,7 +82,7 @@ class _ChainDevice(Device):
         self._config = config
         self._seen_cycle = -1
         self._stamp = -math.inf
-        self._last: Mapping[str, Value] = {}
+        self._last: dict[str, Value] = {}
         self._is_open = False
         self._condition = Condition()
 
@@ -135,6 +135,9 @@ class _ChainDevice(Device):
         if stamp.monotonic > self._stamp:
             self._stamp = stamp.monotonic
             self._last = {"measured_js": self._state(frame, usable, is_whole=is_whole)}
+            goals = self.part.goals
+            if goals is not None:
+                self._last |= {"setpoint_js": JointState(position=self._positions(goals))}
             return Sample(stamp, self._last)
         # The link is there, and the fault tells who is missing.
         return Sample(Stamp(0, frame.stamp.monotonic), self._last) if silent else None
@@ -171,6 +174,14 @@ class _ChainDevice(Device):
         Args:
             usable: (servos,) those whose positions are taken.
             is_whole: the others are as good, so that efforts are known.
+        """
+
+    @abstractmethod
+    def _positions(self, counts: Counts, usable: NDArray[np.bool_] | None = None) -> Vector:
+        """Return the positions of the joints (n,) for those of the servos of this part.
+
+        Args:
+            usable: (servos,) those whose positions are taken; None: all.
         """
 
     # -------------------------------------------------------------------------------------- setpoints
@@ -297,12 +308,16 @@ class ArmDevice(_ChainDevice):
 
     def _state(self, frame: Frame, usable: NDArray[np.bool_], *, is_whole: bool) -> JointState:
         chain, scaling = self.part.chain, self.part.chain.scaling
-        position = chain.positions(scaling.position.to_si(self.part.own(frame.position)), usable)
+        position = self._positions(self.part.own(frame.position), usable)
         velocity = chain.positions(scaling.velocity.to_si(self.part.own(frame.velocity)), usable)
         effort: Vector | tuple[()] = ()
         if self._has_efforts and is_whole:
             effort = chain.efforts(scaling.effort.to_si(self.part.own(frame.effort)))
-        return JointState(vector(position), vector(velocity), vector(effort))
+        return JointState(position, vector(velocity), vector(effort))
+
+    def _positions(self, counts: Counts, usable: NDArray[np.bool_] | None = None) -> Vector:
+        chain = self.part.chain
+        return vector(chain.positions(chain.scaling.position.to_si(counts), usable))
 
     def _counts(self, kind: Kind, values: Vector) -> Counts:
         chain, scaling = self.part.chain, self.part.chain.scaling
@@ -345,9 +360,8 @@ class GripperDevice(_ChainDevice):
 
     def _state(self, frame: Frame, usable: NDArray[np.bool_], *, is_whole: bool) -> JointState:
         chain, scaling, finger = self.part.chain, self.part.chain.scaling, self._finger
-        angles = chain.positions(scaling.position.to_si(self.part.own(frame.position)), usable)
         speeds = chain.positions(scaling.velocity.to_si(self.part.own(frame.velocity)), usable)
-        self._angle = angle = float(angles[0])
+        self._angle = angle = self._angle_at(self.part.own(frame.position), usable)
         effort: tuple[float, ...] = ()
         if self._measures_effort and is_whole:
             torques = chain.efforts(scaling.effort.to_si(self.part.own(frame.effort)))
@@ -357,6 +371,13 @@ class GripperDevice(_ChainDevice):
             vector((finger.rate(angle) * float(speeds[0]),)),
             vector(effort if all(map(math.isfinite, effort)) else ()),
         )
+
+    def _angle_at(self, counts: Counts, usable: NDArray[np.bool_] | None) -> float:
+        chain = self.part.chain
+        return float(chain.positions(chain.scaling.position.to_si(counts), usable)[0])
+
+    def _positions(self, counts: Counts, usable: NDArray[np.bool_] | None = None) -> Vector:
+        return vector((self._finger.opening(self._angle_at(counts, usable)),))
 
     def _counts(self, kind: Kind, values: Vector) -> Counts:
         chain, scaling, finger, (value,) = (

@@ -93,6 +93,16 @@ class Part:
         self._fault = ""
         self._is_free = False
         self._stop = threading.Event()
+        self._goals: Counts | None = None
+
+    @property
+    def goals(self) -> Counts | None:
+        """Where servos with a profile of their own are on the way to (servos of this part,), or stand.
+
+        None without a profile, and as long as it is not known.
+        """
+        holds = self.kind is Kind.POSITION and not self._is_free and self.takes_setpoints
+        return self._goals if holds and self._has_profile else None
 
     @property
     def chain(self) -> Chain:
@@ -245,6 +255,7 @@ class Part:
         self._write_goals(Kind.VELOCITY, np.zeros(len(self.places), dtype=np.int64))
 
     def _write_goals(self, kind: Kind, counts: Counts) -> None:
+        self._goals = counts if kind is Kind.POSITION else None
         self._link.send(GOALS[kind], self._goal_places, counts[self._commanded])
 
     @property
@@ -336,7 +347,7 @@ class Part:
             if link.states[place].values.get("operating_mode", self._mode(place, kind))
             != self._mode(place, kind)
         }
-        self.kind = None
+        self.kind = self._goals = None
         if changing:
             yield from self._make_sure({place: {"torque_enable": 0} for place in changing})
             yield from self._make_sure(changing)
