@@ -236,6 +236,7 @@ def test_protocol_1_on_the_same_wire() -> None:
         assert ask(legacy(12, 0x02, b"\x24\x02"), 8)[5:7] == b"\x00\x02"  # 512
         assert ask(legacy(12, 0x03, b"\x06\x00\x01\x00\x03"), 6)[4] == 0  # limits 256, 768
         assert ask(legacy(12, 0x03, b"\x1e\xff\x00"), 6)[4] == 0x02  # angle limit
+        assert ask(legacy(12, 0x08), 6)[4] == 0x40  # the AX series knows no reboot
         assert ask(legacy(12, 0x03, b"\x24\x00\x00"), 6)[4] == 0x08  # read only
         assert ask(legacy(12, 0x05), 6)[4] == 0x40  # nothing registered
         assert ask(legacy(12, 0x04, b"\x1e\x00\x02"), 6)[4] == 0

@@ -9,6 +9,7 @@ from dynamixel_bench import (
     HARMLESS,
     LONG,
     PATIENT,
+    REBOOT,
     arm_values,
     configuration,
     driver_at,
@@ -25,7 +26,7 @@ import crtk_drivers
 from crtk_driver_dynamixel.arms import names
 from crtk_driver_dynamixel.calibration import Calibration, ServoCalibration, save_calibration
 from crtk_driver_dynamixel.gripper import SliderCrank
-from crtk_drivers.errors import ConnectionFailed
+from crtk_drivers.errors import ConnectionFailed, TransitionFailed
 from crtk_drivers.session import Session
 
 
@@ -228,6 +229,13 @@ def test_both_protocols_on_one_bus():
         assert bench.angles() == pytest.approx([0.2, -0.2], abs=8e-3)
         bench.sim.control.inject("overload", id=5)
         bench.until_state("FAULT", "joint tip (servo 5 on main): overload")
+        refusal = r"servo 5 on main\): overload; a ax-12a knows no restart.*supply of the servo off and on"
+        mark = bench.mark()
+        with pytest.raises(TransitionFailed, match=refusal):
+            bench.arm.enable()
+        assert REBOOT not in {entry["code"] for entry in bench.trace(mark)}
+        bench.sim.control.inject("power_off", id=5)
+        bench.sim.control.clear()
         bench.arm.enable()
         assert all(bench.torques())
         bench.arm.disable()

@@ -10,7 +10,7 @@ from crtk_driver_dynamixel import PLUGIN
 from crtk_driver_dynamixel.calibration import load_calibration
 from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_drivers.cli import main
-from crtk_drivers.config import from_file, load
+from crtk_drivers.config import from_file, from_values, load
 from crtk_drivers.errors import ConfigError
 from crtk_sim_backends.dynamixel import SIM
 from crtk_sim_backends.process import RunningSim
@@ -117,3 +117,14 @@ def test_what_is_missing_is_said() -> None:
         PLUGIN.check_real(DynamixelConfig())
     with pytest.raises(ConfigError, match=r"buses\.main\.port: is required"):
         PLUGIN.check_real(DynamixelConfig(arm="arm6"))
+
+
+def test_no_figure_is_told_before_it_is_known(capsys: pytest.CaptureFixture[str]) -> None:
+    config = load(DynamixelConfig, from_values({"arm": "arm6", "slow_interval": 60.0}))
+    counters = PLUGIN.create(config).counters
+    assert counters["replies"] == 0.0
+    assert not {"voltage_min", "temperature_max"} & counters.keys()
+    assert main(["check", "dynamixel", "--sim", "--set", "slow_interval=60"]) == 0
+    told = capsys.readouterr().out
+    assert "replies" in told
+    assert "nan" not in told.lower()

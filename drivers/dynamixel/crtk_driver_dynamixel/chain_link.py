@@ -503,20 +503,25 @@ class ChainLink:
 
     @property
     def counters(self) -> dict[str, float]:
-        """Numbers for diagnostics, of all servos together."""
+        """Numbers for diagnostics, of all servos together; what is not known yet is left out."""
         counted = [
             bus.counters(servo.id)
             for servo in self.chain.servos
             if (bus := self._buses.get(servo.bus)) is not None
         ]
-        return {
+        figures = {
             "replies": float(sum(c.replies for c in counted)),
             "timeouts": float(sum(c.timeouts for c in counted)),
             "corrupt": float(sum(c.corrupt for c in counted)),
             "alerts": float(sum(c.alerts for c in counted)),
-            "voltage_min": min((h.voltage for h in self.health), default=math.nan),
-            "temperature_max": max((h.temperature for h in self.health), default=math.nan),
         }
+        voltages = [h.voltage for h in self.health if not math.isnan(h.voltage)]
+        temperatures = [h.temperature for h in self.health if not math.isnan(h.temperature)]
+        if voltages:
+            figures["voltage_min"] = min(voltages)
+        if temperatures:
+            figures["temperature_max"] = max(temperatures)
+        return figures
 
 
 def lost(where: str) -> ConnectionLost:

@@ -69,6 +69,7 @@ class Family:
         homing_limit: largest homing offset that position mode takes, in counts; 0 if there is no such
             register or its limits are not known.
         fast_read_since: first firmware with fast sync and fast bulk read; None: never.
+        restarts: whether it knows the instruction Reboot.
     """
 
     name: str
@@ -86,6 +87,7 @@ class Family:
     full_pwm: int
     homing_limit: int
     fast_read_since: int | None
+    restarts: bool = True
 
 
 def _x(name: str, fast_read_since: int | None) -> Family:
@@ -156,8 +158,10 @@ PH54: Final = _p("PH54", 1_003_846)
 PH42: Final = _p("PH42", 607_500)
 PM54: Final = _p("PM54", 502_834)
 PM42: Final = _p("PM42", 526_374)
-AX: Final = _joint_and_wheel("AX", 1024, math.radians(300.0) / 1023, 0.111, 0)
-XL320: Final = replace(AX, name="XL-320", protocol=2)
+AX: Final = replace(
+    _joint_and_wheel("AX", 1024, math.radians(300.0) / 1023, 0.111, 0), restarts=False
+)
+XL320: Final = replace(AX, name="XL-320", protocol=2, restarts=True)
 MX_1: Final = _joint_and_wheel("MX(1.0)", 4096, TURN / 4096, 0.114, 28_672)
 
 

@@ -32,7 +32,8 @@ def recover(link: ChainLink, places: Sequence[int]) -> Steps:
     broken = [p for p in answered if link.health[p].hardware_error]
     for place in broken:
         _reboot(link, place)
-    waited = [p for p in places if p in broken or p not in answered]
+    restarted = [p for p in places if p in broken or p not in answered]
+    waited = restarted
     end = time.monotonic() + REBOOT_TIME
     while waited and time.monotonic() < end:
         yield
@@ -44,8 +45,8 @@ def recover(link: ChainLink, places: Sequence[int]) -> Steps:
             where=link.address,
             remedy="Check its power and cable.",
         )
-    if broken:
-        link.read_health(broken)
+    if restarted:
+        link.read_health(restarted)
     errors = [
         f"{link.chain.servos[p].place}: {text}"
         for p in places
@@ -55,22 +56,25 @@ def recover(link: ChainLink, places: Sequence[int]) -> Steps:
         raise TransitionFailed(
             "; ".join(errors),
             where=link.address,
-            remedy="A restart did not clear it: check supply, load and temperature.",
+            remedy="It is there after a restart, too: check supply, load and temperature.",
         )
 
 
 def _reboot(link: ChainLink, place: int) -> None:
+    servo = link.chain.servos[place]
     try:
-        link.reboot(place)
-    except ServoRefused as error:
-        raise TransitionFailed(
-            f"{link.chain.servos[place].place} has an error and knows no restart: "
-            f"{link.health[place].error_text}",
-            where=link.address,
-            remedy="Switch its supply off and on, and enable again.",
-        ) from error
+        if servo.units.model.family.restarts:
+            link.reboot(place)
+            return
+    except ServoRefused:
+        pass  # it should know it, and does not
     except (ServoSilent, ServoCorrupt):
         return  # it may have heard: `recover` looks
+    raise TransitionFailed(
+        f"{servo.place}: {link.health[place].error_text}; a {servo.units.model.name} knows no restart",
+        where=link.address,
+        remedy="Support the arm, switch the supply of the servo off and on, and enable again.",
+    )
 
 
 def set_up(link: ChainLink, places: Sequence[int], config: DynamixelConfig) -> Steps:

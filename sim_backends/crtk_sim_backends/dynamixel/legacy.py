@@ -11,11 +11,11 @@ from typing import Final
 
 from crtk_sim_backends.dynamixel.drive import Mode
 from crtk_sim_backends.dynamixel.models import Model
-from crtk_sim_backends.dynamixel.packets import Error
+from crtk_sim_backends.dynamixel.packets import Code, Error
 from crtk_sim_backends.dynamixel.plant import Joint
 from crtk_sim_backends.dynamixel.profile import by_velocity
 from crtk_sim_backends.dynamixel.registers import Series
-from crtk_sim_backends.dynamixel.servo import Servo
+from crtk_sim_backends.dynamixel.servo import Answer, Servo
 
 FASTER: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
 """Values of Baud Rate (4) of the MX series above the formula 2 000 000 / (value + 1)."""
@@ -166,6 +166,12 @@ class LegacyServo(Servo):
         )
 
     # Other instructions
+
+    def execute(self, code: int, parameters: bytes, time: float, *, broadcast: bool) -> Answer:
+        """See the base class. The AX series knows no reboot."""
+        if code == Code.REBOOT and self.model.series is Series.AX:
+            return Error.INSTRUCTION, b""
+        return super().execute(code, parameters, time, broadcast=broadcast)
 
     def started(self, time: float) -> None:
         """See the base class."""
