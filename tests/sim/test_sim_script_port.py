@@ -84,6 +84,22 @@ def test_nonsense_is_cut_into_lines_and_survived(pieces):
     assert all(unit.strip() for unit in cutter.feed(b"\n"))
 
 
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "s = struct(a=1, for_=2)",
+        "textmsg(time(2).sec)",
+        "textmsg('while it # lasts')",
+        "textmsg(\"it's an if\") # isn't it if",
+        "$ 3 'def'",
+        "for = 1 switch = 2",
+    ],
+)
+def test_what_only_looks_like_a_block_opens_none(statement):
+    program = f"def p():\n  {statement}\nend"
+    assert cut([f"{program}\ntextmsg(1)\n".encode()]) == [program, "textmsg(1)"]
+
+
 def test_an_unfinished_program_is_kept_and_not_run():
     cutter = ScriptCutter()
     assert cutter.feed(PROGRAM.removesuffix("end").encode()) == []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from urscript_helpers import run
 
-from crtk_sim_backends.ur.urscript import Builtin, List, Pose, compile_program
+from crtk_sim_backends.ur.urscript import Builtin, List, Pose, Struct, compile_program
 
 
 @pytest.mark.parametrize(
@@ -16,6 +16,10 @@ from crtk_sim_backends.ur.urscript import Builtin, List, Pose, compile_program
         ("10 - 4 - 3", 3),
         ("7 / 2", 3.5),
         ("7 % 4", 3),
+        ("2 * -sin(0)", 0.0),
+        ("'a' + \"b\" +\n 'c'", "abc"),
+        ("! True", False),
+        ("!(1 == 2) and ! False", True),
         ("-2 * -3", 6),
         ("- 2 + 5", 3),
         ("+4", 4),
@@ -197,7 +201,7 @@ def test_local_and_global_say_which_variable() -> None:
       log([a, b])
     end
     """
-    assert run(script) == [106, [10, 6]]
+    assert run(script) == [6, [110, 6]]  # the manual: in a nested function the name is global again
 
 
 def test_a_declaration_without_a_value() -> None:
@@ -211,13 +215,14 @@ def test_a_declaration_without_a_value() -> None:
           y = 4
         end
         h()
+        x = 5
         log(x)
       end
       g()
       log(y)
     end
     """
-    assert run(script) == [3, 4]
+    assert run(script) == [5, 4]
 
 
 def test_an_inner_assignment_is_not_captured_by_a_later_declaration_around_it() -> None:
@@ -237,6 +242,29 @@ def test_an_inner_assignment_is_not_captured_by_a_later_declaration_around_it() 
     end
     """
     assert run(script) == [5, 2]
+
+
+def test_the_programs_own_variables_are_global_whatever_they_are_declared() -> None:
+    script = """
+    def f():
+      local a = 0
+      def g():
+        a = 1
+      end
+      g()
+      log(a)
+    end
+    """
+    assert run(script) == [1]
+
+
+def test_a_variable_may_have_the_name_of_a_function() -> None:
+    assert run(
+        "def f(): length = length([1, 2]) log(length) def sin(): return 1 end log(sin()) end"
+    ) == [
+        2,
+        1,
+    ]
 
 
 def test_parameters_are_local() -> None:
@@ -303,6 +331,109 @@ def test_a_script_cannot_change_a_list_that_a_builtin_keeps() -> None:
     kept = List([1, 2])
     script = "def f():\n q = give()\n q[0] = 9\n log(q)\nend"
     assert run(script, Builtin("give", lambda: kept)) == [[9, 2]]
+    assert kept == [1, 2]
+
+
+# Structs (URScript manual, "Lists and Structs")
+
+
+def test_members_of_a_struct_are_read_and_assigned() -> None:
+    script = """
+    def f():
+      s = struct(name="old", list=[1, 2, 3], inner=struct(x=1))
+      s.name = "new"
+      s.list[0] = s.list[2] + 1
+      s.inner.x = 7
+      s[0] = s[0] + "er"
+      log(s.name)
+      log(s.list)
+      log(s.inner.x * 2)
+      log(s == struct(name="newer", list=[4, 2, 3], inner=struct(x=7)))
+      log(s == 1)
+      log(length(s))
+    end
+    """
+    assert run(script) == ["newer", [4, 2, 3], 14, True, False, 3]
+
+
+def test_structs_are_copied_like_lists() -> None:
+    script = """
+    def f():
+      a = struct(v=[1], w=0)
+      b = a
+      c = [a, a]
+      a.v[0] = 9
+      c[0].w = 5
+      def change(s):
+        s.w = 8
+        return s
+      end
+      log(b.v)
+      log(c[0].w)
+      log(c[1].w)
+      log(change(a).w)
+      log(a.w)
+      kept = a.v
+      kept[0] = 0
+      log(a.v)
+    end
+    """
+    assert run(script) == [[1], 5, 0, 8, 0, [9]]
+
+
+def test_a_struct_may_have_members_named_like_python_words() -> None:
+    (value,) = run("s = struct(class=1, copy=2, self=3)\nlog(s)")
+    assert isinstance(value, Struct)
+    assert list(value.items()) == [("class", 1), ("copy", 2), ("self", 3)]
+
+
+def test_lists_grow_and_shrink_within_their_capacity() -> None:
+    script = """
+    def f():
+      q = make_list(1, 1, 5)
+      q.append(2)
+      q.extend([3, 4])
+      q.insert(0, 0)
+      log(q)
+      log(q.pop())
+      q.remove(1)
+      log(q)
+      log(q.slice(1))
+      log(q.slice(0, 2))
+      log([q.length(), q.capacity(), q.excess_capacity()])
+      copy = q
+      copy.append(9)
+      log(q)
+      log(copy.to_string())
+      q.clear()
+      log(q)
+      fixed = [1, 2]
+      fixed.pop()
+      fixed.append(3)
+      log(fixed)
+      s = struct(l=make_list(0, 0, 3))
+      s.l.append(4)
+      log(s.l)
+    end
+    """
+    assert run(script) == [
+        [0, 1, 2, 3, 4],
+        4,
+        [0, 2, 3],
+        [2, 3],
+        [0, 2],
+        [3, 5, 2],
+        [0, 2, 3],
+        "[0,2,3,9]",
+        [],
+        [1, 3],
+        [4],
+    ]
+
+
+def test_a_method_cannot_change_a_list_that_a_builtin_keeps() -> None:
+    kept = List([1, 2])
+    assert run("log(give().pop())", Builtin("give", lambda: kept)) == [2]
     assert kept == [1, 2]
 
 

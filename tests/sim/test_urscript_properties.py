@@ -119,7 +119,8 @@ WORDS = (
     "def f() : end g thread t sec if elif else while True False return break continue halt pass "
     "global local run kill join enter_critical exit_critical and or xor not x y p [ ] ( ) , = == "
     '!= < > + - * / % 0 1 2.5 0x1F "text" sync() sleep(0.01) log(x) f(x=1) t() $ # '
-    "x=1 h=run\nt() p[0,0,0,0,0,0] [1,2] x[0] while\nTrue: if\nx: def\ng(a,b=1): thread\nt():"
+    "x=1 h=run\nt() p[0,0,0,0,0,0] [1,2] x[0] while\nTrue: if\nx: def\ng(a,b=1): thread\nt(): "
+    ". ! .m .append(1) .pop() struct(m=1) s=struct(m=x) s.m=1 make_list(2,x,9) for switch 'it"
 )
 BUILTINS = {
     **PURE_BUILTINS,
@@ -168,12 +169,16 @@ def test_random_words(words: list[str]) -> None:
     compile_and_run(" ".join(words))
 
 
-names = st.sampled_from(["x", "y", "z"])
+names = st.sampled_from(["x", "y", "z", "s.m", "s.n"])
 simple = st.one_of(
     st.builds("{} = {}".format, names, names | st.just("[1, 2]") | integers.map(str)),
     st.builds("{0} = {0} {1} {2}".format, names, st.sampled_from(ARITHMETIC), names),
     st.builds("{}[{}] = {}".format, names, names | integers.map(str), names),
-    st.builds("{} {} = {}".format, st.sampled_from(["local", "global"]), names, names),
+    st.builds("{} x = {}".format, st.sampled_from(["local", "global"]), names),
+    st.builds("s = struct(m={}, n={})".format, names, names),
+    st.builds("{} = make_list({}, {}, 9)".format, names, integers.map(str), names),
+    st.builds("{}.{}".format, names, st.sampled_from(["append(x)", "pop()", "extend(y)", "no(x)"])),
+    st.builds("x = [{0}, {0}, {1}]".format, names, names),
     st.sampled_from(
         ["sync()", "h = run t()", "kill h", "join h", "f()", "x = g(y)", "return", "halt"]
     ),
@@ -195,7 +200,8 @@ blocks = st.recursive(
 @given(blocks)
 def test_random_programs(block: str) -> None:
     compile_and_run(
-        "def prog():\nx = 1\ny = [1, 2]\nh = 0\ndef f():\nend\ndef g(a):\nreturn a\nend\n"
+        "def prog():\nx = 1\ny = [1, 2]\nh = 0\ns = struct(m=1, n=y)\n"
+        "def f():\nend\ndef g(a):\nreturn a\nend\n"
         f"thread t():\nsync()\nend\n{block}\nend"
     )
 
@@ -211,6 +217,10 @@ def test_random_programs(block: str) -> None:
         ("norm(", "1", ")"),
         ("f(", "1", ")"),
         ("x[", "0", "]"),
+        ("", "x", ".a"),
+        ("struct(a=", "1", ")"),
+        ("", "x", ".a()"),
+        ("!", "True", ""),
         ("1 + ", "1", ""),
         ("(1 + ", "1", ")"),
         ("True or ", "True", ""),

@@ -53,7 +53,7 @@ def _message(source: int, kind: int, time: float, body: bytes) -> bytes:
 
 def _short(text: str) -> bytes:
     """Text behind its length in one byte; what is longer is cut."""
-    data = text.encode()[:255]
+    data = text.encode(errors="replace")[:255]
     return bytes([len(data)]) + data
 
 
@@ -72,21 +72,25 @@ def robot_message(message: Message, time: float) -> bytes:
     """Encode one message of the controller."""
     match message:
         case TextMessage(text):
-            return _message(_SOURCE_CONTROLLER, 0, time, text.encode())
+            return _message(_SOURCE_CONTROLLER, 0, time, text.encode(errors="replace"))
         case PopupMessage(title, text, warning, error, blocking):
             head = struct.pack(">IB???", 0, 0, warning, error, blocking)
-            return _message(_SOURCE_CONTROLLER, 2, time, head + _short(title) + text.encode())
+            return _message(
+                _SOURCE_CONTROLLER, 2, time, head + _short(title) + text.encode(errors="replace")
+            )
         case SafetyModeMessage(mode):
             return _message(_SOURCE_CONTROLLER, 5, time, struct.pack(">iiBII", 0, 0, mode, 0, 0))
         case ErrorMessage(code, argument, level, text):
             head = struct.pack(">iiiII", code, argument, level, 0, 0)
-            return _message(_SOURCE_CONTROLLER, 6, time, head + text.encode())
+            return _message(_SOURCE_CONTROLLER, 6, time, head + text.encode(errors="replace"))
         case KeyMessage(title, text):
             head = struct.pack(">ii", 0, 0)
-            return _message(_SOURCE_INTERFACE, 7, time, head + _short(title) + text.encode())
+            return _message(
+                _SOURCE_INTERFACE, 7, time, head + _short(title) + text.encode(errors="replace")
+            )
         case RuntimeExceptionMessage(line, column, text):
             head = struct.pack(">ii", line, column)
-            return _message(_SOURCE_CONTROLLER, 10, time, head + text.encode())
+            return _message(_SOURCE_CONTROLLER, 10, time, head + text.encode(errors="replace"))
 
 
 def encode_messages(messages: Iterable[Message], time: float) -> bytes:

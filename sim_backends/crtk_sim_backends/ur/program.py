@@ -9,6 +9,7 @@ from collections.abc import Callable, Generator
 from typing import Any
 
 from crtk_sim_backends.ur.urscript import Halt, Program, ScriptRuntimeError
+from crtk_sim_backends.ur.urscript.values import arguments_taken
 
 STEPS_PER_SECOND = 50_000_000
 """How many calls and turns of loops a program may make, per second of control period, before it
@@ -19,11 +20,12 @@ SECONDS_PER_TICK = 0.1
 """Processor time, s, that a program may use in one control period, however few its steps are."""
 
 INFINITE_LOOP = (
-    "Runtime too much behind: infinite loop detected, the program used too much time without "
-    "instructing the robot what to do (add sync() or sleep())"
+    "Runtime error: The program used too much time without instructing the robot what to do. "
+    "Consider using a Wait or sync() to split long program sequences that do not move the robot."
 )
+"""What the controller reports, as users quote it (ur_modern_driver issue 150)."""
 
-_STEPS_BETWEEN_CHECKS = 100
+_STEPS_BETWEEN_CHECKS = 25
 
 THREAD_LIMIT = 100
 """How many threads a program may run at a time."""
@@ -35,6 +37,7 @@ _ERROR_TEXTS: tuple[tuple[type[Exception], str], ...] = (
     (IndexError, "Index out of range"),
     (RecursionError, "Too many nested function calls"),
     (NameError, "Variable used before it has a value"),
+    (AttributeError, "Type error: no such member"),
     (TypeError, "Type error: wrong type of operand or argument"),
     (ValueError, "Value out of range"),
     (OverflowError, "Value out of range"),
@@ -163,15 +166,26 @@ class ProgramRuntime:
         _log.debug("program %r failed", self.program.name, exc_info=error)
         for kind, text in _ERROR_TEXTS:
             if isinstance(error, kind):
-                return ScriptRuntimeError(text + _detail(error), line, column)
+                text = self._call_error(error) or text + _detail(error)
+                return ScriptRuntimeError(text, line, column)
         _log.error("built-in of program %r failed", self.program.name, exc_info=error)
         return ScriptRuntimeError("Internal error of a built-in function", line, column)
+
+    def _call_error(self, error: Exception) -> str | None:
+        """Say how a built-in is called that got too few or too many arguments."""
+        call = _WRONG_CALL.match(str(error)) if isinstance(error, TypeError) else None
+        if call is None:
+            return None
+        for builtin in self.program.builtins.values():
+            if builtin.call.__name__ == call[1]:
+                return f"Type error: {builtin.name} {arguments_taken(builtin.call)}"
+        return None
 
 
 def _detail(error: Exception) -> str:
     """Return what a Python error says that a script author can use."""
-    if isinstance(error, TypeError) and (call := _WRONG_CALL.match(str(error))):
-        return f" ({call[1]} {call[2]})"
+    if isinstance(error, AttributeError) and error.name:
+        return f" ({error.name.removeprefix('m_')})"
     if isinstance(error, NameError) and (variable := _VARIABLE.search(str(error))):
         return f" ({variable[1]})"
     return ""

@@ -15,7 +15,7 @@ MAX_PROGRAM: Final = 1 << 22  # bytes; more without an end is not a program
 
 _UNIT_START: Final = re.compile(rb"[ \t]*(?:def|sec)\b")
 _TOKEN: Final = re.compile(
-    rb'"[^"\n]*"?|#[^\n]*|\b(?:(def|sec|thread|if|while|for|struct|switch)|(end))\b'
+    rb"\"[^\"\n]*\"?|'[^'\n]*'?|#[^\n]*|(?<!\.)\b(?:(def|sec|thread|if|while)|(end))\b"
 )
 
 

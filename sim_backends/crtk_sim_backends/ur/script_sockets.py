@@ -17,7 +17,7 @@ from collections.abc import Callable, Generator, Iterable
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 
 from crtk_sim_backends.ur.urscript.errors import ScriptRuntimeError
-from crtk_sim_backends.ur.urscript.values import Builtin, List, to_text
+from crtk_sim_backends.ur.urscript.values import Builtin, List, from_bytes, to_bytes, to_text
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller
@@ -174,19 +174,19 @@ class ScriptSockets:
 
     def socket_send_string(self, str: Any, socket_name: str = _DEFAULT) -> bool:
         """Send text, or any value as text."""
-        return self._send(to_text(str).encode(), socket_name)
+        return self._send(to_bytes(to_text(str)), socket_name)
 
     def socket_send_line(self, str: Any, socket_name: str = _DEFAULT) -> bool:
         """Send text and a line end."""
-        return self._send(to_text(str).encode() + b"\n", socket_name)
+        return self._send(to_bytes(to_text(str)) + b"\n", socket_name)
 
     def socket_set_var(self, name: str, value: Any, socket_name: str = _DEFAULT) -> bool:
         """Send ``SET name value``."""
-        return self._send(f"SET {name} {int(value)}\n".encode(), socket_name)
+        return self._send(to_bytes(f"SET {name} {int(value)}\n"), socket_name)
 
     def socket_get_var(self, name: str, socket_name: str = _DEFAULT) -> Steps[int]:
         """Ask ``GET name`` and read the answer ``name value``; 0 when there is none."""
-        self._send(f"GET {name}\n".encode(), socket_name)
+        self._send(to_bytes(f"GET {name}\n"), socket_name)
         line = yield from self._read(_line, socket_name, READ_TIMEOUT)
         match = re.fullmatch(rf"\s*{re.escape(name)}\s+(-?\d+)\s*", line or "")
         return int(match[1]) if match else 0
@@ -247,14 +247,14 @@ class ScriptSockets:
         """Read what has come, or what lies between `prefix` and `suffix`; "" on failure."""
         if interpret_escape:
             prefix, suffix = _unescape(prefix), _unescape(suffix)
-        before, after = prefix.encode(), suffix.encode()
+        before, after = to_bytes(prefix), to_bytes(suffix)
 
         def parse(data: bytearray) -> tuple[int, str] | None:
             start = data.find(before)
             end = data.find(after, start + len(before)) if after else len(data)
             if not data or start < 0 or end < 0:
                 return None
-            return end + len(after), data[start + len(before) : end].decode("utf-8", "replace")
+            return end + len(after), from_bytes(bytes(data[start + len(before) : end]))
 
         return (yield from self._read(parse, socket_name, timeout)) or ""
 
@@ -295,7 +295,7 @@ def _line(data: bytearray) -> tuple[int, str] | None:
     end = data.find(b"\n")
     if end < 0:
         return None
-    return end + 1, data[:end].decode("utf-8", "replace").rstrip("\r")
+    return end + 1, from_bytes(bytes(data[:end]).rstrip(b"\r"))
 
 
 def _parenthesis(data: bytearray) -> tuple[int, str] | None:

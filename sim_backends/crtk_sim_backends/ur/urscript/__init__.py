@@ -12,20 +12,33 @@ from crtk_sim_backends.ur.urscript.errors import (
     ScriptRuntimeError,
 )
 from crtk_sim_backends.ur.urscript.library import PURE_BUILTINS, timing_builtins
-from crtk_sim_backends.ur.urscript.values import Builtin, List, Pose, copy_value, to_text
+from crtk_sim_backends.ur.urscript.manual import available, known_names
+from crtk_sim_backends.ur.urscript.values import (
+    Builtin,
+    Handle,
+    List,
+    Pose,
+    Struct,
+    copy_value,
+    to_text,
+)
 
 __all__ = [
     "PURE_BUILTINS",
     "Builtin",
     "CompileError",
     "Halt",
+    "Handle",
     "List",
     "Pose",
     "Program",
     "ScriptError",
     "ScriptRuntimeError",
+    "Struct",
+    "available",
     "compile_program",
     "copy_value",
+    "known_names",
     "timing_builtins",
     "to_text",
 ]

@@ -18,6 +18,7 @@ from typing import Any, Literal, NoReturn
 from crtk_sim_backends.ur.urscript import syntax, values
 from crtk_sim_backends.ur.urscript.errors import CompileError, Halt, ScriptRuntimeError
 from crtk_sim_backends.ur.urscript.lexer import source_line
+from crtk_sim_backends.ur.urscript.methods import call_method
 from crtk_sim_backends.ur.urscript.parser import parse
 from crtk_sim_backends.ur.urscript.scopes import Scope, analyse
 from crtk_sim_backends.ur.urscript.values import Builtin
@@ -35,11 +36,25 @@ _HELPERS: dict[str, object] = {
     "multiply": values.multiply,
     "index": values.index,
     "copy": values.copy_value,
+    "build": values.build,
+    "struct": values.build_struct,
+    "set_member": values.set_member,
+    "method": call_method,
     "List": values.List,
     "Pose": values.Pose,
     "Halt": Halt,
 }
+_SHARED = (
+    syntax.Name,
+    syntax.Index,
+    syntax.Member,
+    syntax.Logical,
+    syntax.Call,
+    syntax.MethodCall,
+)
+"""Expressions whose value somebody else may hold, so that it is copied where it is assigned."""
 _PYTHON_WORDS = {"break": "break", "continue": "continue", "halt": "raise Halt"}
+_OPERATIONS_PER_STEP = 10
 _HELPER_OF_OPERATOR = {"+": "add", "%": "modulo", "*": "multiply"}
 
 
@@ -100,15 +115,18 @@ class Program:
         return self.positions[line - 1] if line else (0, 0)
 
 
-def compile_program(text: str, builtins: Mapping[str, Builtin]) -> Program:
+def compile_program(
+    text: str, builtins: Mapping[str, Builtin], known: frozenset[str] = frozenset()
+) -> Program:
     """Compile a script: one ``def`` or ``sec``, or loose statements.
 
     The result is cached by text and by the names in ``builtins``.
 
+    :param known: functions of the controller; one that is no built-in gets an error of its own.
     :raises CompileError: with line, column and the controller's text.
     """
     signature = frozenset((name, builtin.blocking) for name, builtin in builtins.items())
-    compiled = _compile(text, signature)
+    compiled = _compile(text, signature, known)
     if isinstance(compiled, CompileError):
         raise compiled.with_traceback(None)
     name, kind, code, positions = compiled
@@ -119,19 +137,21 @@ _Compiled = tuple[str, ProgramKind, CodeType, Sequence[tuple[int, int]]]
 
 
 @functools.lru_cache(CACHED_PROGRAMS)
-def _compile(text: str, builtins: frozenset[tuple[str, bool]]) -> _Compiled | CompileError:
+def _compile(
+    text: str, builtins: frozenset[tuple[str, bool]], known: frozenset[str]
+) -> _Compiled | CompileError:
     """Compile, or return the error: the cache keeps it too."""
     try:
-        return _compiled(text, builtins)
+        return _compiled(text, builtins, known)
     except CompileError as error:
         return error
 
 
-def _compiled(text: str, builtins: frozenset[tuple[str, bool]]) -> _Compiled:
+def _compiled(text: str, builtins: frozenset[tuple[str, bool]], known: frozenset[str]) -> _Compiled:
     main, kind = _main_function(parse(text))
     blocking = frozenset(name for name, blocks in builtins if blocks)
     root = analyse(main, blocking)
-    emitter = _Emitter(text, root, frozenset(name for name, _ in builtins), blocking)
+    emitter = _Emitter(text, root, frozenset(name for name, _ in builtins), blocking, known)
     emitter.function(root, 0)
     try:
         code = compile("\n".join(emitter.lines), _FILE, "exec", dont_inherit=True)
@@ -152,15 +172,22 @@ class _Emitter:
     """Writes Python source; ``positions[i]`` is the script position behind ``lines[i]``."""
 
     def __init__(
-        self, text: str, root: Scope, builtins: frozenset[str], blocking: frozenset[str]
+        self,
+        text: str,
+        root: Scope,
+        builtins: frozenset[str],
+        blocking: frozenset[str],
+        known: frozenset[str],
     ) -> None:
         self.lines: list[str] = []
         self.positions: list[tuple[int, int]] = []
         self._text = text
         self._builtins = builtins
         self._blocking = blocking
+        self._known = known
         self._scope = root
         self._defined: set[Scope] = set()
+        self._operations = 0  # written since the last check of the budget
 
     def _write(self, indent: int, code: str, node: syntax.Statement | syntax.Expression) -> None:
         self.lines.append(" " * indent + code)
@@ -185,7 +212,7 @@ class _Emitter:
         self._defined.add(scope)
         indent += 1
         if scope.bound:
-            names = (_variable(owner.depth, name) for name, owner in scope.bound.items())
+            names = (_variable(0, name) for name in sorted(scope.bound))
             self._write(indent, f"nonlocal {', '.join(names)}", function)
         if scope.parent is None and scope.variables:
             # Names that only inner functions assign must exist here too, without a value.
@@ -204,10 +231,13 @@ class _Emitter:
     def _spend(self, indent: int, node: syntax.Statement) -> None:
         self._write(indent, "budget[0] -= 1", node)
         self._write(indent, "if budget[0] < 0: overrun()", node)
+        self._operations = 0
 
     def _block(self, block: syntax.Block, indent: int) -> None:
         for statement in block:
             self._statement(statement, indent)
+            if self._operations >= _OPERATIONS_PER_STEP:
+                self._spend(indent, statement)
 
     def _statement(self, node: syntax.Statement, indent: int) -> None:
         match node:
@@ -234,6 +264,11 @@ class _Emitter:
                 self.function(self._scope.children[id(node)], indent)
 
     def _assign(self, node: syntax.Assign, indent: int) -> None:
+        if isinstance(node.target, syntax.Member) and node.value is not None:
+            struct = self._expression(node.target.value)
+            value = self._copied(node.value)
+            self._write(indent, f"set_member({struct}, {node.target.name!r}, {value})", node)
+            return
         if node.scope == "global" and isinstance(node.target, syntax.Name):
             target = _variable(0, node.target.name)
         else:
@@ -263,8 +298,7 @@ class _Emitter:
     def _copied(self, node: syntax.Expression, depth: int = 0) -> str:
         """Write an expression whose value nobody else holds."""
         code = self._expression(node, depth)
-        shared = isinstance(node, syntax.Name | syntax.Index | syntax.Logical | syntax.Call)
-        return f"copy({code})" if shared else code
+        return f"copy({code})" if isinstance(node, _SHARED) else code
 
     def _expression(self, node: syntax.Expression, depth: int = 0) -> str:
         depth += 1
@@ -285,8 +319,10 @@ class _Emitter:
                     f"[{self._index(item, depth)}]" for item in indices
                 )
             case syntax.Call():
+                self._operations += 1
                 return self._call(node, depth)
             case syntax.Binary(operator=operator, left=left, right=right):
+                self._operations += 1
                 return _binary(
                     operator, self._expression(left, depth), self._expression(right, depth)
                 )
@@ -295,9 +331,17 @@ class _Emitter:
                 return f"({f' {operator} '.join(codes)})"
             case syntax.Unary(operator=operator, operand=operand):
                 return f"({operator} {self._expression(operand, depth)})"
+            case syntax.Member(value=value, name=name):
+                return f"{self._expression(value, depth)}.m_{name}"
+            case syntax.MethodCall():
+                self._operations += 1
+                return self._method_call(node, depth)
             case syntax.ListLiteral(items=items, pose=pose):
-                codes = [self._copied(item, depth) for item in items]
-                return f"{'Pose' if pose else 'List'}([{', '.join(codes)}])"
+                kind = "Pose" if pose else "List"
+                codes = [self._expression(item, depth) for item in items]
+                if all(map(_is_literal, items)):
+                    return f"{kind}([{', '.join(codes)}])"
+                return f"build({kind}, ({', '.join(codes)},))"
             case syntax.Run(call=call):
                 return self._run(call, depth)
 
@@ -307,23 +351,42 @@ class _Emitter:
 
     def _call(self, node: syntax.Call, depth: int) -> str:
         function = self._scope.find_function(node.name)
+        if function is None and node.name == "struct":
+            return self._struct(node, depth)
         if function is None:
             if node.name not in self._builtins:
-                raise CompileError.name_not_found(node.name, node.line, node.column)
-            codes = [self._expression(argument, depth) for argument in node.arguments]
-            codes += [
-                f"{name}_={code}" if keyword.iskeyword(name) else f"{name}={code}"
-                for name, code in (
-                    (name, self._expression(value, depth)) for name, value in node.keywords
-                )
-            ]
-            code = f"b_{node.name}({', '.join(codes)})"
+                known = node.name in self._known
+                refuse = CompileError.not_simulated if known else CompileError.name_not_found
+                raise refuse(node.name, node.line, node.column)
+            code = f"b_{node.name}({self._arguments(node, depth)})"
             return f"(yield from {code})" if node.name in self._blocking else code
         here = self._scope.functions.get(node.name) is function
         if function.function.kind == "thread" or (here and function not in self._defined):
             raise CompileError.name_not_found(node.name, node.line, node.column)
         code = self._script_call(node, function, depth)
         return f"(yield from {code})" if function.blocking else code
+
+    def _arguments(self, node: syntax.Call | syntax.MethodCall, depth: int) -> str:
+        """Write the arguments for a function of ours; Python's keywords get an underscore."""
+        codes = [self._expression(argument, depth) for argument in node.arguments]
+        for name, value in node.keywords:
+            python_name = f"{name}_" if keyword.iskeyword(name) else name
+            codes.append(f"{python_name}={self._expression(value, depth)}")
+        return ", ".join(codes)
+
+    def _struct(self, node: syntax.Call, depth: int) -> str:
+        if node.arguments or not node.keywords:
+            raise CompileError.syntax(source_line(self._text, node.line), node.line, node.column)
+        members = (f"m_{name}={self._expression(value, depth)}" for name, value in node.keywords)
+        return f"struct({', '.join(members)})"
+
+    def _method_call(self, node: syntax.MethodCall, depth: int) -> str:
+        # A list that a function returns may be one that somebody keeps: not to be changed.
+        value = self._copied if isinstance(node.value, syntax.Call) else self._expression
+        arguments = self._arguments(node, depth)
+        separator = ", " if arguments else ""
+        name = repr(node.name)
+        return f"(yield from method({value(node.value, depth)}, {name}{separator}{arguments}))"
 
     def _run(self, call: syntax.Call, depth: int) -> str:
         thread = self._scope.find_function(call.name)
@@ -347,6 +410,13 @@ class _Emitter:
             for name, value in node.keywords
         ]
         return f"f{function.number}({', '.join(codes)})"
+
+
+def _is_literal(node: syntax.Expression) -> bool:
+    """Tell whether an expression is a number, a text or a truth value, perhaps with a sign."""
+    while isinstance(node, syntax.Unary):
+        node = node.operand
+    return isinstance(node, syntax.Number | syntax.Text | syntax.Boolean)
 
 
 def _variable(depth: int, name: str) -> str:

@@ -29,6 +29,12 @@ class CompileError(ScriptError):
         return cls(f"compile_error_name_not_found:{name}:", line, column)
 
     @classmethod
+    def not_simulated(cls, name: str, line: int, column: int) -> CompileError:
+        """Build the error for a function of the controller that the simulated one does not have."""
+        text = f"compile_error_name_not_found:{name}: (a function that is not simulated)"
+        return cls(text, line, column)
+
+    @classmethod
     def syntax(cls, source_line: str, line: int, column: int) -> CompileError:
         """Build the error for text that is not URScript; the controller quotes the line."""
         return cls(f"syntax_error_on_line:{line}:{source_line}:", line, column)

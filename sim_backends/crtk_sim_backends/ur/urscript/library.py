@@ -6,15 +6,34 @@ Each is listed under its URScript name with its URScript parameter names.
 from __future__ import annotations
 
 import math
-import random as random_numbers
+import re
 from collections.abc import Callable, Generator
-from typing import Any
+from typing import Any, Final
 
 from crtk_sim_backends.ur.urscript.errors import ScriptRuntimeError
-from crtk_sim_backends.ur.urscript.values import Builtin, List, to_text
+from crtk_sim_backends.ur.urscript.values import (
+    ITEM_LIMIT,
+    Builtin,
+    List,
+    check_weight,
+    copy_value,
+    from_bytes,
+    is_matrix,
+    limited,
+    to_bytes,
+    to_text,
+    wrong_type,
+)
 
-STRING_LIMIT = 1023
-"""Longest string in characters that the controller can hold (manual, str_cat)."""
+MATRIX_LIMIT: Final = 30
+"""Rows of the largest matrix that `inv` takes: some milliseconds."""
+
+_NUMBER = re.compile(
+    r"\s*(?:(?P<hex>[+-]?0[xX][0-9A-Fa-f]+)|(?P<int>[+-]?\d+)"
+    r"|(?P<float>[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf(?:inity)?|nan)))",
+    re.IGNORECASE | re.ASCII,
+)
+"""What `to_num` reads (manual, to_num)."""
 
 
 def sin(f: float) -> float:
@@ -87,20 +106,14 @@ def r2d(r: float) -> float:
     return math.degrees(r)
 
 
-def random() -> float:
-    """Random number between 0 and 1."""
-    return random_numbers.random()
-
-
 def norm(a: Any) -> float:
     """Absolute value of a number or Euclidean norm of a list."""
     return math.hypot(*a) if isinstance(a, list) else abs(a)
 
 
 def normalize(v: List) -> List:
-    """Divide a list by its norm; a zero list stays zero."""
-    size = norm(v)
-    return v / size if size else v.copy()
+    """Divide a list by its norm, which must not be zero."""
+    return v / norm(v)
 
 
 def point_dist(p_from: List, p_to: List) -> float:
@@ -109,20 +122,48 @@ def point_dist(p_from: List, p_to: List) -> float:
 
 
 def length(v: Any) -> int:
-    """Count the items of a list or the characters of a string."""
+    """Count the items of a list or the bytes of a string."""
+    return str_len(v) if isinstance(v, str) else len(v)
+
+
+def get_list_length(v: List) -> int:
+    """Count the items of a list."""
+    if not isinstance(v, List):
+        wrong_type("get_list_length takes a list")
     return len(v)
 
 
+def size(v: Any) -> Any:
+    """Rows and columns of a matrix; the length of a list or string."""
+    return List([len(v), len(v[0])]) if is_matrix(v) else length(v)
+
+
+def make_list(length: int, initial_value: Any, capacity: int | None = None) -> List:
+    """Make a list of ``length`` times a value, which can grow up to ``capacity``."""
+    most = length if capacity is None else capacity
+    if not 0 <= length <= most <= ITEM_LIMIT:
+        raise ScriptRuntimeError(f"Value out of range: a list of {length} items out of {most}")
+    if isinstance(initial_value, List):
+        wrong_type("make_list makes no list of lists")
+    check_weight(initial_value, count=int(length))
+    made = List([copy_value(initial_value) for _ in range(int(length))])
+    made.most = int(most)
+    return made
+
+
 def transpose(m: List) -> List:
-    """Transpose a matrix."""
-    return List([List(column) for column in zip(*m, strict=True)])
+    """Transpose a matrix; a list becomes a column."""
+    rows = m if is_matrix(m) else [m]
+    return List([List(column) for column in zip(*rows, strict=True)])
 
 
 def inv(m: List) -> List:
     """Invert a square matrix (a pose is inverted by the robot's own functions)."""
     size = len(m)
-    if any(len(row) != size for row in m):
-        raise ScriptRuntimeError("Type error: inv takes a square matrix")
+    if not is_matrix(m) or any(len(row) != size for row in m):
+        wrong_type("inv takes a square matrix")
+    if size > MATRIX_LIMIT:
+        raise ScriptRuntimeError(f"Value out of range: inv of more than {MATRIX_LIMIT} rows")
     rows = [[*map(float, row), *(float(i == j) for j in range(size))] for i, row in enumerate(m)]
     for column in range(size):
         _, pivot = max((abs(rows[row][column]), row) for row in range(column, size))
@@ -143,52 +184,47 @@ def integer_to_binary_list(x: int) -> List:
     return List([bool(x >> bit & 1) for bit in range(32)])
 
 
-def binary_list_to_integer(value: List) -> int:
-    """Integer whose bits are the booleans of a list, least significant first, at most 32."""
-    if len(value) > 32:
-        raise ScriptRuntimeError("Value out of range: binary_list_to_integer takes 32 bits")
-    number = sum(1 << bit for bit, on in enumerate(value) if on)
+def binary_list_to_integer(l: List) -> int:  # noqa: E741
+    """Integer whose bits are the first 32 booleans of a list, least significant first."""
+    number = sum(1 << bit for bit, on in enumerate(l[:32]) if on)
     return number - (1 << 32) if number >> 31 else number
 
 
-def to_num(string: str) -> float:
+def to_num(str: str) -> float:
     """Read an integer or floating-point number from a string."""
-    try:
-        return int(string)
-    except ValueError:
-        try:
-            return float(string)
-        except ValueError:
-            raise ScriptRuntimeError(f"Type error: to_num cannot read '{string}'") from None
+    match = _NUMBER.fullmatch(_string("to_num", str).rstrip("\0"))
+    if match is None:
+        wrong_type(f"to_num cannot read '{str}'")
+    if match["float"]:
+        return float(match["float"])
+    number = int(match["hex"], 16) if match["hex"] else int(match["int"])
+    if not -(2**31) <= number < 2**32:
+        raise ScriptRuntimeError(f"Value out of range: to_num of '{str}'")
+    return number
 
 
 def _string(function: str, value: Any) -> str:
-    if isinstance(value, str):
-        return value
-    raise ScriptRuntimeError(f"Type error: {function} takes a string")
+    if not isinstance(value, str):
+        wrong_type(f"{function} takes a string")
+    return value
 
 
 def to_str(val: Any) -> str:
     """Write a value as a string."""
-    return _limited(to_text(val))
-
-
-def _limited(text: str) -> str:
-    if len(text) > STRING_LIMIT:
-        raise ScriptRuntimeError(f"Value out of range: string longer than {STRING_LIMIT}")
-    return text
+    return limited(to_text(val))
 
 
 def str_cat(op1: Any, op2: Any) -> str:
     """Join two values as strings."""
-    return _limited(to_text(op1) + to_text(op2))
+    return limited(to_text(op1) + to_text(op2))
 
 
 def str_at(src: str, index: int) -> str:
-    """Character of ``src`` at ``index``."""
-    if not 0 <= index < len(_string("str_at", src)):
+    """Byte of ``src`` at ``index``."""
+    data = to_bytes(_string("str_at", src))
+    if not 0 <= index < len(data):
         raise ScriptRuntimeError("Index out of range: str_at")
-    return src[index]
+    return from_bytes(data[index : index + 1])
 
 
 def str_empty(str: str) -> bool:
@@ -198,19 +234,23 @@ def str_empty(str: str) -> bool:
 
 def str_find(src: str, target: str, start_from: int = 0) -> int:
     """Index of the first ``target`` in ``src`` from ``start_from`` on, or -1."""
-    return _string("str_find", src).find(_string("str_find", target), start_from)
+    if start_from < 0:
+        raise ScriptRuntimeError("Index out of range: str_find")
+    data = to_bytes(_string("str_find", src))
+    return data.find(to_bytes(_string("str_find", target)), start_from)
 
 
 def str_len(str: str) -> int:
-    """Count the characters of a string."""
-    return len(_string("str_len", str))
+    """Count the bytes of a string."""
+    return len(to_bytes(_string("str_len", str)))
 
 
-def str_sub(src: str, index: int, len: int = -1) -> str:
-    """Part of ``src`` of ``len`` characters from ``index`` on, to its end without ``len``."""
-    if not 0 <= index <= str_len(src):
+def str_sub(src: str, index: int, len: int | None = None) -> str:
+    """Part of ``src`` of at most ``len`` bytes from ``index`` on, to its end without ``len``."""
+    data = to_bytes(_string("str_sub", src))
+    if not 0 <= index <= str_len(src) or (len is not None and len < 0):
         raise ScriptRuntimeError("Index out of range: str_sub")
-    return src[index:] if len < 0 else src[index : index + len]
+    return from_bytes(data[index:] if len is None else data[index : index + len])
 
 
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
@@ -223,18 +263,19 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "cos": cos,
     "d2r": d2r,
     "floor": floor,
-    "get_list_length": length,
+    "get_list_length": get_list_length,
     "integer_to_binary_list": integer_to_binary_list,
     "inv": inv,
     "length": length,
     "log": log,
+    "make_list": make_list,
     "norm": norm,
     "normalize": normalize,
     "point_dist": point_dist,
     "pow": power,
     "r2d": r2d,
-    "random": random,
     "sin": sin,
+    "size": size,
     "sqrt": sqrt,
     "str_at": str_at,
     "str_cat": str_cat,

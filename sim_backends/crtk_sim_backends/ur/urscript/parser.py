@@ -21,6 +21,7 @@ _SIGN_BINDING = 7
 
 _INTEGER_DIGITS = 18
 _LITERALS = (syntax.Number, syntax.Text, syntax.Boolean)
+_TARGETS = (syntax.Name, syntax.Index, syntax.Member)
 
 _WORDS = frozenset({"break", "continue", "halt", "pass", "enter_critical", "exit_critical"})
 _LOOP_WORDS = frozenset({"break", "continue"})
@@ -130,9 +131,7 @@ class _Parser:
         value = self._expression()
         if not self._at("="):
             return syntax.Evaluate(value, token.line, token.column)
-        if not isinstance(value, syntax.Name) and not (
-            isinstance(value, syntax.Index) and isinstance(value.value, syntax.Name)
-        ):
+        if not isinstance(value, _TARGETS) or not _begins_with_a_name(value):
             raise self._error(self._token)
         self._advance()
         return syntax.Assign("", value, self._expression(), token.line, token.column)
@@ -213,7 +212,7 @@ class _Parser:
         self._enter()
         token = self._token
         left: syntax.Expression
-        if self._accept("not"):
+        if self._accept("not") or self._accept("!"):
             operand = self._expression(_NOT_BINDING)
             left = syntax.Unary("not", operand, token.line, token.column)
         elif self._accept("-"):
@@ -241,10 +240,23 @@ class _Parser:
 
     def _postfix(self) -> syntax.Expression:
         value = self._atom()
-        while self._at("[") and not isinstance(value, _LITERALS):
-            self._advance()
-            value = syntax.Index(value, self._indices(), value.line, value.column)
+        while not isinstance(value, _LITERALS):
+            if self._accept("["):
+                value = syntax.Index(value, self._indices(), value.line, value.column)
+            elif self._accept("."):
+                value = self._member(value)
+            else:
+                break
         return value
+
+    def _member(self, value: syntax.Expression) -> syntax.Expression:
+        if self._token.kind not in ("name", "keyword"):  # there are members named sec
+            raise self._error(self._token)
+        name = self._advance().text
+        if not self._at("("):
+            return syntax.Member(value, name, value.line, value.column)
+        arguments, keywords = self._arguments()
+        return syntax.MethodCall(value, name, arguments, keywords, value.line, value.column)
 
     def _indices(self) -> tuple[syntax.Expression, ...]:
         if self._at("]"):
@@ -311,6 +323,13 @@ class _Parser:
         return tuple(items)
 
     def _call(self, name: Token) -> syntax.Call:
+        arguments, keywords = self._arguments()
+        return syntax.Call(name.text, arguments, keywords, name.line, name.column)
+
+    def _arguments(
+        self,
+    ) -> tuple[tuple[syntax.Expression, ...], tuple[tuple[str, syntax.Expression], ...]]:
+        """Parse ``(a, b, key=c)``: the positional ones, then those with a name."""
         self._expect("(")
         arguments: list[syntax.Expression] = []
         keywords: dict[str, syntax.Expression] = {}
@@ -327,6 +346,11 @@ class _Parser:
             if not self._accept(","):
                 break
         self._expect(")")
-        return syntax.Call(
-            name.text, tuple(arguments), tuple(keywords.items()), name.line, name.column
-        )
+        return tuple(arguments), tuple(keywords.items())
+
+
+def _begins_with_a_name(target: syntax.Expression) -> bool:
+    """Tell whether a target is a variable, or a part of one: ``a``, ``a[0].b``."""
+    while isinstance(target, syntax.Index | syntax.Member):
+        target = target.value
+    return isinstance(target, syntax.Name)

@@ -1,8 +1,9 @@
 """Which function owns which variable, and which functions can block.
 
-The manual's rule ("Scoping rules"): a plain assignment binds a variable of an enclosing function
-only if that one was declared earlier in the text, otherwise it makes a local one; ``local`` and
-``global`` say which. The variables of the program itself are the global ones.
+The manual's rule ("Scoping rules"): a name is one of the function's own variables, else a global
+one; the variables of a function around it are out of reach. A plain assignment binds a global
+variable only if that one was declared earlier in the text, otherwise it makes a local one; ``local``
+and ``global`` say which. All variables of the program itself are global.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from crtk_sim_backends.ur.urscript import syntax
 class Scope:
     """One function: its variables, the functions defined in it and the calls it makes.
 
-    ``variables`` are its own, parameters included; ``bound`` are the variables of functions around
-    it that it assigns, with their owner. ``children`` are by identity of their syntax node.
+    ``variables`` are its own, parameters included; ``bound`` are the global variables that it
+    assigns. ``children`` are by identity of their syntax node. ``waits`` tells that it joins a
+    thread or calls a method, which may be that of a server.
     """
 
     function: syntax.Function
@@ -27,22 +29,18 @@ class Scope:
     number: int
     blocking: bool
     variables: set[str] = field(default_factory=set)
-    bound: dict[str, Scope] = field(default_factory=dict)
+    bound: set[str] = field(default_factory=set)
     children: dict[int, Scope] = field(default_factory=dict)
     functions: dict[str, Scope] = field(default_factory=dict)
     calls: set[str] = field(default_factory=set)
-    joins: bool = False
+    waits: bool = False
 
     def owner(self, variable: str) -> Scope | None:
-        """Return the function, this one or one around it, whose variable the name means here."""
-        scope: Scope | None = self
-        while scope:
-            if variable in scope.variables:
-                return scope
-            if variable in scope.bound:
-                return scope.bound[variable]
-            scope = scope.parent
-        return None
+        """Return the function whose variable the name means here: this one or the program."""
+        if variable in self.variables:
+            return self
+        program = self.program
+        return program if variable in program.variables else None
 
     def find_function(self, name: str) -> Scope | None:
         """Return the script function that a call of ``name`` in this function means."""
@@ -75,7 +73,7 @@ def _calls_blocking(scope: Scope, blocking_builtins: frozenset[str]) -> bool:
         function = scope.find_function(name)
         if function.blocking if function else name in blocking_builtins:
             return True
-    return scope.joins
+    return scope.waits
 
 
 def _declare(function: syntax.Function, parent: Scope | None, scopes: list[Scope]) -> Scope:
@@ -106,7 +104,7 @@ def _declare_block(block: syntax.Block, scope: Scope, scopes: list[Scope]) -> No
             case syntax.While(body=body):
                 _declare_block(body, scope, scopes)
             case syntax.ThreadControl(word="join"):
-                scope.joins = True
+                scope.waits = True
             case syntax.Function(name=name):
                 child = _declare(statement, scope, scopes)
                 scope.functions[name] = scope.children[id(statement)] = child
@@ -121,14 +119,14 @@ def _bind(variable: str, kind: str, scope: Scope) -> None:
         owner = scope.owner(variable) or scope
     owner.variables.add(variable)
     if owner is not scope:
-        scope.bound[variable] = owner
+        scope.bound.add(variable)
 
 
 def _expressions_of(statement: syntax.Statement) -> Iterator[syntax.Expression]:
     """Yield the expressions that a statement evaluates in its own function."""
     match statement:
         case syntax.Assign(target=target, value=value):
-            if isinstance(target, syntax.Index):
+            if not isinstance(target, syntax.Name):
                 yield target
             if value is not None:
                 yield value
@@ -171,3 +169,10 @@ def _collect_calls(expression: syntax.Expression, scope: Scope) -> None:
             case syntax.Index(value=value, indices=indices):
                 waiting.append(value)
                 waiting.extend(indices)
+            case syntax.Member(value=value):
+                waiting.append(value)
+            case syntax.MethodCall(value=value, arguments=arguments, keywords=keywords):
+                scope.waits = True
+                waiting.append(value)
+                waiting.extend(arguments)
+                waiting.extend(value for _, value in keywords)

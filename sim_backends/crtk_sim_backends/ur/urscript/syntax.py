@@ -109,6 +109,28 @@ class Call:
 
 
 @dataclass(frozen=True, slots=True)
+class Member:
+    """``value.name``: a member of a struct."""
+
+    value: Expression
+    name: str
+    line: int
+    column: int
+
+
+@dataclass(frozen=True, slots=True)
+class MethodCall:
+    """``value.name(a, b)``: a method of a list, or a function of a remote server."""
+
+    value: Expression
+    name: str
+    arguments: tuple[Expression, ...]
+    keywords: tuple[tuple[str, Expression], ...]
+    line: int
+    column: int
+
+
+@dataclass(frozen=True, slots=True)
 class Run:
     """``run thread(a)``; its value is the handle of the new thread."""
 
@@ -118,7 +140,19 @@ class Run:
 
 
 Expression = (
-    Number | Text | Boolean | Name | ListLiteral | Unary | Binary | Logical | Index | Call | Run
+    Number
+    | Text
+    | Boolean
+    | Name
+    | ListLiteral
+    | Unary
+    | Binary
+    | Logical
+    | Index
+    | Member
+    | Call
+    | MethodCall
+    | Run
 )
 
 
@@ -127,7 +161,7 @@ class Assign:
     """``target = value``; a declaration (``local`` or ``global``) may come without a value."""
 
     scope: Qualifier
-    target: Name | Index
+    target: Name | Index | Member
     value: Expression | None
     line: int
     column: int

@@ -1,22 +1,35 @@
 """The values a running script works with, and the built-in functions it may call.
 
-Numbers, booleans and strings are Python's; lists are ours. URScript passes everything by value,
-so lists are copied when they are assigned or handed to a script function, and arithmetic on
+Numbers, booleans and strings are Python's; lists and structs are ours. URScript passes everything
+by value, so these are copied when they are assigned or handed to a script function. Arithmetic on
 lists is element by element (URScript manual, "Matrix and Array Expressions").
 """
 
 from __future__ import annotations
 
+import inspect
 import operator
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Final, NoReturn, Self
 
 from crtk_sim_backends.ur.urscript.errors import ScriptRuntimeError
 
-INTEGER_LIMIT = 2**63
-NESTING_LIMIT = 4
-"""How deep lists can be nested; without a limit, ``a = [a, a]`` in a loop doubles a list for ever."""
+INTEGER_LIMIT: Final = 2**63
+NESTING_LIMIT: Final = 4
+"""How deep lists and structs can be nested."""
+
+ITEM_LIMIT: Final = 20_000
+"""How many items one value can hold, those of nested lists and structs included. Without the two
+limits ``a = [a, a]`` in a loop would take the memory of the simulator in no time."""
+
+STRING_LIMIT: Final = 1023
+"""Longest string in characters that the controller can hold (manual, str_cat)."""
+
+
+PRODUCT_LIMIT: Final = 30_000
+"""How many products of numbers one operation on matrices can take: some milliseconds."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +46,51 @@ class Builtin:
     name: str
     call: Callable[..., Any]
     blocking: bool = False
+
+
+def arguments_taken(call: Callable[..., Any], own: int = 0) -> str:
+    """Return how many arguments a function takes, as the controller words it.
+
+    :param own: how many of its first parameters a script does not give.
+    """
+    parameters = list(inspect.signature(call).parameters.values())[own:]
+    needed = sum(parameter.default is parameter.empty for parameter in parameters)
+    if needed == len(parameters):
+        return f"takes exactly {needed} argument{'' if needed == 1 else 's'}"
+    return f"takes {needed} to {len(parameters)} arguments"
+
+
+class Handle(ABC):
+    """A value that stands for something outside the program, such as a server; never copied.
+
+    A script reaches into it with a dot: ``handle.name`` reads the attribute ``m_name``.
+    """
+
+    @abstractmethod
+    def call(
+        self, name: str, arguments: Sequence[Any], keywords: dict[str, Any]
+    ) -> Generator[None, None, Any]:
+        """Run the method ``name``; resumed once per control period until it has its value."""
+
+
+class _Container:
+    """A list or a struct: what is copied on assignment."""
+
+    __slots__ = ()
+
+    def weight(self) -> int:
+        """Count the items, those of nested lists and structs included."""
+        raise NotImplementedError
+
+    def copy(self, depth: int = NESTING_LIMIT) -> Self:
+        """Return a copy that shares nothing with this one, nested to `depth` at most."""
+        raise NotImplementedError
+
+
+def _copied(items: Iterable[Any], depth: int) -> list[Any]:
+    if not depth:
+        raise ScriptRuntimeError("Type error: lists are nested too deep")
+    return [item.copy(depth - 1) if isinstance(item, _Container) else item for item in items]
 
 
 def _elementwise(function: Callable[[Any, Any], Any]) -> Callable[[List, object], List]:
@@ -59,22 +117,35 @@ def _reflected(function: Callable[[Any, Any], Any]) -> Callable[[List, object], 
     return method
 
 
-def _is_matrix(value: object) -> bool:
+def is_matrix(value: object) -> bool:
+    """Tell whether a value is a list of lists."""
     return isinstance(value, list) and bool(value) and all(isinstance(row, list) for row in value)
 
 
-class List(list[Any]):
-    """A URScript list, ``[1, 2]``; a matrix is a list of lists."""
+class List(list[Any], _Container):
+    """A URScript list, ``[1, 2]``; a matrix is a list of lists.
 
-    __slots__ = ()
+    ``most`` is how many items it can hold, once that differs from its first length: a list has a
+    capacity, which ``make_list`` gives and which its methods keep to.
+    """
+
+    most: int | None = None
+
+    @property
+    def capacity(self) -> int:
+        """How many items the list can hold."""
+        return len(self) if self.most is None else self.most
+
+    def weight(self) -> int:
+        """Count the items, those of nested lists and structs included."""
+        return len(self) + sum(item.weight() for item in self if isinstance(item, _Container))
 
     def copy(self, depth: int = NESTING_LIMIT) -> Self:
         """Return a copy that shares no nested list with this one, nested to `depth` at most."""
-        if not depth:
-            raise ScriptRuntimeError("Type error: lists are nested too deep")
-        return type(self)(
-            [item.copy(depth - 1) if isinstance(item, List) else item for item in self]
-        )
+        copy = type(self)(_copied(self, depth))
+        if self.most is not None:
+            copy.most = self.most
+        return copy
 
     def __neg__(self) -> Self:
         return type(self)([-item for item in self])
@@ -92,11 +163,13 @@ class List(list[Any]):
 
     def __mul__(self, other: object) -> List:
         """Matrix product if the left side is a matrix and the right side a list; else per item."""
-        if not (_is_matrix(self) and isinstance(other, list)):
+        if not (is_matrix(self) and isinstance(other, list)):
             return self._times(other)
         if any(len(row) != len(other) for row in self):
             raise ScriptRuntimeError("Type error: matrix dimensions do not match")
-        if _is_matrix(other):
+        if len(self) * len(other) * (len(other[0]) if is_matrix(other) else 1) > PRODUCT_LIMIT:
+            raise ScriptRuntimeError("Value out of range: the matrices are too large")
+        if is_matrix(other):
             columns = list(zip(*other, strict=False))
             return List([List([_dot(row, column) for column in columns]) for row in self])
         return List([_dot(row, other) for row in self])
@@ -105,26 +178,118 @@ class List(list[Any]):
 class Pose(List):
     """A pose ``p[x, y, z, rx, ry, rz]`` (m and rotation vector in rad)."""
 
-    __slots__ = ()
+
+class Struct(_Container):
+    """A struct ``struct(a=1, b="text")``: members with names, which are fixed once it is made.
+
+    A member ``a`` is the attribute ``m_a``, which scripts read; ``s[0]`` is the first member.
+    """
+
+    def __init__(self, members: Iterable[tuple[str, Any]]) -> None:
+        self.__dict__.update((f"m_{name}", value) for name, value in members)
+
+    def __len__(self) -> int:
+        return len(self.__dict__)
+
+    def __getitem__(self, index: int) -> Any:
+        return list(self.__dict__.values())[index]
+
+    def __setitem__(self, index: int, value: Any) -> None:
+        self.__dict__[list(self.__dict__)[index]] = value
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Struct) and self.__dict__ == other.__dict__
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def items(self) -> Iterable[tuple[str, Any]]:
+        """Names and values of the members, in their order."""
+        return ((name[2:], value) for name, value in self.__dict__.items())
+
+    def weight(self) -> int:
+        """Count the members, the items of nested lists and structs included."""
+        values = self.__dict__.values()
+        return len(values) + sum(item.weight() for item in values if isinstance(item, _Container))
+
+    def copy(self, depth: int = NESTING_LIMIT) -> Struct:
+        """Return a copy that shares nothing with this one, nested to `depth` at most."""
+        values = _copied(self.__dict__.values(), depth)
+        return Struct(zip((name for name, _ in self.items()), values, strict=True))
 
 
 def _dot(a: Any, b: Any) -> Any:
     return sum(map(operator.mul, a, b))
 
 
+def _limit(count: int) -> None:
+    if count > ITEM_LIMIT:
+        raise ScriptRuntimeError(f"Value out of range: a list of more than {ITEM_LIMIT} items")
+
+
+def check_weight(*values: Any, count: int = 1) -> None:
+    """Refuse values that are, ``count`` times, more than one value can hold."""
+    inner = sum(value.weight() for value in values if isinstance(value, _Container))
+    _limit(count * (len(values) + inner))
+
+
+def build(kind: type[List], items: tuple[Any, ...]) -> List:
+    """Make a list of copies of ``items``."""
+    for item in items:
+        if isinstance(item, _Container):
+            check_weight(*items)
+            return kind(_copied(items, NESTING_LIMIT))
+    return kind(items)
+
+
+def build_struct(**members: Any) -> Struct:
+    """Make a struct of copies of ``members``; their names come with ``m_`` before them."""
+    check_weight(*members.values())
+    return Struct((name[2:], copy_value(value)) for name, value in members.items())
+
+
+def set_member(struct: Any, name: str, value: Any) -> None:
+    """Assign to a member that a struct has."""
+    if not isinstance(struct, Struct):
+        wrong_type(f"only a struct has a member {name}")
+    if f"m_{name}" not in struct.__dict__:
+        wrong_type(f"the struct has no member {name}")
+    struct.__dict__[f"m_{name}"] = value
+
+
 def copy_value(value: Any) -> Any:
-    """Return ``value`` itself, or a copy of a list: URScript assigns by value."""
-    return value.copy() if isinstance(value, List) else value
+    """Return ``value`` itself, or a copy of a list or struct: URScript assigns by value."""
+    return value.copy() if isinstance(value, _Container) else value
 
 
 def add(a: Any, b: Any) -> Any:
-    """Compute ``a + b``; strings are joined by str_cat alone, an integer result fits 64 bits."""
-    if a.__class__ is str:
-        raise ScriptRuntimeError("Type error: operator + does not take strings, use str_cat")
+    """Compute ``a + b``; two strings are joined, an integer result fits 64 bits."""
+    if a.__class__ is str and b.__class__ is not str:
+        raise ScriptRuntimeError("Type error: operator + takes two strings or none")
     total = a + b
     if total.__class__ is int and not -INTEGER_LIMIT <= total < INTEGER_LIMIT:
         raise ScriptRuntimeError("Value out of range: integer overflow")
-    return total
+    return limited(total) if total.__class__ is str else total
+
+
+def limited(text: str) -> str:
+    """Return a joined string that the controller can hold, else raise."""
+    if len(text) > STRING_LIMIT:
+        raise ScriptRuntimeError(f"Value out of range: string longer than {STRING_LIMIT}")
+    return text if text.isascii() else from_bytes(to_bytes(text))
+
+
+# The manual counts strings in bytes, so that an index may lie within a character: text and bytes go
+# back and forth with `surrogateescape`, which keeps what is no character.
+
+
+def to_bytes(text: str) -> bytes:
+    """Return the bytes of a string, UTF-8."""
+    return text.encode("utf-8", "surrogateescape")
+
+
+def from_bytes(data: bytes) -> str:
+    """Return the string with these bytes."""
+    return data.decode("utf-8", "surrogateescape")
 
 
 def modulo(a: Any, b: Any) -> Any:
@@ -136,16 +301,14 @@ def modulo(a: Any, b: Any) -> Any:
 
 def multiply(a: Any, b: Any) -> Any:
     """Compute ``a * b``; an integer result must fit 64 bits, so that none grows without bound."""
+    if a.__class__ is float:
+        return a * b
+    if a.__class__ is str or b.__class__ is str:
+        raise ScriptRuntimeError("Type error: operator * takes numbers and lists")
     product = a * b
-    if product.__class__ is float:
-        return product
-    if product.__class__ is int:
-        if -INTEGER_LIMIT <= product < INTEGER_LIMIT:
-            return product
+    if product.__class__ is int and not -INTEGER_LIMIT <= product < INTEGER_LIMIT:
         raise ScriptRuntimeError("Value out of range: integer overflow")
-    if isinstance(product, List):
-        return product
-    raise ScriptRuntimeError("Type error: operator * takes numbers and lists")
+    return product
 
 
 def index(value: Any) -> Any:
@@ -161,4 +324,11 @@ def to_text(value: object) -> str:
         return ("p[" if isinstance(value, Pose) else "[") + ",".join(map(to_text, value)) + "]"
     if isinstance(value, float):
         return f"{value:g}"
+    if isinstance(value, Struct):
+        return f"struct({','.join(f'{name}={to_text(item)}' for name, item in value.items())})"
     return str(value)
+
+
+def wrong_type(text: str) -> NoReturn:
+    """Stop the program with a type error."""
+    raise ScriptRuntimeError(f"Type error: {text}")
