@@ -10,7 +10,12 @@ import pytest
 from ur_virtual import Bench, apart
 
 from crtk_sim_backends.ur.kinematics import to_transform
-from crtk_sim_backends.ur.messages import PopupMessage, RuntimeExceptionMessage, TextMessage
+from crtk_sim_backends.ur.messages import (
+    KeyMessage,
+    PopupMessage,
+    RuntimeExceptionMessage,
+    TextMessage,
+)
 from crtk_sim_backends.ur.models import MODELS
 from crtk_sim_backends.ur.safety import RuntimeState, SafetyMode
 from crtk_sim_backends.ur.variables import INPUTS, OUTPUTS, TYPES
@@ -302,7 +307,9 @@ def test_secondary_program_runs_beside_and_must_not_move(bench: Bench) -> None:
     assert bench.controller.runtime_state == RuntimeState.PLAYING
     bench.controller.run_script("sec bad():\n movej([0, 0, 0, 0, 0, 0])\nend\n")
     bench.ticks(2)
-    assert "secondary" in bench.of_type(RuntimeExceptionMessage)[-1].text
+    refusal = bench.of_type(KeyMessage)[-1]
+    assert refusal.title == "SECONDARY_PROGRAM_EXCEPTION_XXX"
+    assert "secondary" in refusal.text
     assert bench.controller.runtime_state == RuntimeState.PLAYING
     assert bench["target_qd"][0] == pytest.approx(0.1)
 

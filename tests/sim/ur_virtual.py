@@ -15,7 +15,8 @@ class Bench:
     """A controller, the messages it sent so far, and ways to let time pass."""
 
     def __init__(self, model: str = "ur5e", **options: Any) -> None:
-        version = (3, 15, 8, 0) if MODELS[model].is_cb3 else (5, 12, 4, 0)
+        newest = (3, 15, 8, 0) if MODELS[model].is_cb3 else (5, 26, 0, 0)
+        version = options.pop("version", newest)
         self.controller = Controller(MODELS[model], version, **options)
         self.messages: list[Message] = []
 

@@ -26,6 +26,7 @@ from crtk_sim_backends.ur.models import RobotModel
 from crtk_sim_backends.ur.motion import MotionLibrary
 from crtk_sim_backends.ur.player import RAMP_SECONDS, ProgramPlayer, ramp
 from crtk_sim_backends.ur.port_map import PortMap
+from crtk_sim_backends.ur.pose_library import pose_builtins
 from crtk_sim_backends.ur.power import ArmPower
 from crtk_sim_backends.ur.process_image import ProcessImage
 from crtk_sim_backends.ur.programs import ProgramError, ProgramFiles
@@ -38,6 +39,7 @@ from crtk_sim_backends.ur.safety import (
     SafetyMode,
 )
 from crtk_sim_backends.ur.safety_system import OPERATIONAL_MODES, SafetySystem
+from crtk_sim_backends.ur.settings_library import settings_builtins
 from crtk_sim_backends.ur.signal_library import signal_builtins
 from crtk_sim_backends.ur.signals import Signals
 from crtk_sim_backends.ur.state_signals import StateSignals
@@ -145,6 +147,8 @@ class Controller:
                     builtin.name: builtin
                     for group in (
                         motion.builtins(),
+                        pose_builtins(),
+                        settings_builtins(),
                         robot_builtins(self),
                         force_builtins(self),
                         io_builtins(self),

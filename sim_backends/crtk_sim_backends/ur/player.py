@@ -14,7 +14,13 @@ from crtk_sim_backends.ur.messages import (
 )
 from crtk_sim_backends.ur.program import ProgramRuntime
 from crtk_sim_backends.ur.safety import RuntimeState
-from crtk_sim_backends.ur.urscript import Builtin, ScriptError, compile_program
+from crtk_sim_backends.ur.urscript import (
+    Builtin,
+    ScriptError,
+    available,
+    compile_program,
+    known_names,
+)
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller
@@ -56,6 +62,7 @@ class ProgramPlayer:
     def __init__(self, controller: Controller, thread_ended: Callable[[object], None]) -> None:
         self._controller = controller
         self._builtins: Mapping[str, Builtin] = {}
+        self._known = known_names(controller.version)
         self._program: ProgramRuntime | None = None
         self._next: _Next | None = None
         self._secondary: list[ProgramRuntime] = []
@@ -74,8 +81,8 @@ class ProgramPlayer:
         return self._program is not None or self._next is not None
 
     def set_builtins(self, builtins: Mapping[str, Builtin]) -> None:
-        """Give the functions that programs can call."""
-        self._builtins = builtins
+        """Give the functions that programs can call, if the controller's software has them."""
+        self._builtins = available(builtins, self._controller.version)
 
     def caller(self) -> tuple[ProgramRuntime, int]:
         """Thread that runs now, for built-ins. Raises RuntimeError outside a program's step."""
@@ -91,7 +98,7 @@ class ProgramPlayer:
     def check(self, text: str) -> ScriptError | None:
         """What is wrong with a script; None when it can be run."""
         try:
-            compile_program(text, self._builtins)
+            compile_program(text, self._builtins, self._known)
         except ScriptError as error:
             return error
         return None
@@ -99,7 +106,7 @@ class ProgramPlayer:
     def run(self, text: str) -> None:
         """Run a script; what is wrong with it becomes a message."""
         try:
-            program = compile_program(text, self._builtins)
+            program = compile_program(text, self._builtins, self._known)
         except ScriptError as error:
             self._report(error)
             return
@@ -159,7 +166,10 @@ class ProgramPlayer:
             runtime.step()
         except ScriptError as error:
             self.failed = self.failed or runtime is self._program
-            self._report(error)
+            if runtime.program.kind == "sec":
+                self._controller.post(KeyMessage("SECONDARY_PROGRAM_EXCEPTION_XXX", error.text))
+            else:
+                self._report(error)
         finally:
             self._stepping = None
         if runtime.finished:

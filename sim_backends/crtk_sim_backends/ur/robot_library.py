@@ -5,6 +5,7 @@ Names, parameters and defaults follow the URScript manual, chapters "internals" 
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable, Generator, Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,14 @@ from crtk_sim_backends.ur import kinematics as k
 from crtk_sim_backends.ur.arguments import six
 from crtk_sim_backends.ur.messages import TextMessage
 from crtk_sim_backends.ur.process_image import TORQUE_CONSTANT
-from crtk_sim_backends.ur.urscript import Builtin, List, Pose, ScriptRuntimeError, to_text
+from crtk_sim_backends.ur.urscript import (
+    Builtin,
+    List,
+    Pose,
+    ScriptRuntimeError,
+    Struct,
+    to_text,
+)
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller
@@ -20,33 +28,10 @@ if TYPE_CHECKING:
 
 def robot_builtins(controller: Controller) -> Iterator[Builtin]:
     """Every built-in of this module for one controller."""
-    for group in (_poses, _state, _kinematics):
+    for group in (_state, _kinematics):
         for call in group(controller):
             yield Builtin(call.__name__, call)
     yield Builtin("popup", _popup(controller), blocking=True)
-
-
-def _poses(_: Controller) -> list[Callable[..., Any]]:
-    def pose_trans(p_from: Any, p_from_to: Any) -> Pose:
-        return Pose(k.pose_trans(six("pose_trans", p_from), six("pose_trans", p_from_to)))
-
-    def pose_inv(p_from: Any) -> Pose:
-        return Pose(k.pose_inv(six("pose_inv", p_from)))
-
-    def pose_add(p_1: Any, p_2: Any) -> Pose:
-        return Pose(k.pose_add(six("pose_add", p_1), six("pose_add", p_2)))
-
-    def pose_sub(p_to: Any, p_from: Any) -> Pose:
-        return Pose(k.pose_sub(six("pose_sub", p_to), six("pose_sub", p_from)))
-
-    def pose_dist(p_from: Any, p_to: Any) -> float:
-        return k.pose_distance(six("pose_dist", p_from), six("pose_dist", p_to))
-
-    def interpolate_pose(p_from: Any, p_to: Any, alpha: float) -> Pose:
-        a, b = six("interpolate_pose", p_from), six("interpolate_pose", p_to)
-        return Pose(k.interpolate_pose(a, b, alpha))
-
-    return [pose_trans, pose_inv, pose_add, pose_sub, pose_dist, interpolate_pose]
 
 
 def _state(c: Controller) -> list[Callable[..., Any]]:
@@ -68,6 +53,22 @@ def _state(c: Controller) -> list[Callable[..., Any]]:
 
     def get_joint_temp(j: int) -> float:
         return float(out["joint_temperatures"][int(j)])
+
+    def get_rtde_value(variable_name: str) -> Any:
+        """Read an RTDE output by its name."""
+        if variable_name not in out:
+            raise ScriptRuntimeError(f"get_rtde_value: no variable {variable_name}")
+        value = out[variable_name]
+        return List(value) if isinstance(value, list | tuple) else value
+
+    def time(mode: int = 0) -> Any:
+        """Seconds since the controller started: a number, or with mode 2 a struct (sec, nanosec)."""
+        if mode == 0:
+            return c.time
+        if mode != 2:
+            raise ScriptRuntimeError(f"time: unknown mode {mode}")
+        seconds = int(c.time)
+        return Struct((("sec", seconds), ("nanosec", round((c.time - seconds) * 1e9))))
 
     def textmsg(s1: Any, s2: Any = "") -> None:
         c.post(TextMessage(to_text(s1) + to_text(s2)))
@@ -94,6 +95,9 @@ def _state(c: Controller) -> list[Callable[..., Any]]:
         "get_target_tcp_pose": lambda: tool_pose(arm.target_q),
         "get_actual_tcp_speed": lambda: twist(arm.actual_qd),
         "get_target_tcp_speed": lambda: twist(arm.target_qd),
+        # No offset from the path is simulated.
+        "get_target_tcp_pose_along_path": lambda: tool_pose(arm.target_q),
+        "get_target_tcp_speed_along_path": lambda: twist(arm.target_qd),
         "get_actual_tool_flange_pose": lambda: Pose(c.kinematics.forward(arm.actual_q)),
         "get_target_tool_flange_pose": lambda: Pose(c.kinematics.forward(arm.target_q)),
         "get_target_waypoint": lambda: Pose(c.waypoint) if c.waypoint else tool_pose(arm.target_q),
@@ -106,12 +110,17 @@ def _state(c: Controller) -> list[Callable[..., Any]]:
         "get_controller_temp": lambda: 32.0,
         "get_tool_current": lambda: out["tool_output_current"],
         "get_tool_accelerometer_reading": lambda: List(out["actual_tool_accelerometer"]),
+        "get_gravity": lambda: List(c.gravity),
+        "get_tool_temp": lambda: out["tool_temperature"],
+        "random": random.Random(0).random,  # the same numbers in each run of the simulator
         "is_steady": lambda: arm.steady and not c.compliance.active,
     }
     return [
         *(getter(name, read) for name, read in simple.items()),
         get_actual_joint_positions_history,
         get_joint_temp,
+        get_rtde_value,
+        time,
         textmsg,
         protective_stop,
     ]

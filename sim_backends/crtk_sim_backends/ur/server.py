@@ -14,7 +14,7 @@ import socket
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -47,7 +47,9 @@ from crtk_sim_backends.ur.programs import ProgramFiles
 from crtk_sim_backends.ur.rtde import InputClaims, RtdeError, RtdeSession, Trace
 from crtk_sim_backends.ur.script_port import ScriptSession
 from crtk_sim_backends.ur.script_queue import ScriptQueue
+from crtk_sim_backends.ur.script_rpc import ScriptRpc
 from crtk_sim_backends.ur.script_sockets import ScriptSockets
+from crtk_sim_backends.ur.urscript import Builtin
 
 log = logging.getLogger(__name__)
 
@@ -110,6 +112,7 @@ class UrServer:
         self._watch_again = True  # connections came, went, or must not be read any more
 
         self._sockets = ScriptSockets(self.host)
+        self._rpc = ScriptRpc(self.host)
         self.controller = Controller(
             config.robot,
             config.software,
@@ -118,7 +121,7 @@ class UrServer:
             wires=config.wires,
             boot_seconds=config.boot_seconds,
             programs=ProgramFiles(Path(config.programs) if config.programs else None),
-            extra_builtins=self._sockets.builtins,
+            extra_builtins=self._network_builtins,
         )
         self.controller.player.ended = self._sockets.close_all
         try:
@@ -152,6 +155,10 @@ class UrServer:
         except SimStartError:
             self._close_ports()
             raise
+
+    def _network_builtins(self, controller: Controller) -> Iterator[Builtin]:
+        yield from self._sockets.builtins(controller)
+        yield from self._rpc.builtins()
 
     def _greeting(self, name: str) -> Callable[[], bytes]:
         greetings = {
