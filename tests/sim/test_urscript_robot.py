@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from ur_virtual import Bench
 
+from crtk_sim_backends.ur.controller import Controller
 from crtk_sim_backends.ur.messages import KeyMessage, RuntimeExceptionMessage, TextMessage
+from crtk_sim_backends.ur.script_rpc import ScriptRpc
+from crtk_sim_backends.ur.script_sockets import ScriptSockets
+from crtk_sim_backends.ur.urscript import Builtin
 from crtk_sim_backends.ur.urscript.manual import NAMES, SINCE, available, known_names
 
 
@@ -97,6 +104,58 @@ def test_wrong_settings_are_refused(call: str) -> None:
 def test_wrong_arguments(call: str) -> None:
     (error,) = texts(f"x = {call}")
     assert call.partition("(")[0] in error
+
+
+VALUES = [
+    "0",
+    "1",
+    "-1",
+    "7",
+    "0.5",
+    "1e9",
+    "-1e-9",
+    "True",
+    "''",
+    "'abc'",
+    "[]",
+    "[1]",
+    "[0,0,0,0,0,0]",
+    "[1,-1,1,-1,1,-1]",
+    "p[0.1,0.2,0.3,0,0,0]",
+    "[[1,2],[3,4]]",
+    "struct(a=1)",
+    "['a','b']",
+    "make_list(300,1)",
+    "none()",
+    "h",
+    "to_num('nan')",
+    "to_num('inf')",
+    "[to_num('nan'),0,0,0,0,0]",
+    "p[0,0,0,0,0,to_num('inf')]",
+]
+
+
+def network(controller: Controller) -> Iterator[Builtin]:
+    yield from ScriptSockets("127.0.0.1").builtins(controller)
+    yield from ScriptRpc("127.0.0.1").builtins()
+
+
+@given(st.data())
+@settings(max_examples=400)
+def test_any_function_takes_any_arguments_or_says_what_is_wrong(data: st.DataObject) -> None:
+    bench = Bench(extra_builtins=network)
+    name = data.draw(
+        st.sampled_from(sorted(set(bench.controller.player._builtins) - {"socket_open"}))
+    )
+    arguments = data.draw(st.lists(st.sampled_from(VALUES), max_size=4))
+    bench.start(
+        "def none():\nend\nh = rpc_factory('xmlrpc', 'http://127.0.0.1:1')\n"
+        f"x = {name}({','.join(arguments)})\ny = to_str(x)\nsync()"
+    )
+    bench.ticks(4)
+    for error in bench.of_type(RuntimeExceptionMessage):
+        assert error.line == 5 or error.line == 6
+        assert "Internal error" not in error.text
 
 
 # Software versions
