@@ -67,6 +67,14 @@ def test_it_connects_from_the_address_of_the_robot(sim, server):
         assert primary.message(0) == b"open True"  # none is left for the next client
 
 
+@pytest.mark.parametrize("address", ["127.0.0.1", "localhost"])
+def test_a_program_finds_its_own_controller_at_the_local_address(sim, address):
+    text = f'def p():\n socket_open("{address}", 29999)\n textmsg(socket_read_line())\nend\n'
+    with PrimaryClient(sim.host) as primary:
+        primary.send(text.encode())
+        assert primary.message(0) == b"Connected: Universal Robots Dashboard Server"
+
+
 @pytest.mark.parametrize(
     ("call", "sent", "result"),
     [

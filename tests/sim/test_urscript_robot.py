@@ -232,6 +232,13 @@ def test_an_infinite_loop_ends_the_program_and_not_the_controller() -> None:
     assert texts("textmsg(1)") == ["1"]
 
 
+def test_the_line_that_sets_the_speed_slider() -> None:
+    bench = Bench()
+    bench.controller.run_script("set speed 0.25")
+    assert bench["target_speed_fraction"] == 0.25
+    assert not bench.of_type(RuntimeExceptionMessage)
+
+
 STATE_OF_A_TRAJECTORY = """
   global cmd_q = get_joint_positions()
   global points_left = 2

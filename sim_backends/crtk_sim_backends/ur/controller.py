@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
@@ -269,9 +270,13 @@ class Controller:
                 )
             )
             return
-        command = _LINE_COMMANDS.get(" ".join(text.split()))
+        line = " ".join(text.split())
+        command = _LINE_COMMANDS.get(line)
+        speed = _SET_SPEED.fullmatch(line)
         if command is not None:
             command(self)
+        elif speed is not None:
+            self.outputs["target_speed_fraction"] = min(1.0, float(speed[1]))
         else:
             self.player.run(text)
 
@@ -589,3 +594,6 @@ _LINE_COMMANDS: Final[dict[str, Callable[[Controller], object]]] = {
     "close popup": Controller.close_popup,
 }
 """Lines of the script ports that are no URScript."""
+
+_SET_SPEED: Final = re.compile(r"set speed (\d*\.?\d+)")
+"""Another one; programs send it to their own controller."""

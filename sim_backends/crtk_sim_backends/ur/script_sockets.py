@@ -82,10 +82,12 @@ class ScriptSockets:
 
     Args:
         host: address of the robot, from which the connections leave.
+        own_ports: ports of the robot itself: its programs find them at 127.0.0.1 as well.
     """
 
-    def __init__(self, host: str) -> None:
+    def __init__(self, host: str, own_ports: Iterable[int] = ()) -> None:
         self._host = host
+        self._own_ports = frozenset(own_ports)
         self._sockets: dict[str, _Socket] = {}
         self._controller: Controller | None = None
 
@@ -133,6 +135,8 @@ class ScriptSockets:
         sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         try:
             address = "127.0.0.1" if address == "localhost" else address
+            if address == "127.0.0.1" and port in self._own_ports:
+                address = self._host
             socket.inet_aton(address)  # no name server: its answer would be waited for
             sock.setblocking(False)
             sock.bind((self._host, 0))

@@ -111,7 +111,7 @@ class UrServer:
         self._watched: list[int] = []
         self._watch_again = True  # connections came, went, or must not be read any more
 
-        self._sockets = ScriptSockets(self.host)
+        self._sockets = ScriptSockets(self.host, self.ports.values())
         self._rpc = ScriptRpc(self.host)
         self.controller = Controller(
             config.robot,

@@ -140,6 +140,9 @@ torque_command track_conveyor_circular track_conveyor_linear
 NAMES: Final = frozenset(_MANUAL.split())
 """The functions of the manuals, simulated or not."""
 
+_ALIASES: Final = {"torque_command": "direct_torque"}
+"""Names that a function had before; UR's example of impedance control uses this one."""
+
 _ALWAYS: Final = Since((0, 0), (0, 0), (0, 0))
 
 
@@ -149,7 +152,8 @@ def _has(name: str, version: tuple[int, ...]) -> bool:
 
 def available(builtins: Mapping[str, Builtin], version: tuple[int, ...]) -> dict[str, Builtin]:
     """Return the built-ins that a controller with this software has."""
-    return {name: builtin for name, builtin in builtins.items() if _has(name, version)}
+    aliases = {old: builtins[new] for old, new in _ALIASES.items() if new in builtins}
+    return {name: call for name, call in {**builtins, **aliases}.items() if _has(name, version)}
 
 
 def known_names(version: tuple[int, ...]) -> frozenset[str]:
