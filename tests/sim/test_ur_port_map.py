@@ -71,7 +71,7 @@ def test_pose_speed_and_offset_of_the_tcp(bench):
 
 
 def test_states(bench):
-    assert read(bench, 256, 3) == [5, 12, 7]
+    assert read(bench, 256, 3) == [*bench.controller.version[:2], 7]
     assert read(bench, 260, 6) == [1, 0, 0, 0, 0, 0]
     assert read(bench, 310, 6) == [253] * 6
     assert read(bench, 300, 6) == [28] * 6
