@@ -239,6 +239,22 @@ def test_the_line_that_sets_the_speed_slider() -> None:
     assert not bench.of_type(RuntimeExceptionMessage)
 
 
+def test_what_urx_writes() -> None:
+    bench = Bench()
+    bench.run(
+        "set_runstate_outputs([])\nset_runstate_standard_digital_outputs([0])\n"
+        "digital_out[3] = True\nset_digital_out(0, True)\n"
+        "speedj([0.1, 0, 0, 0, 0, 0], a=1, t_min=0.1)\nspeedl([0,0,0.01,0,0,0], a=1, t_min=0.1)\n"
+        "textmsg(get_digital_out(0) and get_digital_out(3))"
+    )
+    assert [message.text for message in bench.of_type(TextMessage)] == ["True"]
+    assert bench["actual_digital_output_bits"] == 8  # output 0 is low when nothing runs
+
+
+def test_a_variable_of_the_script_hides_the_controllers() -> None:
+    assert texts("digital_out = [0, 0]\ndigital_out[1] = 5\ntextmsg(digital_out)") == ["[0,5]"]
+
+
 STATE_OF_A_TRAJECTORY = """
   global cmd_q = get_joint_positions()
   global points_left = 2

@@ -242,7 +242,16 @@ def _run_state(c: Controller) -> dict[str, Call]:
         ("standard_analog_output", lambda n: Output("analog", n), 2, POWER_CHOICES),
         ("gp_boolean_output", lambda n: Output("register", n), BOOLEANS, POWER_CHOICES),
     )
-    return {
+    calls: dict[str, Call] = {
         (name := f"set_runstate_{stem}_to_value"): setter(name, make, count, choices)
         for stem, make, count, choices in rows
     }
+
+    def set_low_when_stopped(outputs: list[int]) -> None:
+        for output in outputs:
+            calls["set_runstate_standard_digital_output_to_value"](output, 1)
+
+    # In no manual: what PolyScope writes at the start of a program, and before 3.0 wrote (urx).
+    calls["set_runstate_standard_digital_outputs"] = set_low_when_stopped
+    calls["set_runstate_outputs"] = set_low_when_stopped
+    return calls

@@ -18,6 +18,7 @@ from typing import Any, Literal, NoReturn
 from crtk_sim_backends.ur.urscript import syntax, values
 from crtk_sim_backends.ur.urscript.errors import CompileError, Halt, ScriptRuntimeError
 from crtk_sim_backends.ur.urscript.lexer import source_line
+from crtk_sim_backends.ur.urscript.manual import ARRAYS, OLD_KEYWORDS
 from crtk_sim_backends.ur.urscript.methods import call_method
 from crtk_sim_backends.ur.urscript.parser import parse
 from crtk_sim_backends.ur.urscript.scopes import Scope, analyse
@@ -264,6 +265,10 @@ class _Emitter:
                 self.function(self._scope.children[id(node)], indent)
 
     def _assign(self, node: syntax.Assign, indent: int) -> None:
+        call = self._array_call(node)
+        if call is not None:
+            self._write(indent, self._expression(call), node)
+            return
         if isinstance(node.target, syntax.Member) and node.value is not None:
             struct = self._expression(node.target.value)
             value = self._copied(node.value)
@@ -277,6 +282,18 @@ class _Emitter:
             self._write(indent, f"if False: {target} = None", node)
         else:
             self._write(indent, f"{target} = {self._copied(node.value)}", node)
+
+    def _array_call(self, node: syntax.Assign) -> syntax.Call | None:
+        """Return the call that an assignment to one of the controller's own arrays stands for."""
+        target = node.target
+        if not isinstance(target, syntax.Index) or not isinstance(target.value, syntax.Name):
+            return None
+        name = target.value.name
+        function = ARRAYS.get(name, "")
+        if node.value is None or function not in self._builtins or self._scope.owner(name):
+            return None
+        arguments = (*target.indices, node.value)
+        return syntax.Call(function, arguments, (), target.line, target.column)
 
     def _if(self, node: syntax.If, indent: int) -> None:
         word = "if"
@@ -369,7 +386,8 @@ class _Emitter:
     def _arguments(self, node: syntax.Call | syntax.MethodCall, depth: int) -> str:
         """Write the arguments for a function of ours; Python's keywords get an underscore."""
         codes = [self._expression(argument, depth) for argument in node.arguments]
-        for name, value in node.keywords:
+        for given, value in node.keywords:
+            name = OLD_KEYWORDS.get((node.name, given), given)
             python_name = f"{name}_" if keyword.iskeyword(name) else name
             codes.append(f"{python_name}={self._expression(value, depth)}")
         return ", ".join(codes)

@@ -111,7 +111,8 @@ set_baselight_iec set_baselight_off set_baselight_solid set_configurable_digital
 set_configurable_digital_out set_digital_out set_euromap_output
 set_euromap_runstate_dependent_choice set_flag set_gp_boolean_input_action
 set_input_actions_to_default set_runstate_configurable_digital_output_to_value
-set_runstate_gp_boolean_output_to_value set_runstate_standard_analog_output_to_value
+set_runstate_gp_boolean_output_to_value set_runstate_outputs
+set_runstate_standard_analog_output_to_value
 set_runstate_standard_digital_output_to_value set_runstate_standard_digital_outputs
 set_runstate_tool_digital_output_to_value set_standard_analog_input_domain
 set_standard_analog_out set_standard_digital_input_action set_standard_digital_out
@@ -142,6 +143,12 @@ NAMES: Final = frozenset(_MANUAL.split())
 
 _ALIASES: Final = {"torque_command": "direct_torque"}
 """Names that a function had before; UR's example of impedance control uses this one."""
+
+OLD_KEYWORDS: Final = {("speedj", "t_min"): "t", ("speedl", "t_min"): "t"}
+"""Parameters by the name that they had in the first manuals; urx still uses it."""
+
+ARRAYS: Final = {"digital_out": "set_digital_out"}
+"""Variables that are the controller's, with the function that assigns an item; urx uses it."""
 
 _ALWAYS: Final = Since((0, 0), (0, 0), (0, 0))
 
