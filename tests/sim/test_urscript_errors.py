@@ -263,6 +263,10 @@ GROWTH = {
     "q = make_list(100, t, 300) q.append(struct(a=make_list(19950, 0)))": (
         "Value out of range: a list of more than 20000 items"
     ),
+    "c[n] = make_list(1000, 0) n = n + 1": "Value out of range: a list of more than 20000 items",
+    "b[n].a = make_list(1000, 0) n = n + 1": "Value out of range: a list of more than 20000 items",
+    "t.a = t": "Type error: lists are nested too deep",
+    "c[0] = c": "Type error: lists are nested too deep",
     "q = transpose(make_list(5000, 1)) * [make_list(100, 1)]": (
         "Value out of range: the matrices are too large"
     ),
@@ -278,7 +282,7 @@ def test_values_cannot_grow_without_bound_in_one_tick(statement: str) -> None:
   s = "x"
   n = 3
   q = [3]
-  t = struct(a=1)
+  t = struct(a=1) b = make_list(100, t) c = make_list(100, 0)
   while True:
     {statement}
   end

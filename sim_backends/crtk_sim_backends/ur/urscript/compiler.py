@@ -39,6 +39,7 @@ _HELPERS: dict[str, object] = {
     "copy": values.copy_value,
     "build": values.build,
     "struct": values.build_struct,
+    "fitting": values.fitting,
     "set_member": values.set_member,
     "method": call_method,
     "List": values.List,
@@ -269,19 +270,23 @@ class _Emitter:
         if call is not None:
             self._write(indent, self._expression(call), node)
             return
-        if isinstance(node.target, syntax.Member) and node.value is not None:
-            struct = self._expression(node.target.value)
-            value = self._copied(node.value)
-            self._write(indent, f"set_member({struct}, {node.target.name!r}, {value})", node)
-            return
-        if node.scope == "global" and isinstance(node.target, syntax.Name):
-            target = _variable(0, node.target.name)
-        else:
-            target = self._expression(node.target)
-        if node.value is None:  # a declaration: the name must exist in Python as well
-            self._write(indent, f"if False: {target} = None", node)
-        else:
-            self._write(indent, f"{target} = {self._copied(node.value)}", node)
+        target = node.target
+        if isinstance(target, syntax.Name):
+            is_global = node.scope == "global"
+            name = _variable(0, target.name) if is_global else self._expression(target)
+            if node.value is None:  # a declaration: the name must exist in Python as well
+                self._write(indent, f"if False: {name} = None", node)
+            else:
+                self._write(indent, f"{name} = {self._copied(node.value)}", node)
+        elif node.value is not None:
+            value = self._expression(node.value)
+            if not _is_literal(node.value):
+                value = f"fitting({self._expression(syntax.root(target))}, {value})"
+            if isinstance(target, syntax.Index):
+                self._write(indent, f"{self._expression(target)} = {value}", node)
+            else:
+                struct = self._expression(target.value)
+                self._write(indent, f"set_member({struct}, {target.name!r}, {value})", node)
 
     def _array_call(self, node: syntax.Assign) -> syntax.Call | None:
         """Return the call that an assignment to one of the controller's own arrays stands for."""

@@ -131,7 +131,7 @@ class _Parser:
         value = self._expression()
         if not self._at("="):
             return syntax.Evaluate(value, token.line, token.column)
-        if not isinstance(value, _TARGETS) or not _begins_with_a_name(value):
+        if not isinstance(value, _TARGETS) or not isinstance(syntax.root(value), syntax.Name):
             raise self._error(self._token)
         self._advance()
         return syntax.Assign("", value, self._expression(), token.line, token.column)
@@ -347,10 +347,3 @@ class _Parser:
                 break
         self._expect(")")
         return tuple(arguments), tuple(keywords.items())
-
-
-def _begins_with_a_name(target: syntax.Expression) -> bool:
-    """Tell whether a target is a variable, or a part of one: ``a``, ``a[0].b``."""
-    while isinstance(target, syntax.Index | syntax.Member):
-        target = target.value
-    return isinstance(target, syntax.Name)

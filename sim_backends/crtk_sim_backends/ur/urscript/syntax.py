@@ -246,3 +246,10 @@ class Function:
 
 Statement = Assign | Evaluate | If | While | Return | ThreadControl | Word | Function
 Block = tuple[Statement, ...]
+
+
+def root(expression: Expression) -> Expression:
+    """Return what an expression is a part of: ``a`` of ``a[0].b``, itself if it is no part."""
+    while isinstance(expression, Index | Member):
+        expression = expression.value
+    return expression

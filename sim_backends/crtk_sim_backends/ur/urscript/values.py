@@ -247,6 +247,14 @@ def build_struct(**members: Any) -> Struct:
     return Struct((name[2:], copy_value(value)) for name, value in members.items())
 
 
+def fitting(whole: Any, part: Any) -> Any:
+    """Return a copy of ``part`` that is assigned within ``whole``, which has room for it."""
+    if not isinstance(part, _Container):
+        return part
+    check_weight(whole, part)
+    return part.copy()
+
+
 def set_member(struct: Any, name: str, value: Any) -> None:
     """Assign to a member that a struct has."""
     if not isinstance(struct, Struct):
