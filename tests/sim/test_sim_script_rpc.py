@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import socket
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 from xmlrpc.server import SimpleXMLRPCServer
@@ -10,7 +12,8 @@ from xmlrpc.server import SimpleXMLRPCServer
 import pytest
 from ur_clients import PrimaryClient
 
-from crtk_sim_backends.ur import SIM
+from crtk_sim_backends.ur import SIM, script_rpc
+from crtk_sim_backends.ur.urscript import ScriptRuntimeError
 
 
 class Server:
@@ -25,7 +28,7 @@ class Server:
         self.port = self._server.server_address[1]
         self.calls: list[Any] = []
         self.go_on = threading.Event()
-        self._thread = threading.Thread(target=self._server.serve_forever)
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.02,))
         self._thread.start()
 
     def echo(self, value: Any) -> Any:
@@ -125,3 +128,30 @@ def test_a_call_that_fails_stops_the_program(sim, server, url, call, text) -> No
     with start(sim, url.format(port=server.port), "sleep(0.01)", call) as primary:
         message = primary.message(10).decode("utf-8", "replace")
     assert text in message
+
+
+def run_to_its_end(call: Iterator[None]) -> None:
+    for _ in call:
+        time.sleep(0.001)
+
+
+def test_a_server_that_does_not_answer_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(script_rpc, "CALL_SECONDS", 0.1)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        rpc = script_rpc.ScriptRpc("127.0.0.1")
+        port = listener.getsockname()[1]
+        server = rpc.rpc_factory("xmlrpc", f"127.0.0.1:{port}")
+        call = server.call("wait", (), {})
+        with pytest.raises(ScriptRuntimeError, match="Remote call wait failed: no answer"):
+            run_to_its_end(call)
+
+
+def test_calls_under_way_have_a_limit() -> None:
+    with socket.create_server(("127.0.0.1", 0), backlog=50) as listener:
+        rpc = script_rpc.ScriptRpc("127.0.0.1")
+        server = rpc.rpc_factory("xmlrpc", f"127.0.0.1:{listener.getsockname()[1]}")
+        calls = [server.call("wait", (), {}) for _ in range(script_rpc.CALL_LIMIT + 1)]
+        for call in calls[:-1]:
+            next(call)
+        with pytest.raises(ScriptRuntimeError, match="more than 16 remote calls under way"):
+            next(calls[-1])

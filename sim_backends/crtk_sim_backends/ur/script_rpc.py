@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import http.client
 import threading
+import time
 import urllib.parse
 import xmlrpc.client
 from collections.abc import Generator, Iterable, Sequence
@@ -60,7 +61,10 @@ class ScriptRpc:
         call = _Call(self._host, url, name, [_outgoing(item) for item in arguments])
         self._calls.append(call)
         call.start()
+        deadline = time.monotonic() + CALL_SECONDS
         while call.is_alive():
+            if time.monotonic() > deadline:
+                raise ScriptRuntimeError(f"Remote call {name} failed: no answer")
             yield
         if call.error is not None:
             raise ScriptRuntimeError(f"Remote call {name} failed: {call.error}")
@@ -131,7 +135,7 @@ class _Transport(xmlrpc.client.Transport):
         """Connect, new each time."""
         address, self._extra_headers, _ = self.get_host_info(host)
         connection = http.client.HTTPConnection(
-            address, timeout=CALL_SECONDS, source_address=(self._source, 0)
+            address, timeout=2 * CALL_SECONDS, source_address=(self._source, 0)
         )
         self._connection = host, connection
         return connection
