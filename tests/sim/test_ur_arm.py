@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from ur_virtual import apart
 
-from crtk_sim_backends.ur.arm import BRAKE_DECELERATION, HOME, Arm, approach
+from crtk_sim_backends.ur.arm import BRAKE_DECELERATION, HOME, SUDDEN_CHANGE, Arm, approach
 from crtk_sim_backends.ur.models import MODELS
 
 DT = 0.002
@@ -72,7 +72,7 @@ def test_position_limit_is_reported_and_not_crossed(arm: Arm) -> None:
         if violation:
             break
     assert violation is not None
-    assert (violation.code, violation.joint) == (150, 0)
+    assert (violation.code, violation.argument) == (150, 0)
     for _ in range(500):
         arm.step()
     assert arm.target_q[0] <= limit
@@ -84,7 +84,7 @@ def test_speed_above_the_limit_is_a_violation(arm: Arm) -> None:
     arm.command_velocity([0.0, 0.0, 3.2, 0.0, 0.0, 0.0])
     violation = arm.step()
     assert violation is not None
-    assert (violation.code, violation.joint) == (204, 2)
+    assert (violation.code, violation.argument) == (191, 34)
     assert arm.target_q == list(HOME)
 
 
@@ -92,7 +92,7 @@ def test_position_jump_is_a_violation(arm: Arm) -> None:
     arm.command([q + 0.1 for q in HOME], [0.0] * 6)
     violation = arm.step()
     assert violation is not None
-    assert violation.code == 204
+    assert violation == SUDDEN_CHANGE
     assert arm.target_q == list(HOME)
 
 
@@ -103,7 +103,7 @@ def test_frozen_joint_deviates_and_is_reported(arm: Arm) -> None:
         arm.command_velocity([0.5] + [0.0] * 5)
         violation = arm.step() or violation
     assert violation is not None
-    assert (violation.code, violation.joint) == (153, 0)
+    assert (violation.code, violation.argument) == (153, 0)
     assert arm.actual_q[0] == HOME[0]
 
 

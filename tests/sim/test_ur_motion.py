@@ -10,7 +10,6 @@ from ur_virtual import Bench, apart
 
 from crtk_sim_backends.ur.kinematics import cross, norm, to_transform
 from crtk_sim_backends.ur.messages import ErrorMessage, RuntimeExceptionMessage, TextMessage
-from crtk_sim_backends.ur.paths import Arc, Line, Trapezoid
 from crtk_sim_backends.ur.safety import RuntimeState, SafetyMode
 
 GOAL = [0.3, -1.2, 1.4, -1.6, -1.5, 0.2]
@@ -362,25 +361,3 @@ def test_direct_torque_accelerates_a_joint(bench: Bench) -> None:
     bench.start("while True:\n direct_torque([5, 0, 0, 0, 0, 0])\nend")
     bench.seconds(0.1)
     assert bench["target_qd"][0] > 0.05
-
-
-@pytest.mark.parametrize(("distance", "speed"), [(1.0, 0.5), (0.01, 0.5)])
-def test_trapezoid_covers_its_distance(distance: float, speed: float) -> None:
-    profile = Trapezoid(distance, speed, 1.4)
-    assert profile.at(profile.duration) == (distance, 0.0)
-    assert profile.at(0.0) == (0.0, 0.0)
-    middle, fastest = profile.at(profile.duration / 2)
-    assert middle == pytest.approx(distance / 2)
-    assert fastest <= speed + 1e-12
-    assert Trapezoid.timed(distance, 2.5).duration == pytest.approx(2.5)
-
-
-def test_arc_keeps_its_radius_and_line_its_direction() -> None:
-    start = to_transform((0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    via = to_transform((0.1, 0.1, 0.0, 0.0, 0.0, 0.0))
-    end = to_transform((0.2, 0.0, 0.0, 0.0, 0.0, 1.0))
-    arc = Arc(start, via, end, fixed=False)
-    assert apart(arc.at(1.0), end) < 1e-9
-    assert apart(arc.at(0.5)[9:], via[9:]) < 1e-9
-    assert apart(Line(start, end).at(1.0), end) < 1e-9
-    assert Line(start, end).at(0.5)[9] == pytest.approx(0.1)

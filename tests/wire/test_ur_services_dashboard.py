@@ -160,10 +160,10 @@ def test_a_load_that_changes_meanwhile_is_found_out(bench):
     stop = threading.Event()
 
     def push() -> None:
-        force = 0.0
+        torque = 0.0  # which stops no arm, as a force would
         while not stop.is_set():
-            force += 40.0
-            bench.sim.control.inject("external_force", wrench=[0.0, 0.0, force] + [0.0] * 3)
+            torque += 4.0
+            bench.sim.control.inject("external_force", wrench=[0.0] * 5 + [torque])
             stop.wait(0.02)
 
     pushing = threading.Thread(target=push)

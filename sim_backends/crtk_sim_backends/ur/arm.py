@@ -13,6 +13,7 @@ from math import exp
 from typing import Final
 
 from crtk_sim_backends.ur.kinematics import Floats
+from crtk_sim_backends.ur.limits import JOINT_SPEED, VIOLATION
 from crtk_sim_backends.ur.models import RobotModel
 
 TRACKING_TIME: Final = 0.006  # lag of an actual joint behind its target, s
@@ -29,10 +30,14 @@ _SPEED_TOLERANCE = 1.0 + 1e-6
 
 @dataclass(frozen=True)
 class LimitViolation:
-    """A joint left its limits: error code (`safety.STOP_REASONS`) and joint index 0 to 5."""
+    """A joint left its limits: error code and argument, see `safety.STOP_REASONS`."""
 
     code: int
-    joint: int
+    argument: int
+
+
+SUDDEN_CHANGE: Final = LimitViolation(204, 1)
+"""A commanded position is farther away than a joint can turn in one period."""
 
 
 def approach(current: Floats, goal: Floats, step: float) -> list[float]:
@@ -70,6 +75,7 @@ class Arm:
         self._steady_ticks = self.still_ticks
         self._drift_qd = [0.0] * 6
         self._pending: tuple[list[float], list[float]] | None = None
+        self._too_fast: LimitViolation | None = None  # what that violates where it is too fast
         self._tracking = 1.0 - exp(-dt / TRACKING_TIME)
 
     @property
@@ -90,11 +96,18 @@ class Arm:
     def command(self, q: list[float], qd: list[float]) -> None:
         """Plan position `q` at the end of this period, and its velocity in path time."""
         self._pending = (q, qd)
+        self._too_fast = SUDDEN_CHANGE
 
     def command_velocity(self, qd: list[float]) -> None:
         """Plan to move with `qd` (path time) during this period."""
         h = self.dt * self.scale
         self._pending = ([p + v * h for p, v in zip(self.plan_q, qd, strict=True)], qd)
+        self._too_fast = None
+
+    @property
+    def commanded_qd(self) -> list[float]:
+        """Joint velocity that the plan will have in this period, path time."""
+        return self.plan_qd if self._pending is None else self._pending[1]
 
     def drift(self, qd: list[float]) -> None:
         """Give way with joint velocity `qd` on top of the plan (freedrive, force mode)."""
@@ -205,11 +218,11 @@ class Arm:
             q = pending[0][i]
             before = self.plan_q[i]
             if abs(q) > model.position[i] and abs(q) > abs(before):
-                return LimitViolation(150, i)
+                return LimitViolation(150, 0)
             limit = model.velocity[i] * _SPEED_TOLERANCE
             step = limit * dt * _SPEED_TOLERANCE
             if not (abs(pending[1][i]) <= limit and abs(q - before) <= step):  # NaN included
-                return LimitViolation(204, i)
+                return self._too_fast or LimitViolation(VIOLATION, JOINT_SPEED + i)
         return None
 
     def _slow_down(self) -> tuple[list[float], list[float]]:

@@ -7,6 +7,7 @@ controller's own are not published.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 from math import exp, inf
 from typing import Final
 
@@ -17,18 +18,35 @@ from crtk_sim_backends.ur.kinematics import (
     Kinematics,
     Matrix,
     Transform,
+    compose,
+    cross,
+    invert,
     joint_rates,
+    multiply,
+    norm,
     rotate,
     rotate_back,
+    rotation_vector,
     transpose_multiply,
 )
 
-RESPONSE_TIME: Final = 0.05  # s, in which the velocity reaches what the force asks for
+RESPONSE_TIME: Final = 0.02  # s, in which the velocity reaches what the force asks for
 JOINT_DAMPING_PER_TORQUE: Final = 0.1  # N.m.s/rad for each N.m of the joint's torque limit
-LINEAR_DAMPING: Final = 100.0  # N.s/m
+LINEAR_DAMPING: Final = 200.0  # N.s/m: stable on surfaces of up to 30 kN/m, with CB3 10 kN/m
 ANGULAR_DAMPING: Final = 5.0  # N.m.s/rad
 
+CORRECTION_RATE: Final = 20.0  # 1/s, with which axes that do not comply come back to the plan
+
 _STILL = 1e-4  # rad/s
+_SLOW = 1e-4  # m/s: the direction of a slower motion counts for nothing
+
+
+class Turning(IntEnum):
+    """What turns the task frame of force mode: the argument `type` of `force_mode`."""
+
+    POINT = 1  # its y axis points from the TCP to its origin
+    NONE = 2
+    MOTION = 3  # its x axis is the direction of the planned motion of the TCP in its x-y plane
 
 
 @dataclass(frozen=True)
@@ -40,12 +58,14 @@ class ForceTask:
         selection: axes of the task frame that comply.
         wrench: force and torque to press with along those axes, N and N.m.
         limits: largest speed along complying axes, m/s and rad/s.
+        turning: what turns the frame while the arm moves.
     """
 
     frame: Transform
     selection: tuple[bool, ...]
     wrench: tuple[float, ...]
     limits: tuple[float, ...]
+    turning: Turning = Turning.NONE
 
 
 class Compliance:
@@ -57,6 +77,7 @@ class Compliance:
         self._qd = [0.0] * 6
         self._speed = [0.0] * 6
         self._joint_space = True
+        self._frame: Transform = IDENTITY  # the last one of a force task
         self._blend = 1.0 - exp(-arm.dt / RESPONSE_TIME)
         self.damping = 0.005  # of force_mode, 0 (coasts) to 1 (stops at once)
         self.gain_scaling = 1.0
@@ -79,6 +100,24 @@ class Compliance:
         self.force_task = None
         self.freedrive_axes = None
 
+    def start_force(self, task: ForceTask) -> None:
+        """Begin force mode, or go on with another task."""
+        self._begin()
+        if self.force_task is None or self.force_task.frame != task.frame:
+            self._frame = task.frame
+        self.force_task = task
+
+    def start_freedrive(self, frame: Transform, axes: tuple[bool, ...]) -> None:
+        """Let the arm be pushed along `axes` of `frame`."""
+        self._begin()
+        self.freedrive_frame = frame
+        self.freedrive_axes = axes
+
+    def _begin(self) -> None:
+        """Take the place where the arm rests for the one that axes that do not comply keep."""
+        if not self.active and not any(self._arm.plan_qd):
+            self._arm.rebase()
+
     def near_singularity(self) -> bool:
         """Whether freedrive along Cartesian axes is hindered by a singularity."""
         matrix = self._kinematics.jacobian(self._arm.target_q)
@@ -96,12 +135,55 @@ class Compliance:
             self._approach(goal, joint_space=True)
             qd = self._speed
         else:
-            self._approach(self._tool_speed(task, wrench), joint_space=False)
-            linear = rotate(task.frame, self._speed[:3])
-            angular = rotate(task.frame, self._speed[3:])
-            qd = joint_rates(matrix, (*linear, *angular)) or [0.0] * 6
+            frame = self._task_frame(task, tool, matrix)
+            self._approach(self._tool_speed(task, frame, wrench), joint_space=False)
+            qd = self._offset_rates(task, frame, tool, matrix)
         self._qd = qd
         self._arm.drift(qd)
+
+    def _task_frame(self, task: ForceTask, tool: Transform, matrix: Matrix) -> Transform:
+        """Frame of the task as it is now."""
+        frame = task.frame
+        if task.turning is Turning.POINT:
+            tcp = compose(self._kinematics.flange(self._arm.target_q), tool)[9:]
+            self._frame = _turned(frame, 1, [o - p for o, p in zip(frame[9:], tcp, strict=True)])
+        elif task.turning is Turning.MOTION:
+            motion = rotate_back(frame, multiply(matrix, self._arm.commanded_qd)[:3])
+            if norm(motion[:2]) > _SLOW:
+                self._frame = _turned(frame, 0, rotate(frame, (*motion[:2], 0.0)))
+        else:
+            self._frame = frame
+        return self._frame
+
+    def _offset_rates(
+        self, task: ForceTask, frame: Transform, tool: Transform, matrix: Matrix
+    ) -> list[float]:
+        """Joint rates beside the plan's, so that the tool complies along the axes of the task.
+
+        Along the others it moves as the plan does, and comes back to where the plan is.
+        """
+        arm = self._arm
+        flange = self._kinematics.flange
+        planned = [v * arm.scale for v in arm.commanded_qd]
+        plan_flange = flange(arm.plan_q)
+        plan = compose(plan_flange, tool)
+        target = compose(flange(arm.target_q), tool)
+        away = [p - t for p, t in zip(plan[9:], target[9:], strict=True)]
+        turned = rotation_vector(
+            compose((*plan[:9], 0.0, 0.0, 0.0), invert((*target[:9], 0.0, 0.0, 0.0)))
+        )
+        goal = [CORRECTION_RATE * e for e in (*away, *turned)]
+        if any(planned):
+            plan_matrix = self._kinematics.jacobian(arm.plan_q, tool, plan_flange)
+            twist = multiply(plan_matrix, planned)
+            goal = [g + v for g, v in zip(goal, twist, strict=True)]
+        local = (*rotate_back(frame, goal[:3]), *rotate_back(frame, goal[3:]))
+        speed = [
+            own if complies else other
+            for complies, own, other in zip(task.selection, self._speed, local, strict=True)
+        ]
+        qd = joint_rates(matrix, (*rotate(frame, speed[:3]), *rotate(frame, speed[3:])))
+        return [0.0] * 6 if qd is None else [v - p for v, p in zip(qd, planned, strict=True)]
 
     def _task(self) -> ForceTask | None:
         """Task in tool space, None when the joints give way freely or not at all."""
@@ -137,9 +219,9 @@ class Compliance:
             t / (JOINT_DAMPING_PER_TORQUE * limit) for t, limit in zip(torque, limits, strict=True)
         ]
 
-    def _tool_speed(self, task: ForceTask, wrench: Floats) -> list[float]:
+    def _tool_speed(self, task: ForceTask, frame: Transform, wrench: Floats) -> list[float]:
         """Speed along the complying axes of the task frame for the net force on them."""
-        local = (*rotate_back(task.frame, wrench[:3]), *rotate_back(task.frame, wrench[3:]))
+        local = (*rotate_back(frame, wrench[:3]), *rotate_back(frame, wrench[3:]))
         gain = 1.0 if self.freedrive else self.gain_scaling * (1.0 - self.damping)
         speed = [0.0] * 6
         for i in range(6):
@@ -148,3 +230,20 @@ class Compliance:
                 value = gain * (task.wrench[i] + local[i]) / damping
                 speed[i] = max(-task.limits[i], min(task.limits[i], value))
         return speed
+
+
+def _turned(frame: Transform, axis: int, direction: Floats) -> Transform:
+    """`frame` with its x (0) or y (1) axis along `direction`, its z axis as near as possible."""
+    size = norm(direction)
+    if size < 1e-9:
+        return frame
+    along = [c / size for c in direction]
+    up = (frame[2], frame[5], frame[8])
+    if norm(cross(along, up)) < 1e-6:  # the z axis cannot stay: the other one does
+        up = (frame[1 - axis], frame[4 - axis], frame[7 - axis])
+    across = cross(up, along) if axis == 0 else cross(along, up)
+    size = norm(across)
+    across = (across[0] / size, across[1] / size, across[2] / size)
+    x, y = (along, across) if axis == 0 else (across, along)
+    z = cross(x, y)
+    return (x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2], *frame[9:])

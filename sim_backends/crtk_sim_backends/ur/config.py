@@ -16,6 +16,8 @@ from crtk_sim_backends.options import (
     option,
 )
 from crtk_sim_backends.process import AUTO
+from crtk_sim_backends.ur.contact import Surface, parse
+from crtk_sim_backends.ur.limits import SafetyLimits
 from crtk_sim_backends.ur.models import MODELS, RobotModel
 from crtk_sim_backends.ur.tool_device import parse_device
 from crtk_sim_backends.ur.variables import Version
@@ -80,6 +82,15 @@ class SimConfig(Options):
         "digital_out_0=digital_in_3,analog_out_1=tool_analog_in_0",
     )
     trace_size: int = option(5000, "how many received input packages the trace keeps")
+    contact: str = option(
+        "",
+        "surfaces for the tool to touch, as point/normal[/stiffness[/damping[/friction]]] in m, N/m "
+        "and N.s/m, such as '0,0,0.1/0,0,1/20000'; several with ';' between them",
+    )
+    tool_speed_limit: float = option(5.0, "speed of the tool that stops the arm protectively, m/s")
+    tool_force_limit: float = option(250.0, "force on the tool that stops it, N")
+    power_limit: float = option(1000.0, "power of the joints that stops it, W")
+    momentum_limit: float = option(100.0, "momentum of the arm that stops it, kg m/s")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -91,6 +102,12 @@ class SimConfig(Options):
             raise ConfigError(f"programs: there is no folder {self.programs}")
         if self.trace_size < 1:
             raise ConfigError(f"trace_size must be at least 1, not {self.trace_size}")
+        try:
+            self.surfaces  # noqa: B018
+        except ValueError as error:
+            raise ConfigError(f"contact: {error}") from error
+        for name in ("tool_speed", "tool_force", "power", "momentum"):
+            check_range(f"{name}_limit", getattr(self, f"{name}_limit"), 0.001, 1e6)
         major = self.software[0]
         if self.robot.is_cb3 != (major == 3) or major not in (3, 5, 10):
             needed = "3.x" if self.robot.is_cb3 else "5.x or 10.x"
@@ -108,6 +125,21 @@ class SimConfig(Options):
     def robot(self) -> RobotModel:
         """The arm."""
         return MODELS[self.model]
+
+    @property
+    def surfaces(self) -> list[Surface]:
+        """What the tool can touch."""
+        return parse(self.contact)
+
+    @property
+    def limits(self) -> SafetyLimits:
+        """Of the safety configuration."""
+        return SafetyLimits(
+            tool_speed=self.tool_speed_limit,
+            tool_force=self.tool_force_limit,
+            power=self.power_limit,
+            momentum=self.momentum_limit,
+        )
 
     @property
     def software(self) -> Version:

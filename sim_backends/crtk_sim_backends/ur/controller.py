@@ -11,11 +11,19 @@ from crtk_sim_backends.ur import variables
 from crtk_sim_backends.ur.arguments import LARGEST
 from crtk_sim_backends.ur.arm import Arm
 from crtk_sim_backends.ur.compliance import Compliance
+from crtk_sim_backends.ur.contact import Surface, Surroundings
 from crtk_sim_backends.ur.dynamics import Dynamics
-from crtk_sim_backends.ur.force_library import CONTACT_FORCE, force_builtins
+from crtk_sim_backends.ur.force_library import force_builtins
 from crtk_sim_backends.ur.force_sensor import ForceSensor
 from crtk_sim_backends.ur.io_library import io_builtins
-from crtk_sim_backends.ur.kinematics import IDENTITY, Floats, Kinematics, Matrix, to_transform
+from crtk_sim_backends.ur.kinematics import (
+    IDENTITY,
+    Floats,
+    Kinematics,
+    Matrix,
+    to_transform,
+)
+from crtk_sim_backends.ur.limits import SafetyLimits
 from crtk_sim_backends.ur.messages import (
     ErrorMessage,
     Message,
@@ -24,7 +32,9 @@ from crtk_sim_backends.ur.messages import (
     SafetyModeMessage,
 )
 from crtk_sim_backends.ur.models import RobotModel
-from crtk_sim_backends.ur.motion import MotionLibrary
+from crtk_sim_backends.ur.motion import Streams
+from crtk_sim_backends.ur.motion_control import MotionControl
+from crtk_sim_backends.ur.moves import Moves
 from crtk_sim_backends.ur.player import RAMP_SECONDS, ProgramPlayer, ramp
 from crtk_sim_backends.ur.port_map import PortMap
 from crtk_sim_backends.ur.pose_library import pose_builtins
@@ -72,6 +82,8 @@ class Controller:
         wires: outputs that are connected to inputs.
         boot_seconds: time from the start to POWER_OFF; 0.0: it has been on for long.
         programs: what `load` finds.
+        surfaces: what the tool can touch.
+        limits: at which the arm stops protectively.
         extra_builtins: URScript built-ins to add (the socket functions of `script_sockets`).
 
     Attributes:
@@ -89,6 +101,7 @@ class Controller:
         port_map: registers and bits of its Modbus server.
         state_signals: outputs that follow the state, and inputs that act.
         tool_communication: settings of the serial line to the tool; see `set_tool_communication`.
+        surroundings: what acts on the tool.
     """
 
     def __init__(
@@ -101,6 +114,8 @@ class Controller:
         wires: Iterable[Wire] = (),
         boot_seconds: float = 0.0,
         programs: ProgramFiles | None = None,
+        surfaces: Sequence[Surface] = (),
+        limits: SafetyLimits | None = None,
         extra_builtins: Callable[[Controller], Iterable[Builtin]] = no_builtins,
     ) -> None:
         self.model = model
@@ -125,20 +140,23 @@ class Controller:
         self.dynamics = Dynamics(self.kinematics)
         self.compliance = Compliance(self.arm, self.kinematics)
         self.force_sensor = ForceSensor()
+        self.surroundings: Surroundings = Surroundings(
+            self.force_sensor, self.outputs, self.load_changed, surfaces
+        )
+        self.limits = limits or SafetyLimits()
         self.tool = IDENTITY
         self.tcp: tuple[float, ...] = (0.0,) * 6
         self.payload = 0.0
         self.payload_cog: tuple[float, ...] = (0.0,) * 3
         self.payload_inertia: tuple[float, ...] = (0.0,) * 6
         self.gravity: tuple[float, ...] = (0.0, 0.0, 9.82)
-        self.waypoint: Floats | None = None
         self.load_revision = 0
 
         self._messages: list[Message] = []
         self._power = ArmPower(boot_seconds)
         self._speed_slider = 1.0  # ramped towards target_speed_fraction
-        self._contact_tick: int | None = None
-        motion = MotionLibrary(self)
+        motion = MotionControl(self)
+        self._moves = Moves(motion)
         self.player = ProgramPlayer(self, motion.release)
         self.player.set_builtins(
             {
@@ -147,7 +165,8 @@ class Controller:
                 **{
                     builtin.name: builtin
                     for group in (
-                        motion.builtins(),
+                        self._moves.builtins(),
+                        Streams(motion).builtins(),
                         pose_builtins(),
                         settings_builtins(),
                         robot_builtins(self),
@@ -176,13 +195,17 @@ class Controller:
             self._power_changed()
         self._update_scale()
         self.player.step()
+        self.surroundings.act()
         self.compliance.step(self._hand_force(), self.tool)
         violation = self.arm.step()
         if violation is not None:
-            self.protective_stop(violation.code, violation.joint)
+            self.protective_stop(violation.code, violation.argument)
         self._settle()
         self.state_signals.update()
         self._image.update()
+        exceeded = self.limits.violation(self.outputs, self.model.torque)
+        if exceeded is not None:
+            self.protective_stop(*exceeded)
 
     def _update_scale(self) -> None:
         """Bring the speed scaling towards slider, safety limit and pause."""
@@ -202,16 +225,10 @@ class Controller:
             self._apply_safety()
 
     def _hand_force(self) -> tuple[float, ...]:
-        """Wrench that compliant modes feel, and the moment of the first contact."""
-        wrench = self.force_sensor.applied
-        if not self.force_sensor.use_external and not any(wrench):
-            self._contact_tick = None
-            return wrench
-        if self.outputs["tcp_force_scalar"] < CONTACT_FORCE:
-            self._contact_tick = None
-        elif self._contact_tick is None:
-            self._contact_tick = self.tick_count
-        return self.force_sensor.tcp if self.force_sensor.use_external else wrench
+        """Wrench that compliant modes feel."""
+        sensor = self.force_sensor
+        measured = sensor.use_external or self.compliance.force_task is not None
+        return sensor.tcp if measured else sensor.applied
 
     # Control, power and programs.
 
@@ -327,13 +344,20 @@ class Controller:
         """Have outputs that depend on tool, load and forces computed again."""
         self.load_revision += 1
 
-    def mass_matrix(self, q: Floats) -> Matrix:
-        """Mass matrix with the present payload, kg m^2."""
-        return self.dynamics.mass_matrix(q, self.payload, self.payload_cog)
+    @property
+    def waypoint(self) -> Floats | None:
+        """Pose to which the running move goes, None when none runs."""
+        return self._moves.waypoint
 
-    def contact_steps(self) -> int:
-        """Periods since the tool was first touched, 0 when it is free."""
-        return 0 if self._contact_tick is None else self.tick_count - self._contact_tick + 1
+    def mass_matrix(self, q: Floats, rotors: bool = True) -> Matrix:
+        """Mass matrix with the present payload, kg m^2."""
+        return self.dynamics.mass_matrix(
+            q, self.payload, self.payload_cog, self.payload_inertia, rotors
+        )
+
+    def coriolis(self, q: Floats, qd: Floats) -> list[float]:
+        """Coriolis and centrifugal torques with the present payload, N.m."""
+        return self.dynamics.coriolis(q, qd, self.payload, self.payload_cog, self.payload_inertia)
 
     # Messages and pop-ups.
 
@@ -465,7 +489,7 @@ class Controller:
         """
         if self.robot_mode not in _UNDER_POWER or self.safety.stopped_protectively:
             return
-        text = STOP_REASONS.get(reason_code, "Protective Stop")
+        text = STOP_REASONS.get((reason_code, argument), "Protective Stop")
         self.post(ErrorMessage(reason_code, argument, ReportLevel.VIOLATION, text))
         self.safety.stop_protectively(self.time)
         self._apply_safety()
@@ -544,10 +568,7 @@ class Controller:
 
     def external_force(self, wrench: Sequence[float]) -> None:
         """Push with `wrench` (fx fy fz N, tx ty tz N.m) at the TCP, in the axes of the base."""
-        if len(wrench) != 6:
-            raise ValueError(f"a wrench has six items, got {len(wrench)}")
-        self.force_sensor.applied = tuple(float(x) for x in wrench)
-        self.load_changed()
+        self.surroundings.push(wrench)
 
     # Safety and power.
 

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from math import cos, sin
+from math import cos, sin, sqrt
 
-from crtk_sim_backends.ur.kinematics import Floats, Kinematics, Matrix, Transform, cross, rotate
+from crtk_sim_backends.ur.kinematics import (
+    Floats,
+    Kinematics,
+    Matrix,
+    Transform,
+    cross,
+    rotate,
+    rotate_back,
+)
 
 _ROTOR_INERTIA_PER_TORQUE = 0.01  # kg m^2 behind the gear, for each N.m of torque limit
+_NO_INERTIA = (0.0,) * 6
 
 
 class Dynamics:
@@ -77,8 +86,18 @@ class Dynamics:
             torques[i] = torque
         return tuple(torques)
 
-    def mass_matrix(self, q: Floats, payload: float, cog: Floats) -> Matrix:
-        """Mass matrix (6x6), kg m^2."""
+    def mass_matrix(
+        self,
+        q: Floats,
+        payload: float,
+        cog: Floats,
+        inertia: Floats = _NO_INERTIA,
+        rotors: bool = True,
+    ) -> Matrix:
+        """Mass matrix (6x6), kg m^2, with the inertia of the motors' `rotors` or without.
+
+        `inertia` of the payload about its centre: Ixx Iyy Izz Ixy Ixz Iyz in flange axes.
+        """
         flange = self._kinematics.flange(q)
         axes, origins, links = self._geometry(q, payload, cog, flange)
         matrix = [[0.0] * 6 for _ in range(6)]
@@ -90,32 +109,52 @@ class Dynamics:
             for i, u in enumerate(columns):
                 for j, v in enumerate(columns):
                     matrix[i][j] += mass * (u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
-        for i in range(6):
-            matrix[i][i] += self._rotor[i]
+        if any(inertia):
+            turned = [_turn_inertia(flange, inertia, axis) for axis in axes]
+            for i in range(6):
+                for j in range(6):
+                    matrix[i][j] += _dot(axes[i], turned[j])
+        if rotors:
+            for i in range(6):
+                matrix[i][i] += self._rotor[i]
         return matrix
 
-    def coriolis(self, q: Floats, qd: Floats, payload: float, cog: Floats) -> list[float]:
-        """Coriolis and centrifugal torques: dM/dt . qd - grad(qd' M qd) / 2, numerically."""
-        step = 1e-5
-        base = self.mass_matrix(q, payload, cog)
-        partial = []
+    def coriolis(
+        self,
+        q: Floats,
+        qd: Floats,
+        payload: float,
+        cog: Floats,
+        inertia: Floats = _NO_INERTIA,
+    ) -> list[float]:
+        """Coriolis and centrifugal torques, N.m: inverse dynamics at constant joint speeds."""
+        flange = self._kinematics.flange(q)
+        axes, origins, links = self._geometry(q, payload, cog, flange)
+        spin: Floats = (0.0, 0.0, 0.0)
+        turning: Floats = spin  # angular acceleration
+        pulling: Floats = spin  # acceleration of the joint
+        forces: list[tuple[Floats, Floats]] = []
         for i in range(6):
-            shifted = list(q)
-            shifted[i] += step
-            moved = self.mass_matrix(shifted, payload, cog)
-            partial.append(
-                [
-                    [(m - b) / step for m, b in zip(mr, br, strict=True)]
-                    for mr, br in zip(moved, base, strict=True)
-                ]
-            )
-        torques = []
-        for i in range(6):
-            total = 0.0
-            for j in range(6):
-                for k in range(6):
-                    total += (partial[k][i][j] - 0.5 * partial[i][j][k]) * qd[j] * qd[k]
-            torques.append(total)
+            turn = [a * qd[i] for a in axes[i]]
+            turning = _sum(turning, cross(spin, turn))
+            spin = _sum(spin, turn)
+            for mass, centre in links[i:] if i == 5 else links[i : i + 1]:
+                acceleration = _carried(pulling, spin, turning, centre, origins[i])
+                forces.append(([mass * a for a in acceleration], centre))
+            if i < 5:
+                pulling = _carried(pulling, spin, turning, origins[i + 1], origins[i])
+        moment: Floats = (0.0, 0.0, 0.0)
+        if any(inertia):
+            gyration = cross(spin, _turn_inertia(flange, inertia, spin))
+            moment = _sum(_turn_inertia(flange, inertia, turning), gyration)
+        total: Floats = (0.0, 0.0, 0.0)
+        torques = [0.0] * 6
+        for i in range(5, -1, -1):
+            for force, centre in forces[i:] if i == 5 else forces[i : i + 1]:
+                total = _sum(total, force)
+                moment = _sum(moment, cross(centre, force))
+            lever = cross(origins[i], total)
+            torques[i] = _dot(axes[i], [m - x for m, x in zip(moment, lever, strict=True)])
         return torques
 
     def _geometry(
@@ -177,3 +216,45 @@ class Dynamics:
         axes: list[Floats] = [(0.0, 0.0, 1.0), z2, z2, z2, z5, z6]
         origins: list[Floats] = [shoulder, shoulder, elbow, wrist1, wrist2, wrist3]
         return axes, origins, links
+
+
+def solve(matrix: Matrix, vector: Floats) -> list[float]:
+    """Solution x of matrix . x = vector, for a symmetric positive definite 6x6 matrix."""
+    lower = [[0.0] * 6 for _ in range(6)]
+    half = [0.0] * 6
+    for i in range(6):
+        row = lower[i]
+        for j in range(i + 1):
+            other = lower[j]
+            value = matrix[i][j] - sum([row[k] * other[k] for k in range(j)])
+            row[j] = sqrt(value) if i == j else value / other[j]
+        half[i] = (vector[i] - sum([row[k] * half[k] for k in range(i)])) / row[i]
+    x = [0.0] * 6
+    for i in range(5, -1, -1):
+        x[i] = (half[i] - sum([lower[k][i] * x[k] for k in range(i + 1, 6)])) / lower[i][i]
+    return x
+
+
+def _carried(
+    pulling: Floats, spin: Floats, turning: Floats, point: Floats, origin: Floats
+) -> tuple[float, float, float]:
+    """Acceleration of a point of a body whose `origin` accelerates with `pulling`."""
+    arm = [p - o for p, o in zip(point, origin, strict=True)]
+    return _sum(_sum(pulling, cross(turning, arm)), cross(spin, cross(spin, arm)))
+
+
+def _sum(a: Floats, b: Floats) -> tuple[float, float, float]:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def _dot(a: Floats, b: Floats) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _turn_inertia(flange: Transform, inertia: Floats, axis: Floats) -> tuple[float, float, float]:
+    """Product of an inertia tensor in flange axes and a vector in base axes, in base axes."""
+    xx, yy, zz, xy, xz, yz = inertia
+    x, y, z = rotate_back(flange, axis)
+    return rotate(
+        flange, (xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z)
+    )

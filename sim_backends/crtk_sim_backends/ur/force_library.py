@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from crtk_sim_backends.ur import kinematics as k
 from crtk_sim_backends.ur.arguments import LARGEST, six, vector
-from crtk_sim_backends.ur.compliance import ForceTask
+from crtk_sim_backends.ur.compliance import ForceTask, Turning
+from crtk_sim_backends.ur.contact import CONTACT_FORCE
 from crtk_sim_backends.ur.urscript import Builtin, List, Pose, ScriptRuntimeError
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller
-
-CONTACT_FORCE = 5.0  # N, from which tool_contact reports a contact
 
 
 def force_builtins(controller: Controller) -> Iterator[Builtin]:
@@ -95,7 +94,7 @@ def _tool(c: Controller) -> list[Callable[..., Any]]:
 
     def tool_contact(direction: Any = (0.0, 0.0, 0.0)) -> int:
         """Periods since the tool touched something in `direction` (any if zero), 0 if it did not."""
-        steps = c.contact_steps()
+        steps = c.surroundings.contact_steps
         way = vector("tool_contact", direction, 3)
         size = k.norm(way)
         if steps and size > 1e-9:
@@ -130,15 +129,17 @@ def _compliance(c: Controller) -> list[Callable[..., Any]]:
     def force_mode(
         task_frame: Any, selection_vector: Any, wrench: Any, type: int, limits: Any
     ) -> None:
-        """Start force mode. `type` 1 and 3 turn the frame; here it is used as given, as with 2."""
+        """Start force mode; `type` says how the frame turns (`compliance.Turning`)."""
         if type not in (1, 2, 3):
             raise ScriptRuntimeError(f"force_mode: unknown type {type}")
-        compliance.force_task = ForceTask(
+        task = ForceTask(
             frame=k.to_transform(six("force_mode task_frame", task_frame)),
             selection=tuple(bool(x) for x in six("force_mode selection_vector", selection_vector)),
             wrench=tuple(six("force_mode wrench", wrench)),
             limits=tuple(abs(x) for x in six("force_mode limits", limits)),
+            turning=Turning(type),
         )
+        compliance.start_force(task)
 
     def end_force_mode() -> None:
         compliance.force_task = None
@@ -156,8 +157,8 @@ def _compliance(c: Controller) -> list[Callable[..., Any]]:
                 frame = k.compose(c.kinematics.flange(c.arm.target_q), c.tool)
         else:
             frame = k.to_transform(six("freedrive_mode feature", feature))
-        compliance.freedrive_frame = frame
-        compliance.freedrive_axes = tuple(bool(x) for x in six("freedrive_mode", freeAxes))
+        axes = tuple(bool(x) for x in six("freedrive_mode", freeAxes))
+        compliance.start_freedrive(frame, axes)
 
     def end_freedrive_mode() -> None:
         compliance.freedrive_axes = None

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from crtk_sim_backends import wire
 from crtk_sim_backends.faults import FaultKind, Parameter
 from crtk_sim_backends.ur.config import PORTS
+from crtk_sim_backends.ur.contact import DAMPING, STIFFNESS, UP, Surface
 from crtk_sim_backends.ur.safety import SafetyMode
 from crtk_sim_backends.ur.signals import ANALOG_INPUTS
 
@@ -73,6 +74,16 @@ BEGIN: Final[Mapping[str, Callable[[Controller, Parameters], object]]] = {
     "power_loss": lambda c, p: c.power_loss(),
     "freeze_joint": lambda c, p: c.freeze_joint(p["joint"], True),
     "external_force": lambda c, p: c.external_force(p["wrench"]),
+    "surface": lambda c, p: c.surroundings.place(
+        p["index"],
+        Surface.make(
+            p["point"],
+            p["normal"] if any(p["normal"]) else UP,
+            p["stiffness"],
+            p["damping"],
+            p["friction"],
+        ),
+    ),
     "stop_program": lambda c, p: c.stop(),
     "pause_program": lambda c, p: c.pause(),
     "script_error": lambda c, p: c.run_script(_FAILING_PROGRAM),
@@ -97,6 +108,7 @@ END: Final[Mapping[str, Callable[[Controller, Parameters], object]]] = {
     "local_control": lambda c, p: c.set_remote(True),
     "freeze_joint": lambda c, p: c.freeze_joint(p["joint"], False),
     "external_force": lambda c, p: c.external_force((0.0,) * 6),
+    "surface": lambda c, p: c.surroundings.place(p["index"], None),
     "pause_program": lambda c, p: c.play(),
     "speed_slider": lambda c, p: c.write_inputs(
         {"speed_slider_mask": 1, "speed_slider_fraction": 1.0}
@@ -166,6 +178,16 @@ KINDS: Final[Mapping[str, FaultKind]] = {
             "external_force",
             "somebody pushes at the TCP (N, N.m, axes of the base)",
             wrench=Parameter(list, minimum=-10000.0, maximum=10000.0, length=6),
+        ),
+        _robot_kind(
+            "surface",
+            "something flat for the tool to touch, such as a table (m, N/m, N.s/m, base frame)",
+            point=Parameter(list, minimum=-10.0, maximum=10.0, length=3),
+            normal=Parameter(list, UP, minimum=-1.0, maximum=1.0, length=3),
+            stiffness=Parameter(float, STIFFNESS, minimum=1.0, maximum=1e6),
+            damping=Parameter(float, DAMPING, minimum=0.0, maximum=1e5),
+            friction=Parameter(float, 0.0, minimum=0.0, maximum=2.0),
+            index=Parameter(int, 0, minimum=0, maximum=99),
         ),
         _robot_kind("stop_program", "somebody presses stop on the pendant"),
         _robot_kind("pause_program", "somebody presses pause; cleared: play"),

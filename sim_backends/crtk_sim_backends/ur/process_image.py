@@ -160,7 +160,8 @@ class ProcessImage:
         sensor.measure(flange, c.tool, c.payload, c.payload_cog, c.gravity)
         out["ft_raw_wrench"] = sensor.raw
         out["actual_TCP_force"] = out["wrench_calc_from_currents"] = sensor.tcp
-        out["tcp_force_scalar"] = norm(sensor.tcp[:3])
+        out["tcp_force_scalar"] = force = norm(sensor.tcp[:3])
+        out["collision_detection_ratio"] = min(1.0, force / c.limits.tool_force)
         out["actual_tool_accelerometer"] = rotate_back(flange, c.gravity)
         if c.robot_mode != RobotMode.RUNNING:
             self._moment = _ZERO

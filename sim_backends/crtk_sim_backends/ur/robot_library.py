@@ -212,14 +212,15 @@ def _kinematics(c: Controller) -> list[Callable[..., Any]]:
         )
 
     def get_mass_matrix(q: Any = None, include_rotors_inertia: bool = True) -> List:
-        matrix = c.mass_matrix(joints("get_mass_matrix", q, arm.actual_q))
+        positions = joints("get_mass_matrix", q, arm.actual_q)
+        matrix = c.mass_matrix(positions, bool(include_rotors_inertia))
         return List(List(row) for row in matrix)
 
     def get_coriolis_and_centrifugal_torques(q: Any = None, qd: Any = None) -> List:
         name = "get_coriolis_and_centrifugal_torques"
         positions = joints(name, q, arm.actual_q)
         speeds = joints(name, qd, arm.actual_qd)
-        return List(c.dynamics.coriolis(positions, speeds, c.payload, c.payload_cog))
+        return List(c.coriolis(positions, speeds))
 
     return [
         get_forward_kin,

@@ -183,16 +183,32 @@ JOINT_MODES: Final[dict[RobotMode, JointMode]] = {
 PROTECTIVE_STOP_LOCK_SECONDS: Final = 5.0
 """A protective stop cannot be unlocked before this time has passed."""
 
-STOP_REASONS: Final[dict[int, str]] = {
-    150: "Protective Stop: Position close to joint limits",
-    153: "Protective Stop: Position deviates from path",
-    154: "Protective Stop: Position in singularity",
-    157: "Protective Stop: Collision detected by joint",
-    158: "Protective Stop: Collision detected",
-    204: "Path sanity check: Sudden change in target position",
-    209: "Protective Stop: Requested by the program",
+JOINTS: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
+
+STOP_REASONS: Final[dict[tuple[int, int], str]] = {
+    (150, 0): "Position close to joint limits",
+    **{(153, i): f"Position deviates from path: {joint}" for i, joint in enumerate(JOINTS)},
+    (154, 0): "Position in singularity",
+    **{(157, i): f"Collision detected by joint: {joint}" for i, joint in enumerate(JOINTS)},
+    **{
+        (158, i): f"Collision detected by joint: {joint}. The user specified payload is 0 kg"
+        for i, joint in enumerate(JOINTS)
+    },
+    (191, 3): "Safety system violation: TCP speed limit violated",
+    (191, 6): "Safety system violation: Power limit violated",
+    (191, 12): "Safety system violation: Momentum limit violation",
+    **{
+        (191, 32 + i): f"Safety system violation: Joint speed limit violated - {joint}"
+        for i, joint in enumerate(JOINTS)
+    },
+    (204, 1): "Path sanity check failed: Sudden change in target position",
+    (209, 0): "A protective stop was triggered by the program",
 }
-"""Texts of the error codes with which this controller stops protectively."""
+"""Texts of the error codes and arguments with which this controller stops protectively.
+
+Codes: Universal Robots service manual, "Error codes". With a violated safety limit (191) the real
+controller goes to VIOLATION where its own monitoring is too late; here that is always in time.
+"""
 
 
 def gravest(causes: set[SafetyMode]) -> SafetyMode:

@@ -66,6 +66,7 @@ _CATCH_UP_LIMIT: Final = 0.1  # s; after a longer delay the periods are left out
 _WAKE_UPS: Final = 8  # times that data is handled on arrival in one period, then at its end
 _LAST_COMMANDS: Final = 20
 _WRITABLE: Final = ("primary", "secondary", "realtime")
+_PLACES: Final = ("port", "joint", "index")  # parameters that say where a fault is
 _SWITCH_INTERVAL: Final = 1e-4  # s that the loop waits for the thread that compiles
 
 
@@ -121,6 +122,8 @@ class UrServer:
             wires=config.wires,
             boot_seconds=config.boot_seconds,
             programs=ProgramFiles(Path(config.programs) if config.programs else None),
+            surfaces=config.surfaces,
+            limits=config.limits,
             extra_builtins=self._network_builtins,
         )
         self.controller.player.ended = self._sockets.close_all
@@ -129,7 +132,7 @@ class UrServer:
         except SimStartError:
             self._close_ports()
             raise
-        self._faults = FaultPlayer(KINDS, faults, self._begin, self._end, ("port", "joint"))
+        self._faults = FaultPlayer(KINDS, faults, self._begin, self._end, _PLACES)
         self._stalled = False
         self._scripts = ScriptQueue(self.controller)
         self._period = self.controller.dt
