@@ -1,8 +1,8 @@
 """The handle of a move on the far side of ROS.
 
-CRTK gives a move no identity: there are ``is_busy``, ``refusals`` and the setpoint to tell its fate from.
-Busy must have been seen, and be over; the state must still be ENABLED; and where the goal is known and the
-device tells its setpoint, that must have arrived at the goal.
+CRTK gives a move no identity: there are ``is_busy``, ``refusals``, with the stamp of what they refuse, and
+the setpoint to tell its fate from. Busy must have been seen, and be over; the state must still be ENABLED;
+and where the goal is known and the device tells its setpoint, that must have arrived at the goal.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ class RemoteMove(Move):
 
     Args:
         name: the CRTK command.
+        stamp_ns: that it was sent with, by which its refusal is known; 0 if it had none.
         was_busy: the device was moving already when it was sent.
         refused_before: the same command was refused within the last seconds.
         at_goal: whether the setpoint is at the goal; None: that cannot be told.
@@ -47,12 +48,14 @@ class RemoteMove(Move):
         self,
         name: str,
         *,
+        stamp_ns: int,
         was_busy: bool,
         refused_before: bool,
         at_goal: Callable[[], bool | None],
         lost: Callable[[], str],
     ) -> None:
         super().__init__(name)
+        self.stamp_ns = stamp_ns
         self._changed = threading.Condition()
         self._at_goal = at_goal
         self._lost = lost

@@ -252,13 +252,13 @@ class RemoteDevice(DeviceFront):
 
         return stream
 
-    def _send(self, outbox: Outbox, command: Command, value: Any) -> Value | None:
+    def _send(self, outbox: Outbox, command: Command, value: Any, stamp: int = 0) -> Value | None:
         """Send a value and return it; None if it was a ready message."""
         if outbox.accepts(value):
             outbox.send_message(value)
             return None
         payload = value_for(command, value, self.namespace)
-        outbox.send(payload, getattr(payload, "frame_id", ""))
+        outbox.send(payload, getattr(payload, "frame_id", ""), stamp)
         return payload
 
     def _plain_sender(
@@ -291,8 +291,10 @@ class RemoteDevice(DeviceFront):
         def move(goal: Any) -> RemoteMove:
             ready = outbox.accepts(goal)
             value = None if ready else value_for(command, goal, self.namespace)
+            stamp = outbox.stamp(goal)
             handle = RemoteMove(
                 name,
+                stamp_ns=stamp,
                 was_busy=tracker.latest.is_busy,
                 refused_before=tracker.refused_lately(name),
                 at_goal=goal_test(setpoint, value),
@@ -300,7 +302,7 @@ class RemoteDevice(DeviceFront):
             )
             tracker.follow(handle)
             try:
-                self._send(outbox, command, goal if ready else value)
+                self._send(outbox, command, goal if ready else value, stamp)
                 handle.confirm()
             except BaseException as error:
                 handle.replaced(type(error).__name__)

@@ -211,11 +211,12 @@ class StatusTracker:
             return
         with self._lock:
             self._refused_at[refusal.command] = time.monotonic()
+            if self._live or refusal.stamp_ns:
+                self._attribute(refusal)
             if not self._live:
                 return
             for watch in self._watches:
                 watch.add(refusal)
-            self._attribute(refusal)
             callbacks = self._refusal_callbacks
         for callback in callbacks:
             _call(callback, refusal)
@@ -223,32 +224,37 @@ class StatusTracker:
     def _refusal_of(self, text: str) -> CommandRefused | None:
         try:
             content = json.loads(text)
-            return CommandRefused(
+            refusal = CommandRefused(
                 content["command"],
                 Reason(content["reason"]),
                 content["message"],
                 where=self._where,
                 remedy=content["remedy"],
             )
+            stamp = content["stamp"]
+            refusal.stamp_ns = stamp["sec"] * 1_000_000_000 + stamp["nanosec"]
         except (ValueError, KeyError, TypeError) as error:
             logger.warning("%s: a refusal that cannot be read: %s", self._where, error)
             return None
+        return refusal
 
     def _attribute(self, refusal: CommandRefused) -> None:
-        """Hand a refusal to the command of ours that it is about, if it is about one of ours."""
+        """Hand a refusal to the command of ours that it is about, if it is about one of ours.
+
+        Its stamp tells; what was sent without one is ours while nobody else sends the same.
+        """
         name = refusal.command
         mine = [
             move
             for move in self._moves
-            if move.name == name and not move.refusal and not (move.accepted and move.has_ended)
+            if move.name == name
+            and move.stamp_ns == refusal.stamp_ns
+            and not move.refusal
+            and not (move.accepted and move.has_ended)
         ]
-        if mine and not mine[-1].accepted:
+        if mine and (refusal.stamp_ns or not mine[-1].accepted or self._alone(name)):
             mine[-1].refused(refusal)
-        elif not self._alone(name):
-            return
-        elif mine:
-            mine[-1].refused(refusal)
-        elif name in self._sent:
+        elif name in self._sent and self._alone(name):
             self._sent.discard(name)
             self._late[name] = refusal
 

@@ -76,9 +76,9 @@ class CommandTopics:
     def _submit_value(self, name: str, message: Any) -> None:
         header = getattr(message, "header", None)
         stamp = 0 if header is None else stamp_ns(header.stamp)
-        self._engine.submit(name, self._value(name, message), stamp)
+        self._engine.submit(name, self._value(name, message, stamp), stamp)
 
-    def _value(self, name: str, message: Any) -> Value:
+    def _value(self, name: str, message: Any, stamp: int = 0) -> Value:
         header = getattr(message, "header", None)
         frame_id = "" if header is None else self._frames.incoming(header.frame_id)
         try:
@@ -91,6 +91,7 @@ class CommandTopics:
                 where=self._engine.where,
                 remedy="Let each vector be empty, or as long as the others.",
             )
+            refusal.stamp_ns = stamp
             self._engine.report_refusal(refusal)
             raise refusal from error
 

@@ -191,8 +191,14 @@ class Outbox:
         self._has_header = hasattr(self._message, "header")
         self._lock = threading.Lock()
 
-    def send(self, value: Value | str | None, frame_id: str = "") -> None:
-        """Send a value, a text, or nothing but the message; stamped now.
+    def stamp(self, value: Any) -> int:
+        """Return the stamp (ns) that `value` goes out with: its own if it is a ready message, else now."""
+        if self._has_header and self.accepts(value):
+            return stamp_ns(value.header.stamp)
+        return time.time_ns() if self._has_header else 0
+
+    def send(self, value: Value | str | None, frame_id: str = "", stamp: int = 0) -> None:
+        """Send a value, a text, or nothing but the message; stamped now unless `stamp` (ns) is given.
 
         Raises:
             ConnectionLost: nobody listens.
@@ -202,14 +208,14 @@ class Outbox:
                 f"nobody listens to {self.topic} any more",
                 remedy="Was the driver stopped? It is found again when it is back.",
             )
-        self.publish(value, frame_id)
+        self.publish(value, frame_id, stamp)
 
-    def publish(self, value: Value | str | None, frame_id: str = "") -> None:
+    def publish(self, value: Value | str | None, frame_id: str = "", stamp: int = 0) -> None:
         """As `send`, whether anybody listens or not."""
         with self._lock:
             message = self._message
             if self._has_header:
-                set_stamp(message.header.stamp, time.time_ns())
+                set_stamp(message.header.stamp, stamp or time.time_ns())
                 message.header.frame_id = frame_id
             if isinstance(value, str):
                 message.string = value

@@ -150,6 +150,7 @@ def test_only_the_newest_moves_are_kept(monkeypatch: pytest.MonkeyPatch) -> None
         def move_jp(self, goal: object) -> RemoteMove:
             return RemoteMove(
                 "move_jp",
+                stamp_ns=0,
                 was_busy=False,
                 refused_before=False,
                 at_goal=lambda: None,

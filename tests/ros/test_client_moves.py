@@ -134,7 +134,7 @@ def test_another_clients_refusal_is_not_mine(far: Far, second: RemoteDevice) -> 
     far.arm.enable()
     move = far.arm.move_jp([0.5, 0.0, 0.0, 0.0])
     with pytest.raises(CommandRefused):
-        second.move_jp([0.0, 0.0])
+        second.move_jp([0.0, 0.0]).wait(TIMEOUT)
     assert move.wait(TIMEOUT)
 
 

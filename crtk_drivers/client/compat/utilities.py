@@ -161,7 +161,12 @@ class Utils:
         return send
 
     def _send(
-        self, command: Command, outbox: Outbox, setpoint: Any, velocity: Any = None
+        self,
+        command: Command,
+        outbox: Outbox,
+        setpoint: Any,
+        velocity: Any = None,
+        stamp: int = 0,
     ) -> Value | None:
         if outbox.accepts(setpoint):
             outbox.send_message(setpoint)
@@ -169,7 +174,7 @@ class Utils:
         value = value_for(command, setpoint, self._ral.namespace())
         if velocity is not None and isinstance(value, JointState) and np.size(velocity):
             value = JointState(value.position, vector(velocity), value.effort)
-        outbox.publish(value)
+        outbox.publish(value, stamp=stamp)
         return value
 
     def _move(self, name: str, command: Command, outbox: Outbox, goal: Any) -> WaitMoveHandle:
@@ -181,15 +186,17 @@ class Utils:
         value = None if ready else value_for(command, goal, self._ral.namespace())
         source = "setpoint_js" if command.payload is Payload.JOINT_STATE else "setpoint_cp"
         setpoint = None if command.is_relative else self._inboxes.get(source)
+        stamp = outbox.stamp(goal)
         move = RemoteMove(
             name,
+            stamp_ns=stamp,
             was_busy=tracker.latest.is_busy,
             refused_before=tracker.refused_lately(name),
             at_goal=goal_test(setpoint, value),
             lost=tracker.lost,
         )
         tracker.follow(move)
-        self._send(command, outbox, goal if ready else value)
+        self._send(command, outbox, goal if ready else value, stamp=stamp)
         tracker.replace(name, but=move)
         return WaitMoveHandle(move)
 
