@@ -50,7 +50,7 @@ def model(arm: str) -> SerialChain:
 
 def test_which_there_are() -> None:
     assert NAMES == ("arm6", "koch_follower", "koch_leader", "open_manipulator_x", "vx300s")
-    assert MODELLED == ["arm6", "koch_follower", "open_manipulator_x", "vx300s"]
+    assert list(NAMES) == MODELLED
     described = DynamixelConfig.model_fields["arm"].description or ""
     assert all(name in described for name in NAMES)
 
@@ -88,6 +88,14 @@ def test_pinocchio_loads_the_urdf_itself(arm: str) -> None:
     loaded = pinocchio.buildModelFromUrdf(urdf_of(arm))
     assert list(loaded.names)[1:] == list(config(arm).joints)
     assert loaded.existFrame("tool")
+
+
+def test_leader_and_follower_are_at_the_same_place_with_the_same_joints() -> None:
+    leader, follower = model("koch_leader"), model("koch_follower")
+    for joints in ([0.0] * 5, [0.3, 0.5, -0.7, 0.2, 1.0]):
+        here, there = (arm.forward(vector(joints)) for arm in (leader, follower))
+        np.testing.assert_allclose(here.position, there.position, atol=1e-12)
+        np.testing.assert_allclose(here.orientation, there.orientation, atol=1e-12)
 
 
 @pytest.mark.parametrize("arm", MODELLED)
