@@ -135,6 +135,7 @@ class Capabilities:
         joints: names, in the order of every joint vector; empty for a device without joints.
         limits: one for each joint.
         modes: the low-level modes; the core derives the CRTK commands from them.
+        estimates: those of `modes` whose values the hardware reaches only roughly, by a model of itself.
         measured: CRTK names of the feedback in each sample, sub-namespaces included.
         native_moves: those of ``move_jp`` and ``move_cp`` that the hardware plans itself.
         line_limits: of the tool in the hardware's own ``move_cp``, if they are lower than its others.
@@ -157,6 +158,7 @@ class Capabilities:
     limits: tuple[JointLimits, ...] = ()
     cartesian_limits: CartesianLimits | None = None
     modes: frozenset[Mode] = frozenset()
+    estimates: frozenset[Mode] = frozenset()
     measured: tuple[str, ...] = ("measured_js",)
     native_moves: frozenset[str] = frozenset()
     line_limits: CartesianLimits | None = None
@@ -201,6 +203,10 @@ class Capabilities:
         unknown = self.native_moves - {"move_jp", "move_cp"}
         if unknown:
             raise ValueError(f"native_moves: no such move: {', '.join(sorted(unknown))}")
+        if not self.estimates <= self.modes:
+            raise ValueError(
+                f"estimates: not among the modes: {', '.join(sorted(self.estimates - self.modes))}"
+            )
         in_joints = {mode for mode in self.modes if mode.space is Space.JOINT}
         if (in_joints or self.native_moves) and "measured_js" not in self.measured:
             raise ValueError("measured: motion in joint space needs measured_js")

@@ -89,6 +89,7 @@ def manifest(
             }
             for name, taken in engine.inputs.items()
         },
+        "estimates": sorted(capabilities.estimates),
         "joints": [
             {"name": name, **_finite(asdict(limits))}
             for name, limits in zip(capabilities.joints, capabilities.limits, strict=True)

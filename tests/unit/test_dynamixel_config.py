@@ -117,6 +117,13 @@ def test_values_of_one_joint_can_be_set_alone() -> None:
             {"model": "xl430-w250", "mode": "current_based_position"},
             r"joints.elbow: mode: xl430-w250 has no current_based_position, but position, ext",
         ),
+        ({"pwm_effort": True}, r"elbow: pwm_effort: xm430-w350 takes efforts by its current"),
+        ({"model": "ax-12a", "pwm_effort": True}, r"elbow: pwm_effort: ax-12a has no PWM mode"),
+        ({"model": "xl-320", "pwm_effort": True}, r"elbow: pwm_effort: xl-320 has no PWM mode"),
+        (
+            {"model": "mx-28", "protocol": 1, "pwm_effort": True},
+            r"elbow: pwm_effort: mx-28 has no PWM mode here",
+        ),
         ({"model": "xw430-t200", "effort": 1.0}, r"elbow: velocity: give a limit, none is known"),
         ({"shadows": [{"id": 2}]}, r"joints.elbow.shadows\[0\].sign: is required"),
         (

@@ -26,6 +26,8 @@ import crtk_drivers
 from crtk_driver_dynamixel.arms import names
 from crtk_driver_dynamixel.calibration import Calibration, ServoCalibration, save_calibration
 from crtk_driver_dynamixel.gripper import SliderCrank
+from crtk_drivers.commands import Kind
+from crtk_drivers.device import Mode
 from crtk_drivers.errors import ConnectionFailed, TransitionFailed
 from crtk_drivers.session import Session
 
@@ -177,6 +179,84 @@ def test_models_that_report_load_have_no_efforts():
         with bench.nothing_moves(ids=(1, 3, 4, 5, 6)):
             bench.enable()
         bench.stream("servo_jv", [0.3, 0, 0, 0.3, 0], lambda: bench.servos()[4]["velocity"] > 0.25)
+
+
+LOADS = {
+    "a": {"id": 1, "model": "xl430-w250", "pwm_effort": True},
+    "b": {"id": 2, "model": "xl430-w250", "pwm_effort": True, "pwm_limit": 0.2},
+}
+PWM, CURRENT = 16, 0
+
+
+def test_efforts_through_pwm():
+    """Of models that control no current; 1.4 N.m at stall and 11.1 V."""
+    with dynamixel_bench({**PATIENT, "joints": LOADS}) as bench:
+        assert bench.engine.capabilities.estimates == {Mode.JOINT_EFFORT}
+        assert bench.arm.measured_js().effort.size == 0
+        bench.enable()
+        mark = bench.mark()
+        kind = bench.device.part
+        with bench.nothing_moves():
+            bench.stream("servo_jf", [0.0, 0.0], lambda: kind.kind is Kind.EFFORT)
+        for on in torque_ons(bench.writes(mark)):
+            assert (on.registers["operating_mode"], on.registers["goal_pwm"]) == (PWM, 0)
+        bench.sim.control.inject("stuck")
+        for volts in (11.1, 9.0):
+            bench.sim.control.inject("voltage", volts=volts)
+            exerted = {
+                id: pytest.approx(share, rel=0.06)
+                for id, share in ((1, 0.5), (2, 0.2 * 1.4 * volts / 11.1))
+            }
+            bench.stream(
+                "servo_jf",
+                [0.5, 0.5],
+                lambda e=exerted: {i: s["torque_applied"] for i, s in bench.servos().items()} == e,
+            )
+        bench.sim.control.clear()
+        bench.arm.hold()
+        eventually(lambda: bench.device.takes_setpoints, "it holds")
+        bench.until_still()
+        mark = bench.mark()
+        goal = bench.arm.measured_js().position + 0.2
+        bench.arm.move_jp(goal).wait(LONG)
+        bench.until_still()
+        assert bench.angles() == pytest.approx(goal, abs=4 * COUNT)
+        written = dict(bench.written("goal_pwm"))
+        assert written == {1: 885, 2: 177}, "the voltage is as free as before"
+
+
+def test_an_effort_through_pwm_does_not_fade_while_the_joint_turns():
+    with dynamixel_bench({**PATIENT, "joints": {"a": LOADS["a"]}}, servos="1:xl430-w250") as bench:
+        bench.enable()
+        seen = []
+
+        def fast():
+            servo = bench.servos()[1]
+            if servo["velocity"] > 1.0:
+                seen.append(servo["torque_applied"])
+            return len(seen) > 3
+
+        bench.stream("servo_jf", [0.3], fast)
+        assert min(seen) > 0.2, "without that it would be 0.07 and less"
+        bench.arm.hold()
+
+
+def test_efforts_by_current_and_by_pwm_in_one_arm():
+    joints = {name: {"pwm_effort": True} for name in ("shoulder_pan", "shoulder_lift")}
+    with dynamixel_bench(arm_values("koch_follower", joints=joints)) as bench:
+        bench.enable()
+        mark = bench.mark()
+        bench.sim.control.inject("stuck")
+        bench.stream(
+            "servo_jf",
+            [0.4, 0.3, 0.2, 0.0, 0.0],
+            lambda: (
+                [bench.servos()[id]["torque_applied"] for id in (1, 2, 3)]
+                == pytest.approx([0.4, 0.3, 0.2], rel=0.06)
+            ),
+        )
+        modes = {on.id: on.registers["operating_mode"] for on in torque_ons(bench.writes(mark))}
+        assert modes == {1: PWM, 2: PWM, 3: CURRENT, 4: CURRENT, 5: CURRENT}
 
 
 def test_a_chain_on_several_buses():

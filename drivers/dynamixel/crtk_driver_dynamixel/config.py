@@ -136,6 +136,11 @@ class ServoConfig(Settings):
         description="Most voltage that it is asked for, as part of the supply; what its register allows if "
         "null.",
     )
+    pwm_effort: bool = Field(
+        default=False,
+        description="Take efforts through PWM, by the stall torque and no-load speed of the model: "
+        "estimates, for XL430, XC430, 2X and MX-28, which control no current.",
+    )
     profile_velocity: float = Field(
         default=0.0,
         ge=0.0,
@@ -176,6 +181,8 @@ class ServoConfig(Settings):
         for key in ("torque_constant", "current_limit"):
             if getattr(self, key) is not None and not model.reports_current:
                 raise ValueError(f"{key}: {model.name} measures no current, only a load")
+        if self.pwm_effort:
+            self._check_pwm_effort()
         if self.protocol is not None and model.family.protocol == 1 and self.protocol == 2:
             raise ValueError(f"protocol: {model.name} speaks protocol 1")
         if len(set(self.ids)) != len(self.ids):
@@ -192,6 +199,14 @@ class ServoConfig(Settings):
                     "other"
                 )
         return self
+
+    def _check_pwm_effort(self) -> None:
+        for name in (self.model, *(shadow.model for shadow in self.shadows if shadow.model)):
+            model = model_named(name)
+            if model.reports_current:
+                raise ValueError(f"pwm_effort: {name} takes efforts by its current: leave it out")
+            if not model.takes_torque_by_pwm or self.protocol == 1:
+                raise ValueError(f"pwm_effort: {name} has no PWM mode here")
 
 
 class JointConfig(ServoConfig):

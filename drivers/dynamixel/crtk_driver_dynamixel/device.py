@@ -18,6 +18,7 @@ from crtk_driver_dynamixel.chain_link import ChainLink, lost
 from crtk_driver_dynamixel.config import DynamixelConfig, GripperConfig
 from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.models import OperatingMode
+from crtk_driver_dynamixel.motors import Motors
 from crtk_driver_dynamixel.part import Part
 from crtk_driver_dynamixel.readings import Frame
 from crtk_driver_dynamixel.units import Counts
@@ -85,6 +86,12 @@ class _ChainDevice(Device):
         self._last: dict[str, Value] = {}
         self._is_open = False
         self._condition = Condition()
+        servos = part.chain.servos
+        by_pwm = [servo.effort_mode is OperatingMode.PWM for servo in servos]
+        self._by_pwm, self._by_current = np.flatnonzero(by_pwm), np.flatnonzero(np.invert(by_pwm))
+        self._motors = Motors.of(
+            [servo.units for servo in servos if servo.effort_mode is OperatingMode.PWM]
+        )
 
     @property
     def address(self) -> str:
@@ -194,6 +201,23 @@ class _ChainDevice(Device):
     def _counts(self, kind: Kind, values: Vector) -> Counts:
         """Return the goals of the servos of this part."""
 
+    def _effort_counts(self, efforts: Vector) -> Counts:
+        """Return currents, or voltages by what is known of the motors, for efforts of the joints (n,)."""
+        part, scaling = self.part, self.part.chain.scaling
+        torques = part.chain.efforts_to_servos(efforts)
+        if not self._by_pwm.size:
+            return scaling.effort.to_counts(torques)
+        by_pwm, by_current = self._by_pwm, self._by_current
+        frame = self.link.frame
+        assert frame is not None
+        velocities = scaling.velocity.to_si(part.own(frame.velocity))
+        voltages = np.array([self.link.health[part.places[i]].voltage for i in by_pwm])
+        duties = self._motors.duty(torques[by_pwm], velocities[by_pwm], voltages)
+        counts = np.zeros(len(torques), dtype=np.int64)
+        counts[by_pwm] = scaling.pwm.part(by_pwm.tolist()).to_counts(duties)
+        counts[by_current] = scaling.effort.part(by_current.tolist()).to_counts(torques[by_current])
+        return counts
+
     def stop(self) -> None:
         """See the base class."""
         self.part.ask_to_stop()
@@ -251,14 +275,16 @@ class _ChainDevice(Device):
         return notes
 
     def _capabilities_of(
-        self, joints: tuple[str, ...], limits: tuple[JointLimits, ...], *, has_efforts: bool
+        self, joints: tuple[str, ...], limits: tuple[JointLimits, ...], *, takes_efforts: bool
     ) -> Capabilities:
         modes = {Mode.JOINT_POSITION}
         servos = self.part.chain.servos
         if all(s.protocol == 2 and OperatingMode.VELOCITY in s.units.model.modes for s in servos):
             modes.add(Mode.JOINT_VELOCITY)
-        if has_efforts:
+        estimates: frozenset[Mode] = frozenset()
+        if takes_efforts:
             modes.add(Mode.JOINT_EFFORT)
+            estimates = frozenset({Mode.JOINT_EFFORT} if self._by_pwm.size else ())
         has_watchdog = all(servo.protocol == 2 for servo in servos)
         timeout = self._config.watchdog if has_watchdog else 0.0
         what = "stops by itself" if timeout else "goes on to its last goal"
@@ -266,9 +292,12 @@ class _ChainDevice(Device):
             joints=joints,
             limits=limits,
             modes=frozenset(modes),
+            estimates=estimates,
             has_free=True,
             integrates_twists=True,
             stops_between_modes=True,
+            # A voltage makes the same effort only as long as the speed is the same.
+            writes_every_cycle=bool(estimates),
             rate=self._config.rate,
             stop=StopPolicy(timeout, f"each servo {what} when it hears nothing"),
         )
@@ -293,7 +322,9 @@ class ArmDevice(_ChainDevice):
         self._gripper = gripper
         self._has_efforts = self.part.chain.has_efforts
         self._capabilities = self._capabilities_of(
-            self.part.chain.joints, self.part.chain.limits, has_efforts=self._has_efforts
+            self.part.chain.joints,
+            self.part.chain.limits,
+            takes_efforts=self.part.chain.takes_efforts,
         )
 
     @property
@@ -322,7 +353,7 @@ class ArmDevice(_ChainDevice):
     def _counts(self, kind: Kind, values: Vector) -> Counts:
         chain, scaling = self.part.chain, self.part.chain.scaling
         if kind is Kind.EFFORT:
-            return scaling.effort.to_counts(chain.efforts_to_servos(values))
+            return self._effort_counts(values)
         scale = scaling.velocity if kind is Kind.VELOCITY else scaling.position
         return scale.to_counts(chain.to_servos(values))
 
@@ -345,12 +376,12 @@ class GripperDevice(_ChainDevice):
         self._measures_effort = not any(
             math.isnan(servo.units.torque_constant) for servo in self.part.chain.servos
         )
-        takes_effort = gripper.effort > 0.0 and all(
-            OperatingMode.CURRENT in servo.units.model.modes for servo in self.part.chain.servos
+        takes_efforts = gripper.effort > 0.0 and all(
+            servo.effort_mode is not None for servo in self.part.chain.servos
         )
         self._angle = 0.0
         self._capabilities = self._capabilities_of(
-            (gripper.joint,), (limits,), has_efforts=self._measures_effort and takes_effort
+            (gripper.joint,), (limits,), takes_efforts=takes_efforts
         )
 
     @property
@@ -387,8 +418,7 @@ class GripperDevice(_ChainDevice):
             values.tolist(),
         )
         if kind is Kind.EFFORT:
-            torque = vector((finger.torque(value, self._angle),))
-            return scaling.effort.to_counts(chain.efforts_to_servos(torque))
+            return self._effort_counts(vector((finger.torque(value, self._angle),)))
         if kind is Kind.VELOCITY:
             rate = finger.rate(self._angle)
             speed = vector((value / rate if rate else 0.0,))

@@ -70,6 +70,30 @@ class ChainServo:
         """For messages: ``joint elbow (servo 3 on main)``."""
         return f"joint {self.name} (servo {self.id} on {self.bus})"
 
+    @property
+    def effort_mode(self) -> OperatingMode | None:
+        """Operating mode for efforts; None if it takes none."""
+        units = self.units
+        if OperatingMode.CURRENT in units.model.modes and not math.isnan(units.torque_constant):
+            return OperatingMode.CURRENT
+        return OperatingMode.PWM if self.config.pwm_effort else None
+
+    @property
+    def current_limit(self) -> int | None:
+        """Greatest count of current that it is asked for; None: what its register allows."""
+        limit = self.config.current_limit
+        if limit is None or not self.units.model.reports_current:
+            return None
+        return math.floor(limit / self.units.model.current_unit + 1e-9)
+
+    @property
+    def pwm_limit(self) -> int | None:
+        """Greatest count of PWM that it is asked for; None: what its register allows."""
+        limit = self.config.pwm_limit
+        return (
+            None if limit is None else math.floor(limit * self.units.model.family.full_pwm + 1e-9)
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chain:
@@ -136,12 +160,19 @@ class Chain:
 
     @property
     def has_efforts(self) -> bool:
-        """Whether every joint of the arm measures and takes efforts."""
-        arm = [servo.units for servo in self.servos if servo.joint < len(self.joints)]
-        return bool(arm) and not any(
-            math.isnan(units.torque_constant) or OperatingMode.CURRENT not in units.model.modes
-            for units in arm
-        )
+        """Whether every joint of the arm measures efforts."""
+        modes = self._effort_modes
+        return bool(modes) and modes == {OperatingMode.CURRENT}
+
+    @property
+    def takes_efforts(self) -> bool:
+        """Whether every joint of the arm takes efforts, be it as estimates."""
+        modes = self._effort_modes
+        return bool(modes) and None not in modes
+
+    @property
+    def _effort_modes(self) -> set[OperatingMode | None]:
+        return {servo.effort_mode for servo in self.servos if servo.joint < len(self.joints)}
 
     def on_bus(self, bus: str) -> tuple[int, ...]:
         """Return the places of the servos on a bus."""
@@ -244,7 +275,7 @@ class Chain:
         return shifts
 
     def with_registers(self, read: Sequence[Mapping[str, int]]) -> Chain:
-        """Return the same, which never asks a servo for more than its own registers allow.
+        """Return the same, which never asks a servo for more than its registers and its configuration allow.
 
         Args:
             read: of each servo, by name: min_ and max_position_limit, velocity_limit, current_limit,
@@ -260,6 +291,8 @@ class Chain:
             np.array([registers.get(name, math.inf) for registers in read])
             for name in ("velocity_limit", "current_limit", "pwm_limit")
         )
+        current = np.minimum(current, [_or_infinite(s.current_limit) for s in self.servos])
+        pwm = np.minimum(pwm, [_or_infinite(s.pwm_limit) for s in self.servos])
         limited = replace(
             scaling,
             position=scaling.position.limited(least, most),
@@ -269,6 +302,10 @@ class Chain:
             pwm=scaling.pwm.limited(-pwm, pwm),
         )
         return replace(self, scaling=limited)
+
+
+def _or_infinite(limit: int | None) -> float:
+    return math.inf if limit is None else limit
 
 
 def _servos(config: DynamixelConfig) -> list[ChainServo]:

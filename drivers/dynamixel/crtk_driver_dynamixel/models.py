@@ -177,6 +177,7 @@ class Model:
         voltage: least and greatest voltage of its supply by its registers, in V.
         no_load_speed: at the recommended voltage, in rad/s; NaN if not known.
         stall_torque: at that voltage, in N·m (P series: continuous torque); NaN if not known.
+        stall_voltage: that voltage, in V, of models that measure no current; NaN for others.
         torque_constant: N·m for one A; NaN if not known or without current.
     """
 
@@ -189,6 +190,12 @@ class Model:
     no_load_speed: float
     stall_torque: float
     torque_constant: float
+    stall_voltage: float
+
+    @property
+    def takes_torque_by_pwm(self) -> bool:
+        """Whether a torque can be made of voltages, where there is no current mode."""
+        return OperatingMode.PWM in self.modes and not math.isnan(self.stall_voltage)
 
     @property
     def reports_current(self) -> bool:
@@ -275,6 +282,16 @@ _ROWS: Final = (
 _TORQUE_CONSTANTS: Final = {"xc330-t181": 0.670947, "xc330-t288": 0.967480}
 """Given by ROBOTIS, instead of taken from the stall figures (dynamixel-sdk, unit info of these models)."""
 
+_STALL_VOLTAGES: Final = {
+    "xl430-w250": 11.1,
+    "2xl430-w250": 11.1,
+    "xc430-w150": 12.0,
+    "xc430-w240": 12.0,
+    "2xc430-w250": 12.0,
+    "mx-28": 12.0,
+}
+"""Of several that the e-manual gives, that of the figures in the table (V)."""
+
 
 def _model(
     name: str,
@@ -290,7 +307,10 @@ def _model(
     constant = _TORQUE_CONSTANTS.get(name, torque / amperes)
     if math.isnan(unit):
         constant = math.nan
-    return Model(name, number, family, unit, limit, voltage, speed * RPM, torque, constant)
+    stall_voltage = _STALL_VOLTAGES.get(name, math.nan)
+    return Model(
+        name, number, family, unit, limit, voltage, speed * RPM, torque, constant, stall_voltage
+    )
 
 
 MODELS: Final[Mapping[str, Model]] = MappingProxyType({row[0]: _model(*row) for row in _ROWS})

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple, TypeVar
 
@@ -31,18 +32,12 @@ from crtk_drivers.errors import DeviceFault
 
 __all__ = ["Part"]
 
-GOALS: Final[Mapping[Kind, str]] = {
-    Kind.POSITION: "goal_position",
-    Kind.VELOCITY: "goal_velocity",
-    Kind.EFFORT: "goal_current",
+GOALS: Final[Mapping[OperatingMode, str]] = {
+    OperatingMode.CURRENT: "goal_current",
+    OperatingMode.VELOCITY: "goal_velocity",
+    OperatingMode.PWM: "goal_pwm",
 }
-"""Register that a setpoint of each kind goes to."""
-
-MODES: Final[Mapping[Kind, OperatingMode]] = {
-    Kind.VELOCITY: OperatingMode.VELOCITY,
-    Kind.EFFORT: OperatingMode.CURRENT,
-}
-"""Operating mode of each kind; that of positions is a matter of configuration."""
+"""Register that a setpoint goes to; in the modes for positions it is Goal Position."""
 
 SETTLE_TIME: Final = 0.5
 """Seconds that a stopped servo may take to stand."""
@@ -86,7 +81,6 @@ class Part:
         self._has_profile = any(
             link.chain.servos[place].config.profile_velocity > 0.0 for place in self.places
         )
-        self._goal_places = tuple(self.places[i] for i in self._commanded)
         self.kind: Kind | None = None
         self._work: Steps | None = None
         self._pending: _Pending | None = None
@@ -94,6 +88,7 @@ class Part:
         self._is_free = False
         self._stop = threading.Event()
         self._goals: Counts | None = None
+        self._goal_registers: dict[Kind, list[tuple[str, NDArray[np.int64]]]] = {}
 
     @property
     def goals(self) -> Counts | None:
@@ -256,7 +251,22 @@ class Part:
 
     def _write_goals(self, kind: Kind, counts: Counts) -> None:
         self._goals = counts if kind is Kind.POSITION else None
-        self._link.send(GOALS[kind], self._goal_places, counts[self._commanded])
+        for register, index in self._registers(kind):
+            self._link.send(register, [self.places[i] for i in index], counts[index])
+
+    def _registers(self, kind: Kind) -> Sequence[tuple[str, NDArray[np.int64]]]:
+        """Return the registers that setpoints of a kind go to, each with the servos of this part."""
+        found = self._goal_registers.get(kind)
+        if found is None:
+            by_name: dict[str, list[int]] = defaultdict(list)
+            for i in self._commanded.tolist():
+                by_name[self._goal_register(self.places[i], kind)].append(i)
+            found = [(name, np.array(index)) for name, index in by_name.items()]
+            self._goal_registers[kind] = found
+        return found
+
+    def _goal_register(self, place: int, kind: Kind) -> str:
+        return GOALS.get(self._mode(place, kind), "goal_position")
 
     @property
     def _frame(self) -> Frame:
@@ -341,11 +351,11 @@ class Part:
             DeviceFault: they do not do what they are told.
         """
         link, places = self._link, self.places if places is None else places
+        modes = {place: int(self._mode(place, kind)) for place in places}
         changing = {
-            place: {"operating_mode": self._mode(place, kind)}
-            for place in places
-            if link.states[place].values.get("operating_mode", self._mode(place, kind))
-            != self._mode(place, kind)
+            place: {"operating_mode": mode}
+            for place, mode in modes.items()
+            if link.states[place].values.get("operating_mode", mode) != mode
         }
         self.kind = self._goals = None
         if changing:
@@ -372,8 +382,14 @@ class Part:
         for place in places:
             link.health[place].torque = True
 
-    def _mode(self, place: int, kind: Kind) -> int:
-        return int(MODES.get(kind, self._link.chain.servos[place].units.mode))
+    def _mode(self, place: int, kind: Kind) -> OperatingMode:
+        servo = self._link.chain.servos[place]
+        if kind is Kind.VELOCITY:
+            return OperatingMode.VELOCITY
+        if kind is Kind.EFFORT:
+            assert servo.effort_mode is not None
+            return servo.effort_mode
+        return servo.units.mode
 
     def _still(self, place: int, kind: Kind, count: int) -> dict[str, int]:
         """Return what the RAM of a servo at a count must hold before torque goes on, its goal included."""
@@ -382,12 +398,11 @@ class Part:
         wanted: dict[str, int] = {n: state.values[n] for n in KEPT if n in state.values}
         settings = registers.ram(servo, state.table, self._config, state.values)
         wanted |= {s.item.name: s.value for s in settings if not s.item.eeprom}
-        if kind is Kind.EFFORT:
-            wanted["goal_current"] = 0
-        elif kind is Kind.VELOCITY:
-            wanted["goal_velocity"] = 0
-        else:
-            wanted["goal_position"] = self._goal_at(place, count)
+        if servo.effort_mode is OperatingMode.PWM and "pwm_limit" in state.values:
+            # What Goal PWM was in PWM mode would limit the voltage in the other modes.
+            wanted.setdefault("goal_pwm", state.values["pwm_limit"])
+        goal = self._goal_at(place, count) if kind is Kind.POSITION else 0
+        wanted[self._goal_register(place, kind)] = goal
         return {name: value for name, value in wanted.items() if state.has(name)}
 
     def _goal_at(self, place: int, count: int) -> int:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from crtk_driver_dynamixel.calibration import ServoCalibration
-from crtk_driver_dynamixel.config import DynamixelConfig, ServoConfig
+from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.control_tables import ControlTable, Item
 from crtk_driver_dynamixel.joints import ChainServo, servo_range
 from crtk_driver_dynamixel.models import OperatingMode
@@ -100,8 +100,8 @@ def ram(
         *((name, value, None) for name, value in gains.items()),
         ("profile_acceleration", _profile(servo, own.profile_acceleration, "acceleration"), None),
         ("profile_velocity", _profile(servo, own.profile_velocity, "velocity"), None),
-        ("goal_current", _bounded(_current(servo, own), known.get("current_limit")), None),
-        ("goal_pwm", _bounded(_pwm(servo, own), known.get("pwm_limit")), None),
+        ("goal_current", _bounded(servo.current_limit, known.get("current_limit")), None),
+        ("goal_pwm", _bounded(servo.pwm_limit, known.get("pwm_limit")), None),
     ]
     return tuple(_settings(table, wanted))
 
@@ -163,18 +163,6 @@ def _profile(servo: ChainServo, value: float, quantity: str) -> int:
         return 0
     count = round(value * servo.units.gear / unit)
     return max(1, min(count, family.highest_profile))
-
-
-def _current(servo: ChainServo, own: ServoConfig) -> int | None:
-    if own.current_limit is None or not servo.units.model.reports_current:
-        return None
-    return math.floor(own.current_limit / servo.units.model.current_unit + 1e-9)
-
-
-def _pwm(servo: ChainServo, own: ServoConfig) -> int | None:
-    if own.pwm_limit is None:
-        return None
-    return math.floor(own.pwm_limit * servo.units.model.family.full_pwm + 1e-9)
 
 
 def _bounded(value: int | None, limit: int | None) -> int | None:
