@@ -158,16 +158,32 @@ def test_f12_servo_fault_under_motion(bench, fault):
     assert_enables_at_rest(bench)
 
 
-def test_f12_torque_is_taken_from_the_others_if_so_configured(sim):
+@pytest.mark.parametrize("every", [1000, 3])
+def test_f12_torque_is_taken_from_the_others_if_so_configured(sim, every):
+    """Also when some of the instructions are not heard."""
     with driver_at(sim, {**VALUES, "on_servo_fault": "torque_off"}) as bench:
         bench.enable()
+        sim.control.inject("lost", every=every)
         sim.control.inject("overload", id=ID)
         bench.until_state("FAULT", f"{JOINT}: overload")
         eventually(lambda: bench.torques() == [False] * 6 + [True], "the arm lets go")
+        sim.control.clear("lost")
         bench.cycles(20)
         assert bench.torques() == [False] * 6 + [True]
         bench.arm.enable()
         assert all(bench.torques())
+
+
+def test_a_servo_that_does_not_answer_may_hear_that_its_effort_is_over(bench):
+    bench.sim.control.inject("stuck", id=ID)
+    bench.stream(
+        "servo_jf", [0, 0, 0, 0, 0.4, 0], lambda: bench.servos()[ID]["torque_applied"] > 0.3
+    )
+    bench.sim.control.inject("drop", id=ID)
+    bench.until_state("FAULT", f"{JOINT} does not answer")
+    eventually(lambda: abs(bench.servos()[ID]["torque_applied"]) < 0.01, "it exerts nothing")
+    bench.sim.control.clear()
+    assert_enables_at_rest(bench)
 
 
 def test_a_blocked_joint_becomes_an_overload(bench):

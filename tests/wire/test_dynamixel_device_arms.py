@@ -1,6 +1,7 @@
 """Chains of every shape: packaged arms, grippers, shadows, several buses, both protocols, many turns."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -21,12 +22,16 @@ from dynamixel_bench import (
     sim_for,
     torque_ons,
 )
+from dynamixel_bytes import status2
+from dynamixel_peer import Peer
 
 import crtk_drivers
+from crtk_driver_dynamixel import PLUGIN
 from crtk_driver_dynamixel.arms import names
 from crtk_driver_dynamixel.calibration import Calibration, ServoCalibration, save_calibration
 from crtk_driver_dynamixel.gripper import SliderCrank
 from crtk_drivers.commands import Kind
+from crtk_drivers.config import from_values, load
 from crtk_drivers.device import Mode
 from crtk_drivers.errors import ConnectionFailed, TransitionFailed
 from crtk_drivers.session import Session
@@ -424,6 +429,16 @@ def test_a_servo_of_another_model_is_told_from_one_that_is_missing():
         bench.session.start()
         status = bench.until_state("FAULT", "joint wrist_rotate (servo 6 on main)")
         assert "scan" in status.detail
+
+
+def test_a_servo_of_a_model_that_nobody_knows_is_told():
+    with Peer() as peer:
+        peer.answer_all(lambda request: status2(1, (9999).to_bytes(2, "little") + b"\x2d"))
+        config = {**PATIENT, "port": peer.name, "joints": {"a": LOADS["a"]}}
+        device = PLUGIN.create(load(PLUGIN.config, from_values(config)))
+        refusal = r"joint a \(servo 1 on main\): .*model number is 9999.*connect them one at a time"
+        with pytest.raises(ConnectionFailed, match=refusal):
+            device.open(time.monotonic() + LONG)
 
 
 def test_the_session_has_one_thread_for_arm_and_gripper():

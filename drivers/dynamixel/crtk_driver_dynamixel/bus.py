@@ -89,7 +89,7 @@ class Bus:
             ConnectionFailed: it cannot be opened.
         """
         self.port.open()
-        self.line.forget()
+        self.line.reopened()
         self.revision += 1
 
     def close(self) -> None:

@@ -40,7 +40,7 @@ from crtk_driver_dynamixel.models import (
 )
 from crtk_driver_dynamixel.port import Port
 from crtk_driver_dynamixel.readings import HEALTH, MEASURED, SLOW, Frame, Health
-from crtk_driver_dynamixel.replies import ServoCorrupt, ServoSilent
+from crtk_driver_dynamixel.replies import ServoCorrupt, ServoRefused, ServoSilent
 from crtk_driver_dynamixel.servo_state import ServoState, Values, runs
 from crtk_driver_dynamixel.units import Counts, encoded
 from crtk_drivers.errors import ConfigError, ConnectionFailed, ConnectionLost
@@ -162,9 +162,13 @@ class ChainLink:
                 )
             try:
                 self.states.append(self._find(servo))
-            except (ServoSilent, ServoCorrupt) as error:
+            except (ServoSilent, ServoCorrupt, ServoRefused) as error:
                 missing.append(f"{servo.place}: {error.message}")
                 continue
+            except ConfigError as error:
+                raise ConnectionFailed(
+                    f"{servo.place}: {error.message}", where=self.address, remedy=error.remedy
+                ) from error
             self._take_state(place, self.states[-1])
         if missing:
             raise ConnectionFailed(

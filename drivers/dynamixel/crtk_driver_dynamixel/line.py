@@ -104,11 +104,16 @@ class Line:
         """Return the counters of a servo, which go on counting."""
         return self._servos[id]
 
-    def forget(self) -> None:
+    def reopened(self) -> None:
         """Forget what was under way, but not what may still come: the port was opened anew."""
         self._free_at = 0.0
         for parser in self._parsers.values():
             parser.finish()
+
+    def forget(self) -> None:
+        """Forget what may still come, too: it would come at another rate."""
+        self.reopened()
+        self._owed = Owed()
 
     def send(self, request: bytes) -> None:
         """Send what nobody replies to.

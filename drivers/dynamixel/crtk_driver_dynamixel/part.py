@@ -235,8 +235,11 @@ class Part:
                 if np.abs(speeds).max(initial=0) <= STANDING:
                     break
         if self._is_free or self.kind in (Kind.VELOCITY, Kind.EFFORT):
-            frame, now = self._frame, time.monotonic()
-            gone = {*self.silent(frame, now), *self._broken()}
+            gone = {*self.silent(self._frame, time.monotonic()), *self._broken()}
+            if self.kind is Kind.EFFORT:
+                # They may hear, though they do not answer.
+                nothing = {p: {self._goal_register(p, Kind.EFFORT): 0} for p in gone}
+                self._link.write_values(nothing)
             yield from self._switch(Kind.POSITION, [p for p in self.places if p not in gone])
             self._is_free = False
         elif self.kind is Kind.POSITION and self._has_profile:
@@ -291,6 +294,9 @@ class Part:
         watchdog = registers.watchdog_count(self._config.watchdog)
         yield from self._make_sure(self._each({"bus_watchdog": watchdog}))
         self._link.read_health(self.places)
+        end = time.monotonic() + SETTLE_TIME
+        while self.silent(self._frame, time.monotonic()) and time.monotonic() < end:
+            yield  # one that was silent before is read only now and then
 
     def disable(self) -> Steps:
         """Take the torque away, or leave the servos holding, as configured.
@@ -323,10 +329,13 @@ class Part:
             yield
 
     def let_go(self) -> None:
-        """Take the torque away, without waiting whether it is done."""
+        """Take the torque away now; the next cycles make sure of those that answer."""
         self._link.write_values(self._each({"torque_enable": 0}))
-        self.kind = self._work = self._pending = None
+        self.kind = self._pending = None
         self._is_free = False
+        gone = self.silent(self._frame, time.monotonic())
+        held = {place: {"torque_enable": 0} for place in self.places if place not in gone}
+        self._work = self._make_sure(held, written=True)
 
     def leave(self) -> None:
         """End motion, and have the servos hold on though nobody will talk to them any more.
