@@ -8,6 +8,7 @@ from urscript_helpers import run, start
 from crtk_sim_backends.ur.urscript import (
     Builtin,
     CompileError,
+    Dialect,
     ScriptRuntimeError,
     compile_program,
 )
@@ -22,7 +23,7 @@ def refusal(text: str) -> tuple[int, int, str]:
 def test_a_function_that_is_not_simulated_is_told_apart() -> None:
     text = "def f():\n  move_mountains()\nend"
     with pytest.raises(CompileError) as caught:
-        compile_program(text, {}, frozenset({"move_mountains"}))
+        compile_program(text, {}, Dialect(frozenset({"move_mountains"})))
     assert (caught.value.line, caught.value.column, caught.value.text) == (
         2,
         3,

@@ -16,7 +16,7 @@ from crtk_sim_backends.ur.messages import KeyMessage, RuntimeExceptionMessage, T
 from crtk_sim_backends.ur.script_rpc import ScriptRpc
 from crtk_sim_backends.ur.script_sockets import ScriptSockets
 from crtk_sim_backends.ur.urscript import Builtin
-from crtk_sim_backends.ur.urscript.manual import NAMES, SINCE, available, known_names
+from crtk_sim_backends.ur.urscript.manual import NAMES, SINCE, available, dialect_of
 
 
 def texts(body: str, **options: Any) -> list[str]:
@@ -177,7 +177,7 @@ def test_any_function_takes_any_arguments_or_says_what_is_wrong(data: st.DataObj
     ],
 )
 def test_functions_come_with_a_version(name: str, version: tuple[int, ...], has: bool) -> None:
-    assert (name in known_names(version)) is has
+    assert (name in dialect_of(version).known) is has
 
 
 def test_versions_are_given_for_functions_that_there_are() -> None:
@@ -200,6 +200,37 @@ def test_a_function_of_newer_software_is_not_found() -> None:
     (error,) = bench.of_type(RuntimeExceptionMessage)
     assert (error.line, error.column) == (3, 7)
     assert error.text == "compile_error_name_not_found:make_list:"
+
+
+RESIZED = (
+    "q = [1, 2]\nq = [3, 4]\nq = [1, 2, 3]",
+    "q = [1, 2]\ndef g():\n q = get_actual_joint_positions()\nend\ng()",
+    "def g(q):\n q = [1]\nend\nq = [1]\ng(q)\nr = [1, 2]\nr = q",
+    "s = struct(a=[1])\nq = [1, 2]\nif q[0] == 1:\n q = s.a\nend",
+)
+
+
+@pytest.mark.parametrize("body", RESIZED)
+def test_a_list_keeps_its_size_in_some_versions(body: str) -> None:
+    refused = ["Resizing of 'List' is not supported"]
+    assert texts(body, version=(5, 8, 2, 0)) == []
+    assert texts(body, version=(5, 9, 4, 0)) == refused
+    assert texts(body, version=(5, 14, 6, 0)) == refused
+    assert texts(body, version=(5, 15, 0, 0)) == []
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "if False:\n q = [1]\nend\nq = [1, 2]",
+        "while False:\n q = [1]\nend\nq = [1, 2]",
+        "q = 1\nq = [1, 2]",
+        "def g():\n local q = [1]\nend\nq = [1, 2]\ng()",
+        "q = [1, 2]\nq = p[1, 2, 3, 4, 5, 6][0]",
+    ],
+)
+def test_what_is_no_resizing(body: str) -> None:
+    assert texts(body, version=(5, 12, 4, 0)) == []
 
 
 def test_a_function_that_is_not_simulated_is_refused_by_name() -> None:

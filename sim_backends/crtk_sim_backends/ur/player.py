@@ -19,7 +19,7 @@ from crtk_sim_backends.ur.urscript import (
     ScriptError,
     available,
     compile_program,
-    known_names,
+    dialect_of,
 )
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class ProgramPlayer:
     def __init__(self, controller: Controller, thread_ended: Callable[[object], None]) -> None:
         self._controller = controller
         self._builtins: Mapping[str, Builtin] = {}
-        self._known = known_names(controller.version)
+        self._dialect = dialect_of(controller.version)
         self._program: ProgramRuntime | None = None
         self._next: _Next | None = None
         self._secondary: list[ProgramRuntime] = []
@@ -98,7 +98,7 @@ class ProgramPlayer:
     def check(self, text: str) -> ScriptError | None:
         """What is wrong with a script; None when it can be run."""
         try:
-            compile_program(text, self._builtins, self._known)
+            compile_program(text, self._builtins, self._dialect)
         except ScriptError as error:
             return error
         return None
@@ -106,7 +106,7 @@ class ProgramPlayer:
     def run(self, text: str) -> None:
         """Run a script; what is wrong with it becomes a message."""
         try:
-            program = compile_program(text, self._builtins, self._known)
+            program = compile_program(text, self._builtins, self._dialect)
         except ScriptError as error:
             self._report(error)
             return

@@ -12,7 +12,7 @@ from crtk_sim_backends.ur.urscript.errors import (
     ScriptRuntimeError,
 )
 from crtk_sim_backends.ur.urscript.library import PURE_BUILTINS, timing_builtins
-from crtk_sim_backends.ur.urscript.manual import available, known_names
+from crtk_sim_backends.ur.urscript.manual import Dialect, available, dialect_of
 from crtk_sim_backends.ur.urscript.values import (
     Builtin,
     Handle,
@@ -27,6 +27,7 @@ __all__ = [
     "PURE_BUILTINS",
     "Builtin",
     "CompileError",
+    "Dialect",
     "Halt",
     "Handle",
     "List",
@@ -38,7 +39,7 @@ __all__ = [
     "available",
     "compile_program",
     "copy_value",
-    "known_names",
+    "dialect_of",
     "timing_builtins",
     "to_text",
 ]

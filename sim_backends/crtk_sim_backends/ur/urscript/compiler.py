@@ -18,7 +18,7 @@ from typing import Any, Literal, NoReturn
 from crtk_sim_backends.ur.urscript import syntax, values
 from crtk_sim_backends.ur.urscript.errors import CompileError, Halt, ScriptRuntimeError
 from crtk_sim_backends.ur.urscript.lexer import source_line
-from crtk_sim_backends.ur.urscript.manual import ARRAYS, OLD_KEYWORDS
+from crtk_sim_backends.ur.urscript.manual import ARRAYS, OLD_KEYWORDS, Dialect
 from crtk_sim_backends.ur.urscript.methods import call_method
 from crtk_sim_backends.ur.urscript.parser import parse
 from crtk_sim_backends.ur.urscript.scopes import Scope, analyse
@@ -40,6 +40,7 @@ _HELPERS: dict[str, object] = {
     "build": values.build,
     "struct": values.build_struct,
     "fitting": values.fitting,
+    "same_size": values.same_size,
     "set_member": values.set_member,
     "method": call_method,
     "List": values.List,
@@ -118,17 +119,17 @@ class Program:
 
 
 def compile_program(
-    text: str, builtins: Mapping[str, Builtin], known: frozenset[str] = frozenset()
+    text: str, builtins: Mapping[str, Builtin], dialect: Dialect | None = None
 ) -> Program:
     """Compile a script: one ``def`` or ``sec``, or loose statements.
 
     The result is cached by text and by the names in ``builtins``.
 
-    :param known: functions of the controller; one that is no built-in gets an error of its own.
+    :param dialect: the language of the controller's software; the plainest by default.
     :raises CompileError: with line, column and the controller's text.
     """
     signature = frozenset((name, builtin.blocking) for name, builtin in builtins.items())
-    compiled = _compile(text, signature, known)
+    compiled = _compile(text, signature, dialect or Dialect())
     if isinstance(compiled, CompileError):
         raise compiled.with_traceback(None)
     name, kind, code, positions = compiled
@@ -140,20 +141,20 @@ _Compiled = tuple[str, ProgramKind, CodeType, Sequence[tuple[int, int]]]
 
 @functools.lru_cache(CACHED_PROGRAMS)
 def _compile(
-    text: str, builtins: frozenset[tuple[str, bool]], known: frozenset[str]
+    text: str, builtins: frozenset[tuple[str, bool]], dialect: Dialect
 ) -> _Compiled | CompileError:
     """Compile, or return the error: the cache keeps it too."""
     try:
-        return _compiled(text, builtins, known)
+        return _compiled(text, builtins, dialect)
     except CompileError as error:
         return error
 
 
-def _compiled(text: str, builtins: frozenset[tuple[str, bool]], known: frozenset[str]) -> _Compiled:
+def _compiled(text: str, builtins: frozenset[tuple[str, bool]], dialect: Dialect) -> _Compiled:
     main, kind = _main_function(parse(text))
     blocking = frozenset(name for name, blocks in builtins if blocks)
     root = analyse(main, blocking)
-    emitter = _Emitter(text, root, frozenset(name for name, _ in builtins), blocking, known)
+    emitter = _Emitter(text, root, frozenset(name for name, _ in builtins), blocking, dialect)
     emitter.function(root, 0)
     try:
         code = compile("\n".join(emitter.lines), _FILE, "exec", dont_inherit=True)
@@ -179,16 +180,17 @@ class _Emitter:
         root: Scope,
         builtins: frozenset[str],
         blocking: frozenset[str],
-        known: frozenset[str],
+        dialect: Dialect,
     ) -> None:
         self.lines: list[str] = []
         self.positions: list[tuple[int, int]] = []
         self._text = text
         self._builtins = builtins
         self._blocking = blocking
-        self._known = known
+        self._dialect = dialect
         self._scope = root
         self._defined: set[Scope] = set()
+        self._assigned: set[str] = set()  # variables that have a value wherever the writing is
         self._operations = 0  # written since the last check of the budget
 
     def _write(self, indent: int, code: str, node: syntax.Statement | syntax.Expression) -> None:
@@ -211,6 +213,8 @@ class _Emitter:
             parameters.append(name if default is None else f"{name}={self._expression(default)}")
         self._write(indent, f"def f{scope.number}({', '.join(parameters)}):", function)
         outer, self._scope = self._scope, scope
+        outer_assigned, self._assigned = self._assigned, self._assigned.copy()
+        self._assigned.update(_variable(scope.depth, item.name) for item in function.parameters)
         self._defined.add(scope)
         indent += 1
         if scope.bound:
@@ -228,12 +232,18 @@ class _Emitter:
                 name = _variable(scope.depth, parameter.name)
                 self._write(indent, f"{name} = copy({name})", function)
         self._block(function.body, indent)
-        self._scope = outer
+        self._scope, self._assigned = outer, outer_assigned
 
     def _spend(self, indent: int, node: syntax.Statement) -> None:
         self._write(indent, "budget[0] -= 1", node)
         self._write(indent, "if budget[0] < 0: overrun()", node)
         self._operations = 0
+
+    def _inner_block(self, block: syntax.Block, indent: int) -> None:
+        """Write a block that may be left out: what it assigns may have no value after it."""
+        assigned = self._assigned.copy()
+        self._block(block, indent)
+        self._assigned = assigned
 
     def _block(self, block: syntax.Block, indent: int) -> None:
         for statement in block:
@@ -252,7 +262,7 @@ class _Emitter:
             case syntax.While(condition=condition, body=body):
                 self._write(indent, f"while {self._expression(condition)}:", node)
                 self._spend(indent + 1, node)
-                self._block(body, indent + 1)
+                self._inner_block(body, indent + 1)
             case syntax.Return(value=value):
                 code = "return" if value is None else f"return {self._expression(value)}"
                 self._write(indent, code, node)
@@ -277,7 +287,11 @@ class _Emitter:
             if node.value is None:  # a declaration: the name must exist in Python as well
                 self._write(indent, f"if False: {name} = None", node)
             else:
-                self._write(indent, f"{name} = {self._copied(node.value)}", node)
+                value = self._copied(node.value)
+                if self._dialect.fixed_lists and name in self._assigned and _is_list(node.value):
+                    value = f"same_size({name}, {value})"
+                self._write(indent, f"{name} = {value}", node)
+                self._assigned.add(name)
         elif node.value is not None:
             value = self._expression(node.value)
             if not _is_literal(node.value):
@@ -313,7 +327,7 @@ class _Emitter:
     def _arm(self, body: syntax.Block, indent: int, node: syntax.If) -> None:
         if not body:
             self._write(indent, "pass", node)
-        self._block(body, indent)
+        self._inner_block(body, indent)
 
     # expressions
 
@@ -377,7 +391,7 @@ class _Emitter:
             return self._struct(node, depth)
         if function is None:
             if node.name not in self._builtins:
-                known = node.name in self._known
+                known = node.name in self._dialect.known
                 refuse = CompileError.not_simulated if known else CompileError.name_not_found
                 raise refuse(node.name, node.line, node.column)
             code = f"b_{node.name}({self._arguments(node, depth)})"
@@ -433,6 +447,11 @@ class _Emitter:
             for name, value in node.keywords
         ]
         return f"f{function.number}({', '.join(codes)})"
+
+
+def _is_list(node: syntax.Expression) -> bool:
+    """Tell whether the value of an expression may be a list of any size."""
+    return isinstance(node, (syntax.ListLiteral, *_SHARED))
 
 
 def _is_literal(node: syntax.Expression) -> bool:

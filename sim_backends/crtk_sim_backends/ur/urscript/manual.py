@@ -7,6 +7,7 @@ configuration), the scripts that UR publishes, and for the versions what is said
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from crtk_sim_backends.ur.urscript.values import Builtin
@@ -150,6 +151,10 @@ OLD_KEYWORDS: Final = {("speedj", "t_min"): "t", ("speedl", "t_min"): "t"}
 ARRAYS: Final = {"digital_out": "set_digital_out"}
 """Variables that are the controller's, with the function that assigns an item; urx uses it."""
 
+_FIXED_LISTS: Final = ((5, 9), (5, 15))
+"""First software in which "Resizing of 'List' is not supported", and first in which it is again:
+5.9.4 to 5.14.6, found with every URSim by an author of URCaps; lists with a capacity came in 5.15."""
+
 _ALWAYS: Final = Since((0, 0), (0, 0), (0, 0))
 
 
@@ -163,6 +168,19 @@ def available(builtins: Mapping[str, Builtin], version: tuple[int, ...]) -> dict
     return {name: call for name, call in {**builtins, **aliases}.items() if _has(name, version)}
 
 
-def known_names(version: tuple[int, ...]) -> frozenset[str]:
-    """Return the functions that a controller with this software has, simulated or not."""
-    return frozenset(name for name in NAMES if _has(name, version))
+@dataclass(frozen=True)
+class Dialect:
+    """What the language itself owes to the software version.
+
+    ``known`` are the functions, simulated or not. With ``fixed_lists`` a variable keeps the size of
+    its first list.
+    """
+
+    known: frozenset[str] = frozenset()
+    fixed_lists: bool = False
+
+
+def dialect_of(version: tuple[int, ...]) -> Dialect:
+    """Return the language of a controller with this software."""
+    known = frozenset(name for name in NAMES if _has(name, version))
+    return Dialect(known, _FIXED_LISTS[0] <= tuple(version[:2]) < _FIXED_LISTS[1])

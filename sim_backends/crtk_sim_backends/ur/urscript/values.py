@@ -255,6 +255,13 @@ def fitting(whole: Any, part: Any) -> Any:
     return part.copy()
 
 
+def same_size(old: Any, new: Any) -> Any:
+    """Return what a variable gets that holds ``old``, where a list keeps its size."""
+    if isinstance(new, list) and isinstance(old, list) and len(new) != len(old):
+        raise ScriptRuntimeError("Resizing of 'List' is not supported")
+    return new
+
+
 def set_member(struct: Any, name: str, value: Any) -> None:
     """Assign to a member that a struct has."""
     if not isinstance(struct, Struct):
