@@ -53,6 +53,14 @@ def test_the_state_says_what_rtde_says(sim):
     assert configuration[-2] == 1  # UR5
 
 
+def test_the_state_tells_how_the_line_to_the_tool_is_set(sim):
+    with PrimaryClient(sim.host) as client:
+        client.send(b"set_tool_communication(True, 9600, 2, 1, 2.0, 4.0)\n")
+        wait_until(lambda: struct.unpack(">?3I2f", client.state()[11]) == (1, 9600, 2, 1, 2.0, 4.0))
+        client.send(b"set_tool_communication(False, 115200, 0, 1, 1.5, 3.5)\n")
+        wait_until(lambda: not client.state()[11][0])
+
+
 def test_states_come_ten_times_a_second(sim):
     with PrimaryClient(sim.host) as client:
         client.state()

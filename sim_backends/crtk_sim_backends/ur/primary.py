@@ -12,7 +12,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from math import radians
 from typing import Any, Final
 
@@ -27,6 +27,7 @@ from crtk_sim_backends.ur.messages import (
 )
 from crtk_sim_backends.ur.models import ALPHA, RobotModel
 from crtk_sim_backends.ur.safety import RobotMode, RobotStatus, RuntimeState, SafetyMode
+from crtk_sim_backends.ur.tool_line import LineSettings
 from crtk_sim_backends.ur.variables import Version
 
 STATE_PERIOD: Final = 0.1  # s
@@ -109,6 +110,7 @@ class _Source:
     image: Image
     safety_checksum: int
     operational_mode: str
+    line: LineSettings
 
 
 @dataclass(frozen=True)
@@ -222,6 +224,7 @@ _CB3: Final = (3, 0)
 _E: Final = (5, 0)
 _E_ONLY: Final = None
 _DEXTERITY: Final = 1.0
+_NO_LINE: Final = LineSettings()
 _POSITION_LIMIT: Final = 6.3355451848  # rad, 363 degrees as the controller rounds them
 _TOOL_MODES: Final = (
     "tool_output_mode",
@@ -280,10 +283,7 @@ _PARTS: Final[tuple[tuple[int, tuple[_Piece, ...]], ...]] = (
             ),
         ),
     ),
-    (  # tool communication: off; baud, parity, stop bits, idle characters
-        11,
-        (_Piece(_E_ONLY, _E, "?3I2f", lambda s: (False, 115200, 0, 1, 1.5, 3.5)),),
-    ),
+    (11, (_Piece(_E_ONLY, _E, "?3I2f", lambda s: astuple(s.line)),)),
     (12, (_Piece(_E_ONLY, (5, 2), "3B", lambda s: [s.image[name] for name in _TOOL_MODES]),)),
     (13, (_Piece(_E_ONLY, (5, 10), "2B", lambda s: (0, 0)),)),  # singularity: severity, type
 )
@@ -303,14 +303,17 @@ class RobotStateEncoder:
                 body = struct.Struct(">" + "".join(piece.format for piece in present))
                 self._parts.append((number, body, [piece.values for piece in present]))
 
-    def packet(self, image: Image, operational_mode: str = "NONE") -> bytes:
+    def packet(
+        self, image: Image, operational_mode: str = "NONE", line: LineSettings = _NO_LINE
+    ) -> bytes:
         """Build the packet with all sub-packages.
 
         Args:
             image: process image by RTDE variable name.
             operational_mode: "NONE", "MANUAL" or "AUTOMATIC".
+            line: settings of the serial line to the tool.
         """
-        source = _Source(self._model, image, self._safety_checksum, operational_mode)
+        source = _Source(self._model, image, self._safety_checksum, operational_mode, line)
         return _frame(
             ROBOT_STATE,
             b"".join(
