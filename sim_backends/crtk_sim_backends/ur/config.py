@@ -34,11 +34,12 @@ PORTS: Final = {
     "realtime_read_only": 30013,
     "modbus": 502,
     "tool": 54321,
+    "robot_api": 80,
 }
 """TCP ports of the controller by name.
 
-PolyScope X (10.x) has no dashboard server, CB3 no serial line to the tool, and the Modbus server is
-an option.
+PolyScope X (10.x) has the Robot API in place of the dashboard server, CB3 no serial line to the
+tool; Modbus server and Robot API are options.
 """
 
 _DEFAULT_VERSIONS: Final = {True: "3.15.8", False: "5.12.4"}  # by "is a CB3 arm"
@@ -67,6 +68,11 @@ class SimConfig(Options):
     modbus_port: int = option(
         PORTS["modbus"],
         "its port; most systems permit 502 to root only; 0: any free one",
+    )
+    robot_api: bool = option(False, "PolyScope X from 10.11: have the Robot API (JSON over HTTP)")
+    robot_api_port: int = option(
+        PORTS["robot_api"],
+        "its port; most systems permit 80 to root only; 0: any free one",
     )
     tool_communication: bool = option(
         False, "start with the serial line to the tool on, at 115200 8N1, and 24 V for the tool"
@@ -115,6 +121,9 @@ class SimConfig(Options):
         if self.robot.is_cb3 and not self.remote:
             raise ConfigError("remote: a CB3 controller has no local control")
         check_port("modbus_port", self.modbus_port)
+        check_port("robot_api_port", self.robot_api_port)
+        if self.robot_api and self.software[:2] < (10, 11):
+            raise ConfigError("robot_api: software before 10.11 has none; give a version")
         if self.tool_device:
             parse_device(self.tool_device)
         if self.robot.is_cb3 and (self.tool_device or self.tool_communication):
@@ -162,11 +171,13 @@ class SimConfig(Options):
     @property
     def ports(self) -> dict[str, int]:
         """The TCP ports that this controller has, by name, without the control port."""
-        ports = {**PORTS, "modbus": self.modbus_port}
+        ports = {**PORTS, "modbus": self.modbus_port, "robot_api": self.robot_api_port}
         if self.software[0] >= 10:
             del ports["dashboard"]
         if self.robot.is_cb3:
             del ports["tool"]
         if not self.modbus:
             del ports["modbus"]
+        if not self.robot_api:
+            del ports["robot_api"]
         return ports

@@ -46,6 +46,15 @@ class ProgramFiles:
         """Script of the loaded program."""
         return self._text
 
+    def names(self) -> list[str]:
+        """Paths of the programs that can be loaded."""
+        found = set(_BUILT_IN)
+        if self._folder is not None:
+            for path in self._folder.rglob("*"):
+                if path.suffix in (".urp", ".script"):
+                    found.add(str(path.relative_to(self._folder).with_suffix(".urp")))
+        return sorted(found)
+
     def load(self, name: str, text: str) -> None:
         """Remember a program as the loaded one."""
         self.loaded, self._text = _within(name), text

@@ -44,6 +44,7 @@ from crtk_sim_backends.ur.primary import (
     version_message,
 )
 from crtk_sim_backends.ur.programs import ProgramFiles
+from crtk_sim_backends.ur.robot_api import RobotApiSession
 from crtk_sim_backends.ur.rtde import InputClaims, RtdeError, RtdeSession, Trace
 from crtk_sim_backends.ur.script_port import ScriptSession
 from crtk_sim_backends.ur.script_queue import ScriptQueue
@@ -81,6 +82,7 @@ class Statistics:
     busy: float = 0.0  # s spent in periods, waiting excluded
     accepted: int = 0  # connections
     rtde_dropped: int = 0  # packages that slow RTDE clients did not get
+    defects: int = 0  # connections that an unexpected error of the simulator closed
 
 
 class UrServer:
@@ -177,7 +179,8 @@ class UrServer:
         return version_message(self.config.software, self.controller.time) + self._state()
 
     def _state(self) -> bytes:
-        return self._encoder.packet(self.controller.outputs, self.controller.operational_mode)
+        c = self.controller
+        return self._encoder.packet(c.outputs, c.operational_mode, c.tool_communication)
 
     def stop(self) -> None:
         """End :meth:`run` within one control period. Safe in a signal handler."""
@@ -351,6 +354,8 @@ class UrServer:
                 )
             case "dashboard":
                 return DashboardSession(self._robot, self._dashboard_commands.append)
+            case "robot_api":
+                return RobotApiSession(self._robot)
             case "modbus":
                 return self._external.modbus_session()
             case "tool":
@@ -376,10 +381,12 @@ class UrServer:
         """What a client's session answers to what has arrived."""
         connection = client.connection
         try:
-            return b"".join([client.session.receive(piece) for piece in connection.take(now)])
+            pieces = connection.take(now) or ([b""] if _waits(client) else [])
+            return b"".join([client.session.receive(piece) for piece in pieces])
         except RtdeError as error:
             log.warning("closing %s connection %d: %s", port, client.number, error)
         except Exception:
+            self.statistics.defects += 1
             log.exception("a defect of the simulator closes %s client %d", port, client.number)
         connection.close()
         return b""
@@ -395,6 +402,7 @@ class UrServer:
         try:
             client.session.close()
         except Exception:
+            self.statistics.defects += 1
             log.exception("a defect of the simulator, as %s client %d went", port, client.number)
 
     def _disconnect(self, port: Port) -> None:
@@ -407,7 +415,7 @@ class UrServer:
         """Move on what a slow peer or a delaying wire has held back."""
         for client in list(port.clients):
             client.connection.flush(now)
-            if client.connection.has_input or client.connection.ended:
+            if client.connection.has_input or client.connection.ended or _waits(client):
                 self._process(port, client, now)
 
     def _report(self, now: float) -> None:
@@ -579,3 +587,8 @@ class UrServer:
             }
             for client in port.clients
         ]
+
+
+def _waits(client: Client) -> bool:
+    """Whether a client's command is not done yet."""
+    return isinstance(client.session, RobotApiSession) and client.session.waiting
