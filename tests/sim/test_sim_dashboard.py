@@ -76,6 +76,19 @@ def test_lines_may_be_split_joined_and_end_in_crlf(dashboard):
     ]
 
 
+def test_log_and_pop_up_can_be_looked_at(sim, dashboard):
+    dashboard.ask("addToLog  cell door opened")
+    dashboard.ask("popup close the door")
+    status = wait_until(lambda: (now := sim.control.status())["popup"] == "close the door" and now)
+    assert status["log"][-1]["text"] == "cell door opened"
+    with PrimaryClient(sim.host) as primary:
+        primary.send(b"nothing_such()\n")
+        primary.message(10)
+    assert "name_not_found:nothing_such" in sim.control.status()["log"][-1]["text"]
+    dashboard.ask("close popup")
+    assert sim.control.status()["popup"] is None
+
+
 def test_quit_closes_the_connection(dashboard):
     assert dashboard.ask("quit") == "Disconnected"
     assert dashboard.closed_by_peer()
@@ -231,7 +244,7 @@ def test_programs_come_from_a_folder(tmp_path):
         assert dashboard.ask("load installation cell.installation").startswith("Loading")
         with PrimaryClient(sim.host) as primary:
             assert dashboard.ask("play") == "Starting program"
-            assert primary.message(7)[8:] == bytes([19]) + b"PROGRAM_XXX_STARTEDpick"
+            wait_until(lambda: primary.message(7)[9:] == b"PROGRAM_XXX_STARTEDpick")
         assert dashboard.ask("programState") == "PLAYING pick.urp"
         assert dashboard.ask("load installation cell.installation").startswith("Failed to load")
 

@@ -110,8 +110,11 @@ def test_switching_to_local_control_drops_the_script_clients():
             assert struct.unpack_from(">i", again.message(6)) == (210,)
             own.control.clear("local_control")
             wait_until(lambda: own.control.status()["remote"])
-            again.send(b'textmsg("now")\n')
-            assert again.message(0) == b"now"
+            again.send(b'textmsg("never")\n')  # opened in local control, it stays read-only
+            assert struct.unpack_from(">i", again.message(6)) == (210,)
+            with PrimaryClient(own.host) as anew:
+                anew.send(b'textmsg("now")\n')
+                assert again.message(0) == b"now"
 
 
 def test_plain_commands_on_a_script_port():

@@ -116,6 +116,17 @@ def test_protective_stop_is_locked_for_five_seconds(bench: Bench) -> None:
     assert bench.controller.runtime_state == RuntimeState.PLAYING
 
 
+def test_a_script_port_unlocks_a_protective_stop_at_once(bench: Bench) -> None:
+    """As the tests of UR's client library do, which wait for the dashboard's five seconds alone."""
+    bench.controller.protective_stop()
+    bench.seconds(0.2)
+    assert not bench.controller.unlock_protective_stop()
+    bench.controller.run_script("set unlock protective stop\n")
+    bench.ticks(1)
+    assert bench["safety_mode"] == 1
+    assert [m.mode for m in bench.of_type(SafetyModeMessage)] == [3, 1]
+
+
 def test_a_program_is_refused_in_a_protective_stop(bench: Bench) -> None:
     bench.controller.protective_stop()
     bench.start(FOREVER)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
@@ -58,6 +59,8 @@ from crtk_sim_backends.ur.tool_line import LineSettings
 from crtk_sim_backends.ur.urscript import PURE_BUILTINS, Builtin, timing_builtins
 from crtk_sim_backends.ur.wiring import Wire
 
+LOG_SIZE: Final = 200
+
 _NOT_IN_REMOTE: Final = 210
 _PLAYABLE: Final[tuple[RuntimeState, ...]] = (RuntimeState.STOPPED, RuntimeState.STOPPING)
 _FAILURES: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, SafetyMode.FAULT)
@@ -96,6 +99,7 @@ class Controller:
         user_role: role that the dashboard of a CB3 controller set.
         programs: stored programs and installations, and which of them are loaded.
         safety: the safety system.
+        log: time and content of the last messages, and of what clients added.
         player: runs the programs.
         signals: digital and analog signals.
         port_map: registers and bits of its Modbus server.
@@ -152,12 +156,13 @@ class Controller:
         self.gravity: tuple[float, ...] = (0.0, 0.0, 9.82)
         self.load_revision = 0
 
+        self.log: deque[tuple[float, Message | str]] = deque(maxlen=LOG_SIZE)
         self._messages: list[Message] = []
         self._power = ArmPower(boot_seconds)
         self._speed_slider = 1.0  # ramped towards target_speed_fraction
         motion = MotionControl(self)
         self._moves = Moves(motion)
-        self.player = ProgramPlayer(self, motion.release)
+        self.player: ProgramPlayer = ProgramPlayer(self, motion.release)
         self.player.set_builtins(
             {
                 **PURE_BUILTINS,
@@ -362,8 +367,9 @@ class Controller:
     # Messages and pop-ups.
 
     def post(self, message: Message) -> None:
-        """Queue a message for the primary clients."""
+        """Queue a message for the primary clients, and enter it in the log."""
         self._messages.append(message)
+        self.log.append((self.time, message))
 
     def take_messages(self) -> list[Message]:
         """Messages since the last call, oldest first."""
@@ -428,11 +434,15 @@ class Controller:
         self.player.end()
         return True
 
-    def unlock_protective_stop(self) -> bool:
-        """Leave a protective stop. Refused in its first 5 s."""
+    def unlock_protective_stop(self, *, at_once: bool = False) -> bool:
+        """Leave a protective stop. Refused in its first 5 s, but for `at_once`.
+
+        It is PolyScope that keeps the five seconds; the script ports reach the controller behind it
+        (tests of UR's client library unlock there within a second).
+        """
         if not self.safety.stopped_protectively:
             return True
-        unlocked = self.safety.unlock_protective_stop(self.time)
+        unlocked = self.safety.unlock_protective_stop(self.time, at_once=at_once)
         self._apply_safety()
         return unlocked
 
@@ -602,6 +612,10 @@ class Controller:
             self.compliance.end()
 
 
+def _unlock_at_once(controller: Controller) -> None:
+    controller.unlock_protective_stop(at_once=True)
+
+
 _LINE_COMMANDS: Final[dict[str, Callable[[Controller], object]]] = {
     "stop program": Controller.stop,
     "pause program": Controller.pause,
@@ -610,8 +624,8 @@ _LINE_COMMANDS: Final[dict[str, Callable[[Controller], object]]] = {
     "power on": Controller.power_on,
     "power off": Controller.power_off,
     "set robotmode run": Controller.brake_release,
-    "set unlock protective stop": Controller.unlock_protective_stop,
-    "unlock protective stop": Controller.unlock_protective_stop,
+    "set unlock protective stop": _unlock_at_once,
+    "unlock protective stop": _unlock_at_once,
     "close popup": Controller.close_popup,
 }
 """Lines of the script ports that are no URScript."""

@@ -7,7 +7,6 @@ Not simulated: upload and download of programs, support files, and setting the o
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -19,8 +18,6 @@ from crtk_sim_backends.ur.variables import Version
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller
     from crtk_sim_backends.ur.dashboard import Robot
-
-log = logging.getLogger(__name__)
 
 BASE: Final = "/universal-robots/robot-api"
 PATIENCE: Final = 9.0  # s that a command may take; clients wait for ten
@@ -275,7 +272,8 @@ class RobotApiSession:
         """There is none to close."""
 
     def _add_to_log(self, body: bytes) -> None:
-        log.info("log message of a Robot API client: %s", _text(body, "message"))
+        controller = self._robot.controller
+        controller.log.append((controller.time, _text(body, "message")))
 
     def _finish(self) -> bytes | None:
         """Answer to the command under way once it is done or has taken too long."""

@@ -87,9 +87,10 @@ class SafetySystem:
         self._protective_stop_time = time
         self._causes.add(SafetyMode.PROTECTIVE_STOP)
 
-    def unlock_protective_stop(self, time: float) -> bool:
-        """End it; False in its first 5 s."""
-        if time - self._protective_stop_time < PROTECTIVE_STOP_LOCK_SECONDS:
+    def unlock_protective_stop(self, time: float, *, at_once: bool = False) -> bool:
+        """End it; False in its first 5 s, but for `at_once`."""
+        locked = time - self._protective_stop_time < PROTECTIVE_STOP_LOCK_SECONDS
+        if locked and not at_once:
             return False
         self._causes.discard(SafetyMode.PROTECTIVE_STOP)
         return True

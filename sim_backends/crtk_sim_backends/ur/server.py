@@ -68,6 +68,7 @@ _WAKE_UPS: Final = 8  # times that data is handled on arrival in one period, the
 _LAST_COMMANDS: Final = 20
 _WRITABLE: Final = ("primary", "secondary", "realtime")
 _PLACES: Final = ("port", "joint", "index")  # parameters that say where a fault is
+_DECIDED_ONCE: Final = ("primary", "secondary")  # read-only for good when opened in local control
 _SWITCH_INTERVAL: Final = 1e-4  # s that the loop waits for the thread that compiles
 
 
@@ -370,7 +371,8 @@ class UrServer:
                         "trace": self._trace_after,
                     }
                 )
-        return ScriptSession(self._scripts.put if name in _WRITABLE else self._scripts.refuse)
+        read_only = name not in _WRITABLE or (name in _DECIDED_ONCE and not self.controller.remote)
+        return ScriptSession(self._scripts.refuse if read_only else self._scripts.put)
 
     def _process(self, port: Port, client: Client, now: float) -> None:
         """Let a client's session take what has arrived, and send its answer."""
@@ -570,6 +572,8 @@ class UrServer:
             "connections": {name: self._connections(port) for name, port in self._ports.items()},
             "input_packages": self._trace.count,
             "scripts": list(self._scripts.last),
+            "popup": controller.popup_text,
+            "log": [{"time": time, "text": str(entry)} for time, entry in controller.log],
             "dashboard_commands": list(self._dashboard_commands),
             "faults": [{"kind": fault.kind, **fault.parameters} for fault in self._faults.active],
             "outputs": dict(controller.outputs),
