@@ -36,6 +36,8 @@ from crtk_sim_backends.ur.dashboard import GREETING, DashboardSession, Robot
 from crtk_sim_backends.ur.external import ExternalDevices
 from crtk_sim_backends.ur.injection import ALL_PORTS, BEGIN, END, EVENTS, KINDS
 from crtk_sim_backends.ur.messages import KeyMessage
+from crtk_sim_backends.ur.modbus_client import ModbusUnits
+from crtk_sim_backends.ur.modbus_library import modbus_builtins
 from crtk_sim_backends.ur.ports import Client, Mute, Port, Session
 from crtk_sim_backends.ur.primary import (
     STATE_PERIOD,
@@ -117,6 +119,7 @@ class UrServer:
 
         self._sockets = ScriptSockets(self.host, self.ports.values())
         self._rpc = ScriptRpc(self.host)
+        self._modbus_units = ModbusUnits(self.host, self.ports.get("modbus"))
         self.controller = Controller(
             config.robot,
             config.software,
@@ -165,6 +168,7 @@ class UrServer:
     def _network_builtins(self, controller: Controller) -> Iterator[Builtin]:
         yield from self._sockets.builtins(controller)
         yield from self._rpc.builtins()
+        yield from modbus_builtins(controller, self._modbus_units)
 
     def _greeting(self, name: str) -> Callable[[], bytes]:
         greetings = {
@@ -190,6 +194,7 @@ class UrServer:
     def close(self) -> None:
         """Close every socket."""
         self._sockets.close_all()
+        self._modbus_units.close()
         self._external.close()
         self._close_ports()
 

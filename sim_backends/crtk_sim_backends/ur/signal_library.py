@@ -6,11 +6,11 @@ Names, parameters and values follow the URScript manual, chapters "interfaces" a
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from crtk_sim_backends.ur.registers import BOOLEANS
+from crtk_sim_backends.ur.registers import BOOLEANS, boolean_written, read_boolean
 from crtk_sim_backends.ur.signals import ANALOG_INPUTS, ANALOG_OUTPUTS, DIGITAL, TOOL_VOLTAGES
-from crtk_sim_backends.ur.state_signals import ACTIONS, CHOICES, POWER_CHOICES, Output
+from crtk_sim_backends.ur.state_signals import ACTIONS, CHOICES, POWER_CHOICES
 from crtk_sim_backends.ur.tool_line import BAUD_RATES, PARITIES, LineSettings
 from crtk_sim_backends.ur.urscript import Builtin, ScriptRuntimeError
 
@@ -29,7 +29,8 @@ _OUTPUTS: Final = "actual_digital_output_bits"
 _POWER_MODE: Final = (0, 1)  # digital outputs, or power on both pins
 _PIN_MODES: Final = (1, 2, 3)  # sinking (NPN), sourcing (PNP), push-pull
 
-Call = Callable[..., Any]
+Call: TypeAlias = Callable[..., Any]
+SetOutput: TypeAlias = Callable[[int, bool], object]
 
 
 def signal_builtins(controller: Controller) -> Iterator[Builtin]:
@@ -190,24 +191,35 @@ def _tool_connector(c: Controller) -> dict[str, Call]:
     }
 
 
+def input_action(name: str, action: Any) -> str:
+    """Check the action that a built-in is to give to an input."""
+    if action not in ACTIONS:
+        raise ScriptRuntimeError(f"{name}: no action {action}")
+    return str(action)
+
+
 def _actions(c: Controller) -> dict[str, Call]:
     """What inputs do beside being read."""
 
-    def checked(name: str, action: Any) -> str:
-        if action not in ACTIONS:
-            raise ScriptRuntimeError(f"{name}: no action {action}")
-        return str(action)
-
     def setter(name: str, kind: str) -> Call:
         def set_action(port: int, action: str) -> None:
-            c.state_signals.set_digital_action(_pin(name, kind, port), checked(name, action))
+            bit = _pin(name, kind, port)
+            c.state_signals.set_action(
+                f"{kind} input {port}",
+                lambda: bool(c.outputs[_INPUTS] >> bit & 1),
+                input_action(name, action),
+            )
 
         return set_action
 
     def set_gp_boolean_input_action(port: int, action: str) -> None:
         name = "set_gp_boolean_input_action"
         register = _one_of(name, "boolean register", port, range(BOOLEANS))
-        c.state_signals.set_register_action(register, checked(name, action))
+        c.state_signals.set_action(
+            f"boolean input register {register}",
+            lambda: read_boolean(c.inputs, "input", register),
+            input_action(name, action),
+        )
 
     def set_input_actions_to_default() -> None:
         c.state_signals.clear_actions()
@@ -225,26 +237,33 @@ def _actions(c: Controller) -> dict[str, Call]:
 def _run_state(c: Controller) -> dict[str, Call]:
     """Outputs that follow the program and the power of the arm."""
 
-    def setter(name: str, make: Callable[[int], Output], count: int, choices: range) -> Call:
+    def set_register(register: int, level: bool) -> None:
+        c.outputs.update(boolean_written(c.outputs, "output", register, level))
+
+    def digital(kind: str) -> SetOutput:
+        first = DIGITAL[kind][0]
+        return lambda n, level: c.signals.set_digital_outputs(1 << first + n, -1 if level else 0)
+
+    def setter(name: str, set_output: SetOutput, count: int, choices: range) -> Call:
         def set_choice(outputId: int, state: int) -> None:  # noqa: N803
-            output = make(_one_of(name, "output", outputId, range(count)))
-            c.state_signals.set_choice(output, _one_of(name, "state", state, choices))
+            output = _one_of(name, "output", outputId, range(count))
+            choice = _one_of(name, "state", state, choices)
+            c.state_signals.set_choice(
+                f"{name} {output}", lambda level: set_output(output, level), choice
+            )
 
         return set_choice
 
-    def digital(kind: str) -> Callable[[int], Output]:
-        return lambda n: Output("digital", DIGITAL[kind][0] + n)
-
-    rows = (
+    rows: tuple[tuple[str, SetOutput, int, range], ...] = (
         ("standard_digital_output", digital("standard"), 8, POWER_CHOICES),
         ("configurable_digital_output", digital("configurable"), 8, POWER_CHOICES),
         ("tool_digital_output", digital("tool"), 2, CHOICES),
-        ("standard_analog_output", lambda n: Output("analog", n), 2, POWER_CHOICES),
-        ("gp_boolean_output", lambda n: Output("register", n), BOOLEANS, POWER_CHOICES),
+        ("standard_analog_output", c.signals.set_analog_output, 2, POWER_CHOICES),
+        ("gp_boolean_output", set_register, BOOLEANS, POWER_CHOICES),
     )
     calls: dict[str, Call] = {
-        (name := f"set_runstate_{stem}_to_value"): setter(name, make, count, choices)
-        for stem, make, count, choices in rows
+        (name := f"set_runstate_{stem}_to_value"): setter(name, set_output, count, choices)
+        for stem, set_output, count, choices in rows
     }
 
     def set_low_when_stopped(outputs: list[int]) -> None:

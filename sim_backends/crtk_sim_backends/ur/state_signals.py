@@ -6,16 +6,17 @@ Source: URScript manual, chapter "ioconfiguration": `set_runstate_..._to_value` 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from enum import Enum
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeAlias
 
-from crtk_sim_backends.ur.registers import boolean_written, read_boolean
 from crtk_sim_backends.ur.safety import RobotMode, RuntimeState
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller
+
+SetLevel: TypeAlias = Callable[[bool], object]
+ReadLevel: TypeAlias = Callable[[], bool]
 
 FREEDRIVE: Final = "freedrive"
 ACTIONS: Final = ("default", FREEDRIVE)
@@ -49,55 +50,43 @@ CHOICES: Final = range(6)  # of the tool's outputs
 _ENDED: Final = (RuntimeState.STOPPED, RuntimeState.STOPPING)
 
 
-@dataclass(frozen=True, slots=True)
-class Output:
-    """One output: kind "digital" (bit of RTDE's), "analog" or "register" (boolean)."""
-
-    kind: str
-    index: int
-
-
 class StateSignals:
-    """The choices for outputs and actions of inputs of one controller."""
+    """The choices for outputs and actions of inputs of one controller; each has a name."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
-        self._choices: dict[Output, int] = {}
-        self._digital_actions = 0  # bits of the inputs that switch freedrive on
-        self._register_actions: set[int] = set()
+        self._choices: dict[str, tuple[int, SetLevel]] = {}
+        self._actions: dict[str, ReadLevel] = {}
         self._running = False
         self._failed = False
         self._powered = False
         self._freedrive = False
 
-    def set_choice(self, output: Output, choice: int) -> None:
+    def set_choice(self, name: str, set_level: SetLevel, choice: int) -> None:
         """Let an output follow the state by one of `RULES`, from now on."""
         self.update()  # a program that ends in the period in which it began is seen, too
-        self._choices[output] = choice
+        self._choices[name] = choice, set_level
         for event in (
             Event.STARTED if self._running else Event.STOPPED,
             Event.POWERED if self._powered else Event.UNPOWERED,
         ):
-            self._follow(output, choice, event)
+            _follow(set_level, choice, event)
 
-    def set_digital_action(self, bit: int, action: str) -> None:
-        """Set the action of a digital input."""
+    def set_action(self, name: str, read_level: ReadLevel, action: str) -> None:
+        """Give an input one of `ACTIONS`."""
         if action == FREEDRIVE:
-            self._digital_actions |= 1 << bit
+            self._actions[name] = read_level
         else:
-            self._digital_actions &= ~(1 << bit)
-
-    def set_register_action(self, register: int, action: str) -> None:
-        """Set the action of a boolean input register."""
-        if action == FREEDRIVE:
-            self._register_actions.add(register)
-        else:
-            self._register_actions.discard(register)
+            self._actions.pop(name, None)
 
     def clear_actions(self) -> None:
         """Leave no input an action."""
-        self._digital_actions = 0
-        self._register_actions.clear()
+        self._actions.clear()
+
+    def forget(self, name: str) -> None:
+        """Leave a signal that there is no more without choice and action."""
+        self._choices.pop(name, None)
+        self._actions.pop(name, None)
 
     def update(self) -> None:
         """Follow the state of this control period."""
@@ -115,32 +104,24 @@ class StateSignals:
         if powered is not self._powered:
             self._powered = powered
             self._tell(Event.POWERED if powered else Event.UNPOWERED)
-        if self._digital_actions or self._register_actions or self._freedrive:
+        if self._actions or self._freedrive:
             self._act(running)
 
     def _tell(self, event: Event) -> None:
-        for output, choice in self._choices.items():
-            self._follow(output, choice, event)
-
-    def _follow(self, output: Output, choice: int, event: Event) -> None:
-        level = RULES[choice].get(event)
-        if level is None:
-            return
-        c = self._controller
-        if output.kind == "digital":
-            c.signals.set_digital_outputs(1 << output.index, -1 if level else 0)
-        elif output.kind == "analog":
-            c.signals.set_analog_output(output.index, float(level))
-        else:
-            c.outputs.update(boolean_written(c.outputs, "output", output.index, level))
+        for choice, set_level in self._choices.values():
+            _follow(set_level, choice, event)
 
     def _act(self, running: bool) -> None:
         """Freedrive while an input asks for it; a running program keeps the arm."""
         c = self._controller
-        wanted = bool(c.outputs["actual_digital_input_bits"] & self._digital_actions) or any(
-            read_boolean(c.inputs, "input", register) for register in self._register_actions
-        )
+        wanted = any(read_level() for read_level in self._actions.values())
         active = wanted and not running and c.robot_mode == RobotMode.RUNNING
         if active is not self._freedrive:
             self._freedrive = active
             c.compliance.freedrive_axes = (True,) * 6 if active else None
+
+
+def _follow(set_level: SetLevel, choice: int, event: Event) -> None:
+    level = RULES[choice].get(event)
+    if level is not None:
+        set_level(level)
