@@ -234,7 +234,7 @@ def test_a_signal_that_stays_invalid_ends_the_program(sim, unit):
         text = add(unit, "wrong", 2) + 'modbus_set_signal_watchdog("wrong", 0.3)\n'
         text += 'x = modbus_get_signal_status("wrong")\n'
         port.send(f"sec waits():\n{text}end\n".encode())
-        assert b"no valid answer for wrong in 0.3 s (device error 2" in primary.message(10, LONG)
+        assert b"no valid answer for wrong in 0.3 s (device error 2" in primary.message(7, LONG)
 
 
 def test_the_last_value_holds_until_the_watchdog(sim, unit):
@@ -333,7 +333,7 @@ def test_what_cannot_be_ends_the_program(sim, unit, call):
     ):
         signals = add(unit, "input", 0) + add(unit, "register", 3)
         port.send(f"sec wrong():\n{signals}{call}\nend\n".encode())
-        assert call.partition("(")[0].encode() in primary.message(10, LONG)
+        assert call.partition("(")[0].encode() in primary.message(7, LONG)
 
 
 def test_there_is_an_end_to_the_units():
@@ -346,4 +346,4 @@ def test_there_is_an_end_to_the_units():
         port.send(
             f"sec all():\n  i = 1\n  while i < 50:\n    {send}\n    i = i + 1\n  end\nend\n".encode()
         )
-        assert b"more than 32 Modbus units" in primary.message(10, LONG)
+        assert b"more than 32 Modbus units" in primary.message(7, LONG)
