@@ -11,6 +11,7 @@ from crtk_sim_backends.options import (
     ConfigError,
     Options,
     check_choice,
+    check_file,
     check_port,
     check_range,
     option,
@@ -19,8 +20,9 @@ from crtk_sim_backends.process import AUTO
 from crtk_sim_backends.ur.contact import Surface, parse
 from crtk_sim_backends.ur.limits import SafetyLimits
 from crtk_sim_backends.ur.models import MODELS, RobotModel
+from crtk_sim_backends.ur.recording import USUAL, RecordingError, chosen_variables
 from crtk_sim_backends.ur.tool_device import parse_device
-from crtk_sim_backends.ur.variables import Version
+from crtk_sim_backends.ur.variables import Variable, Version
 from crtk_sim_backends.ur.wiring import Wire, WiringError, parse_wires
 
 PORTS: Final = {
@@ -41,6 +43,10 @@ PORTS: Final = {
 PolyScope X (10.x) has the Robot API in place of the dashboard server, CB3 no serial line to the
 tool; Modbus server and Robot API are options.
 """
+
+SLOWEST: Final = 0.1
+FASTEST: Final = 100.0
+"""Times real time that can be asked for; what the machine cannot do, it says."""
 
 _DEFAULT_VERSIONS: Final = {True: "3.15.8", False: "5.12.4"}  # by "is a CB3 arm"
 
@@ -87,6 +93,17 @@ class SimConfig(Options):
         "outputs that are connected to inputs, such as "
         "digital_out_0=digital_in_3,analog_out_1=tool_analog_in_0",
     )
+    speed: float = option(1.0, "how many times as fast as real time the controller's time passes")
+    record: str = option(
+        "", "file to record RTDE outputs in, as record.py of UR does; .gz: compressed"
+    )
+    record_variables: str = option(USUAL, "outputs to record, beside timestamp")
+    record_rate: float = option(0.0, "rows a second of the controller; 0: every control period")
+    replay: str = option("", "recording to publish instead, for clients that only listen")
+    replay_loop: bool = option(False, "begin the recording anew at its end")
+    view: bool = option(False, "show joints, modes and program in the terminal")
+    web: bool = option(False, "serve a page with a 3-D view for a browser")
+    web_port: int = option(8000, "port of that page; 0: any free one")
     trace_size: int = option(5000, "how many received input packages the trace keeps")
     contact: str = option(
         "",
@@ -106,6 +123,7 @@ class SimConfig(Options):
         check_range("boot_seconds", self.boot_seconds, 0.0, 3600.0)
         if self.programs and not Path(self.programs).is_dir():
             raise ConfigError(f"programs: there is no folder {self.programs}")
+        check_range("speed", self.speed, SLOWEST, FASTEST)
         if self.trace_size < 1:
             raise ConfigError(f"trace_size must be at least 1, not {self.trace_size}")
         try:
@@ -129,6 +147,17 @@ class SimConfig(Options):
         if self.robot.is_cb3 and (self.tool_device or self.tool_communication):
             raise ConfigError("tool_device: a CB3 arm has no serial line to the tool")
         _ = self.wires
+        check_port("web_port", self.web_port)
+        check_file("replay", self.replay)
+        if self.replay and (self.modbus or self.tool_communication or self.tool_device):
+            raise ConfigError(
+                "replay: a recording has neither Modbus nor a serial line to the tool"
+            )
+        check_range("record_rate", self.record_rate, 0.0, self.robot.frequency)
+        try:
+            _ = self.recorded
+        except RecordingError as error:
+            raise ConfigError(f"record_variables: {error}") from error
 
     @property
     def robot(self) -> RobotModel:
@@ -167,6 +196,11 @@ class SimConfig(Options):
             return parse_wires(self.wiring)
         except WiringError as error:
             raise ConfigError(f"wiring: {error}") from error
+
+    @property
+    def recorded(self) -> list[Variable]:
+        """The variables to record."""
+        return chosen_variables(self.record_variables.replace(",", " ").split(), self.software)
 
     @property
     def ports(self) -> dict[str, int]:

@@ -226,8 +226,8 @@ class RtdeSession:
         self._outputs: OutputRecipe | None = None
         self._divider = 1
         self._inputs: dict[int, InputRecipe] = {}
-        self._started = False
         self._complaint = ""  # about the package that is handled now
+        self.started = False
         self.packages_in = 0
         self.packages_bad = 0
 
@@ -263,7 +263,7 @@ class RtdeSession:
 
     def package(self, tick: int) -> bytes | None:
         """Build the data package due at `tick`; None when none is."""
-        if not self._started or self._outputs is None or tick % self._divider:
+        if not self.started or self._outputs is None or tick % self._divider:
             return None
         return self._outputs.package(self._controller.outputs)
 
@@ -326,18 +326,18 @@ class RtdeSession:
         return found, types
 
     def _start(self, payload: bytes) -> bytes:
-        self._started = self._outputs is not None
-        return bytes([self._started])
+        self.started = self._outputs is not None
+        return bytes([self.started])
 
     def _pause(self, payload: bytes) -> bytes:
-        self._started = False
+        self.started = False
         return b"\x01"
 
     def _data(self, payload: bytes) -> None:
         recipe = self._inputs.get(payload[0]) if payload else None
         if recipe is None or len(payload) - 1 != recipe.size:
             self.packages_bad += 1
-            if self._started:  # before that, clients take it for the reply to their request
+            if self.started:  # before that, clients take it for the reply to their request
                 self._complaint = f"input package of {len(payload)} bytes fits no recipe"
             return
         self.packages_in += 1

@@ -15,7 +15,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,12 +24,14 @@ from crtk_sim_backends.control import ControlSession
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import Fault, FaultError, read_faults
 from crtk_sim_backends.process import (
+    RunningSim,
     SimStartError,
     bind_somewhere,
     listen,
+    spawn,
     use_realtime_priority,
 )
-from crtk_sim_backends.ur import realtime
+from crtk_sim_backends.ur import picture, realtime
 from crtk_sim_backends.ur.config import SimConfig
 from crtk_sim_backends.ur.controller import Controller
 from crtk_sim_backends.ur.dashboard import GREETING, DashboardSession, Robot
@@ -38,6 +40,7 @@ from crtk_sim_backends.ur.injection import ALL_PORTS, BEGIN, END, EVENTS, KINDS
 from crtk_sim_backends.ur.messages import KeyMessage
 from crtk_sim_backends.ur.modbus_client import ModbusUnits
 from crtk_sim_backends.ur.modbus_library import modbus_builtins
+from crtk_sim_backends.ur.pace import Pace, Statistics
 from crtk_sim_backends.ur.ports import Client, Mute, Port, Session
 from crtk_sim_backends.ur.primary import (
     STATE_PERIOD,
@@ -46,6 +49,8 @@ from crtk_sim_backends.ur.primary import (
     version_message,
 )
 from crtk_sim_backends.ur.programs import ProgramFiles
+from crtk_sim_backends.ur.recording import Recorder, Recording, RecordingError
+from crtk_sim_backends.ur.replay import NoInputs, ReplayedController, load
 from crtk_sim_backends.ur.robot_api import RobotApiSession
 from crtk_sim_backends.ur.rtde import InputClaims, RtdeError, RtdeSession, Trace
 from crtk_sim_backends.ur.script_port import ScriptSession
@@ -61,31 +66,15 @@ CONTROL: Final = "control"
 _SEND_BUFFER: Final = 65536  # bytes that the kernel keeps for one client
 _BACKLOG_LIMIT: Final = 1 << 18  # bytes of untaken replies that end a connection
 _CONTROL_BACKLOG_LIMIT: Final = 1 << 27  # the same on the control socket: whole traces
-_SLOW_READER_LIMIT: Final = 5.0  # s without taking anything that end an RTDE connection
+_SLOW_READER_LIMIT: Final = 5.0  # s (real) without taking anything that end an RTDE connection
 _CLIENTS_PER_PORT: Final = 64
 _HIGHEST_FD: Final = 1023  # that `select` can watch
-_CATCH_UP_SPEED: Final = 2.0  # times real time, at which delayed periods are made up for
-_CATCH_UP_LIMIT: Final = 0.1  # s; after a longer delay the periods are left out
 _WAKE_UPS: Final = 8  # times that data is handled on arrival in one period, then at its end
 _LAST_COMMANDS: Final = 20
 _WRITABLE: Final = ("primary", "secondary", "realtime")
 _PLACES: Final = ("port", "joint", "index")  # parameters that say where a fault is
 _DECIDED_ONCE: Final = ("primary", "secondary")  # read-only for good when opened in local control
 _SWITCH_INTERVAL: Final = 1e-4  # s that the loop waits for the thread that compiles
-
-
-@dataclass
-class Statistics:
-    """How well the loop keeps its times."""
-
-    ticks: int = 0
-    late: int = 0  # periods that began more than one period late
-    skipped: int = 0  # periods left out after a long delay
-    worst_delay: float = 0.0  # s
-    busy: float = 0.0  # s spent in periods, waiting excluded
-    accepted: int = 0  # connections
-    rtde_dropped: int = 0  # packages that slow RTDE clients did not get
-    defects: int = 0  # connections that an unexpected error of the simulator closed
 
 
 class UrServer:
@@ -97,7 +86,8 @@ class UrServer:
             has died, None for none.
 
     Raises:
-        SimStartError: when a port cannot be bound or the fault file is wrong.
+        SimStartError: when a port cannot be bound, a recording cannot be made or read, or the fault file
+            is wrong.
     """
 
     def __init__(self, config: SimConfig, parent_fd: int | None = None) -> None:
@@ -105,11 +95,14 @@ class UrServer:
         self.statistics = Statistics()
         try:
             faults = read_faults(Path(config.faults), KINDS, EVENTS) if config.faults else []
-        except FaultError as error:
+            for fault in faults:
+                self._check_possible(fault.kind)
+            recording = load(Path(config.replay)) if config.replay else None
+        except (FaultError, RecordingError) as error:
             raise SimStartError(str(error)) from error
         self._parent_fd = parent_fd
         self._stopping = False
-        self._epoch = time.monotonic()
+        self._elapsed = 0.0  # s of the controller since the start, what it hangs included
         self._ports: dict[str, Port] = {}
         self.host, _ = bind_somewhere(config.host, self._bind)
         self.ports = {name: port.listener.getsockname()[1] for name, port in self._ports.items()}
@@ -120,7 +113,51 @@ class UrServer:
         self._sockets = ScriptSockets(self.host, self.ports.values())
         self._rpc = ScriptRpc(self.host)
         self._modbus_units = ModbusUnits(self.host, self.ports.get("modbus"))
-        self.controller = Controller(
+        self.controller = self._make_controller(recording)
+        self.controller.player.ended = self._sockets.close_all
+        try:
+            self._external = ExternalDevices(config, self.controller)
+        except SimStartError:
+            self._close_ports()
+            raise
+        self._faults = FaultPlayer(KINDS, faults, self._begin, self._end, _PLACES)
+        self._stalled = False
+        self._scripts = ScriptQueue(self.controller)
+        self._period = self.controller.dt
+        self._pace = Pace(self._period, config.speed, self.statistics)
+        self._state_every = round(STATE_PERIOD / self._period)
+        self._encoder = RobotStateEncoder(config.robot, config.software)
+        self._realtime_length = realtime.packet_length(config.software)
+        self._slow_reader_limit = _SLOW_READER_LIMIT * config.speed
+        self._claims = NoInputs() if config.replay else InputClaims()
+        self._trace = Trace(config.trace_size)
+        self._robot = Robot(
+            self.controller, config.robot, config.software, config.serial_number, self.stop
+        )
+        self._was_remote = self.controller.remote
+        self._was_moving = False
+        self._dashboard_commands: deque[str] = deque(maxlen=_LAST_COMMANDS)
+        self._recorder: Recorder | None = None
+        self._watchers: list[RunningSim] = []
+        try:
+            if config.record:
+                self._recorder = self._make_recorder()
+            self._start_watchers()
+        except SimStartError:
+            self.close()
+            raise
+
+    def _make_controller(self, recording: Recording | None) -> Controller:
+        config = self.config
+        if recording is not None:
+            return ReplayedController(
+                config.robot,
+                config.software,
+                recording,
+                loop=config.replay_loop,
+                begins=self._is_heard,
+            )
+        return Controller(
             config.robot,
             config.software,
             powered_on=config.powered_on,
@@ -132,27 +169,30 @@ class UrServer:
             limits=config.limits,
             extra_builtins=self._network_builtins,
         )
-        self.controller.player.ended = self._sockets.close_all
+
+    def _start_watchers(self) -> None:
+        """Start the programs that show what happens; each has a process of its own."""
+        control = f"{self.host}:{self.ports[CONTROL]}"
+        if self.config.web:
+            arguments = [control, f"--port={self.config.web_port}"]
+            page = spawn(f"{__package__}.web", arguments)
+            self._watchers.append(page)
+            self.ports |= page.ports
+        if self.config.view:
+            self._watchers.append(spawn(f"{__package__}.view", [control]))
+
+    def _is_heard(self) -> bool:
+        """Whether an RTDE client has started its packages."""
+        sessions = (client.session for client in self._ports["rtde"].clients)
+        return any(isinstance(session, RtdeSession) and session.started for session in sessions)
+
+    def _make_recorder(self) -> Recorder:
+        config = self.config
+        every = int(config.robot.frequency / (config.record_rate or config.robot.frequency))
         try:
-            self._external = ExternalDevices(config, self.controller)
-        except SimStartError:
-            self._close_ports()
-            raise
-        self._faults = FaultPlayer(KINDS, faults, self._begin, self._end, _PLACES)
-        self._stalled = False
-        self._scripts = ScriptQueue(self.controller)
-        self._period = self.controller.dt
-        self._state_every = round(STATE_PERIOD / self._period)
-        self._encoder = RobotStateEncoder(config.robot, config.software)
-        self._realtime_length = realtime.packet_length(config.software)
-        self._claims = InputClaims()
-        self._trace = Trace(config.trace_size)
-        self._robot = Robot(
-            self.controller, config.robot, config.software, config.serial_number, self.stop
-        )
-        self._was_remote = self.controller.remote
-        self._was_moving = False
-        self._dashboard_commands: deque[str] = deque(maxlen=_LAST_COMMANDS)
+            return Recorder(Path(config.record), config.recorded, every)
+        except RecordingError as error:
+            raise SimStartError(f"record: {error}") from error
 
     # Life
 
@@ -192,11 +232,15 @@ class UrServer:
         self._stopping = True
 
     def close(self) -> None:
-        """Close every socket."""
+        """Close the recording and every socket, and end the programs that watch."""
+        if self._recorder is not None:
+            self._recorder.close()
         self._sockets.close_all()
         self._modbus_units.close()
         self._external.close()
         self._close_ports()
+        for watcher in self._watchers:
+            watcher.stop()
 
     def _close_ports(self) -> None:
         for port in self._ports.values():
@@ -206,37 +250,32 @@ class UrServer:
         self._ports.clear()
 
     def run(self) -> None:
-        """Run in real time until :meth:`stop`, or until the parent process has died."""
+        """Run at the chosen speed until :meth:`stop`, or until the parent process has died."""
         if self.config.realtime:
             use_realtime_priority()
         sys.setswitchinterval(_SWITCH_INTERVAL)
         gc.collect()
         gc.freeze()
-        self._epoch = time.monotonic()
-        due = wake = self._epoch + self._period
+        if self._recorder is not None:
+            self._recorder.start()
+        self._pace.begin(time.monotonic())
         while not self._stopping:
-            self._serve_until(wake)
+            self._serve_until(self._pace.wake)
             started = time.monotonic()
-            due = self._next_due(due, started)
-            wake = max(due, started + self._period / _CATCH_UP_SPEED)
-            self.step(started)
+            self._pace.started(started)
+            self.step(started * self.config.speed)
             self.statistics.busy += time.monotonic() - started
 
-    def _next_due(self, due: float, started: float) -> float:
-        """When the period after the one that was `due` and has `started` is due."""
-        late = started - due
-        self.statistics.worst_delay = max(self.statistics.worst_delay, late)
-        if late > self._period:
-            self.statistics.late += 1
-        if late > _CATCH_UP_LIMIT:
-            self.statistics.skipped += int(late / self._period)
-            due = started
-        return due + self._period
-
     def step(self, now: float) -> None:
-        """Advance one control period; `now` is the monotonic time, s. Called by :meth:`run`."""
+        """Advance one control period. Called by :meth:`run`.
+
+        Args:
+            now: time of the wires: of the monotonic clock, but `speed` times as fast, s. Faults begin
+                and end in the controller's time, which lags behind that on a slow machine.
+        """
+        self._elapsed += self._period
         answers = self._do_requests(now)
-        if self._faults.play(now - self._epoch):
+        if self._faults.play(self._elapsed):
             self._watch_again = True
         if not self._stalled:
             self._advance(now)
@@ -252,6 +291,8 @@ class UrServer:
         self._scripts.run_compiled()
         self.controller.tick()
         self.statistics.ticks += 1
+        if self._recorder is not None:
+            self._recorder.add(self.controller.outputs, self.controller.tick_count)
         self._report(now)
         self._send_states(now)
         self._send_rtde(now)
@@ -277,7 +318,7 @@ class UrServer:
             wait = deadline - time.monotonic()
             ready, _, _ = select.select(self._watched, (), (), max(0.0, wait))
             if ready:
-                self._handle(ready, time.monotonic())
+                self._handle(ready, time.monotonic() * self.config.speed)
             if wait <= 0.0 or self._stopping or not ready:
                 return
         time.sleep(max(0.0, deadline - time.monotonic()))
@@ -337,7 +378,8 @@ class UrServer:
         """Make a client of an accepted connection."""
         limit = _CONTROL_BACKLOG_LIMIT if port.name == CONTROL else _BACKLOG_LIMIT
         try:
-            connection = wire.Connection(sock, limit, send_buffer=_SEND_BUFFER)
+            send_buffer = round(_SEND_BUFFER * max(1.0, self.config.speed))
+            connection = wire.Connection(sock, limit, send_buffer=send_buffer)
         except OSError as error:
             log.info("a client of the %s port was gone at once: %s", port.name, error)
             sock.close()
@@ -348,7 +390,7 @@ class UrServer:
         session = Mute() if mute else self._session(port.name, number)
         port.add(Client(number, connection, session))
         self._watch_again = True
-        self._event(f"{port.name}_connected", now)
+        self._event(f"{port.name}_connected")
         if not mute:
             connection.send(port.greet(), now)
 
@@ -372,6 +414,8 @@ class UrServer:
                         "inject": self._inject,
                         "clear": self._clear,
                         "status": self.status,
+                        "arm": lambda: picture.arm(self.config, self.host),
+                        "picture": self._picture,
                         "outputs": self._outputs,
                         "trace": self._trace_after,
                     }
@@ -432,10 +476,10 @@ class UrServer:
         for message in messages:
             if isinstance(message, KeyMessage):
                 started = message.title.endswith("STARTED")
-                self._event("program_started" if started else "program_stopped", now)
+                self._event("program_started" if started else "program_stopped")
         moving = any(controller.outputs["target_qd"])
         if moving is not self._was_moving:
-            self._event("motion_started" if moving else "motion_stopped", now)
+            self._event("motion_started" if moving else "motion_stopped")
             self._was_moving = moving
         if messages:
             encoded = encode_messages(messages, controller.time)
@@ -445,8 +489,8 @@ class UrServer:
                 self._disconnect(self._ports[name])
         self._was_remote = controller.remote
 
-    def _event(self, name: str, now: float) -> None:
-        self._faults.event(name, now - self._epoch)
+    def _event(self, name: str) -> None:
+        self._faults.event(name, self._elapsed)
 
     def _send_states(self, now: float) -> None:
         """Send the periodic packets of all ports but RTDE."""
@@ -487,7 +531,7 @@ class UrServer:
                 if package is not None and not client.connection.send_fresh(package, now):
                     self.statistics.rtde_dropped += 1
             connection = client.connection
-            if connection.closed or connection.blocked_for(now) > _SLOW_READER_LIMIT:
+            if connection.closed or connection.blocked_for(now) > self._slow_reader_limit:
                 log.warning("closing RTDE connection %d: it does not read", client.number)
                 self._remove(port, client)
 
@@ -535,8 +579,13 @@ class UrServer:
 
     # Requests on the control socket
 
+    def _check_possible(self, kind: str) -> None:
+        if self.config.replay and kind in BEGIN:
+            raise FaultError(f"{kind}: a recording is replayed, only its wires can have faults")
+
     def _inject(self, kind: str, parameters: dict[str, Any]) -> None:
-        self._faults.inject(kind, parameters, time.monotonic() - self._epoch)
+        self._check_possible(kind)
+        self._faults.inject(kind, parameters, self._elapsed)
         self._watch_again = True
 
     def _clear(self, kind: str | None = None) -> None:
@@ -559,6 +608,15 @@ class UrServer:
             for entry in self._trace.after(after)
         ]
 
+    def _picture(self) -> dict[str, Any]:
+        return picture.picture(
+            self.controller,
+            self._pace,
+            self.statistics,
+            {port.name: len(port.clients) for port in self._ports.values() if port.name != CONTROL},
+            [fault.kind for fault in self._faults.active],
+        )
+
     def status(self) -> dict[str, Any]:
         """Everything that a test or a person wants to know, ready for JSON."""
         controller = self.controller
@@ -567,6 +625,7 @@ class UrServer:
             "model": self.config.model,
             "version": ".".join(map(str, self.config.software)),
             "time": controller.time,
+            "speed": {"wanted": self.config.speed, "reached": self._pace.reached},
             "ticks": controller.tick_count,
             "robot_mode": controller.robot_mode.name,
             "safety_mode": controller.safety_mode.name,
@@ -581,6 +640,8 @@ class UrServer:
             "log": [{"time": time, "text": str(entry)} for time, entry in controller.log],
             "dashboard_commands": list(self._dashboard_commands),
             "faults": [{"kind": fault.kind, **fault.parameters} for fault in self._faults.active],
+            "record": self._recorder and self._recorder.status,
+            "replay": controller.status if isinstance(controller, ReplayedController) else None,
             "outputs": dict(controller.outputs),
         }
 

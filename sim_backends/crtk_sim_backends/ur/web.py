@@ -1,0 +1,236 @@
+"""The page of a simulated controller: an HTTP server on its loopback address, in a process of its own.
+
+``python -m crtk_sim_backends.ur.web 127.0.0.2:40001 --port 8000`` serves the one with that control port; the
+simulator's option `web` starts it. The files are in ``page/``; the picture comes as server-sent events. The
+simulator is asked for pictures only while a browser shows them.
+
+Only requests that name this server's own address are answered, and only JSON is taken: no page of somebody
+else that is open in the same browser can reach it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import os
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from functools import cache
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from typing import Any, Final
+
+from crtk_sim_backends.command_line import stopped_by_signals
+from crtk_sim_backends.control import ControlClient, ControlError
+from crtk_sim_backends.process import Readiness, SimStartError, listen
+from crtk_sim_backends.ur.watching import NICENESS, Life, address, pictures
+
+PERIOD: Final = 1 / 30
+"""Seconds from one picture to the next."""
+HTTP_PORT: Final = 80
+"""The port that a browser does not name."""
+WATCHERS: Final = 8
+"""Browsers that may watch at the same time."""
+LARGEST_REQUEST: Final = 1 << 16
+"""Bytes."""
+
+_POLL: Final = 0.1  # s
+_READ_TIMEOUT: Final = 10.0  # s
+_FILES: Final = {
+    "/": ("index.html", "text/html; charset=utf-8"),
+    "/arm.js": ("arm.js", "text/javascript; charset=utf-8"),
+    "/view.js": ("view.js", "text/javascript; charset=utf-8"),
+}
+_HEADERS: Final = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "default-src 'self'; style-src 'unsafe-inline'; img-src data:",
+    "X-Content-Type-Options": "nosniff",
+}
+
+log = logging.getLogger(__name__)
+
+
+@cache
+def page(name: str) -> bytes:
+    """Return a file of the page."""
+    return resources.files(__package__).joinpath("page", name).read_bytes()
+
+
+class PageServer(ThreadingHTTPServer):
+    """Serves the page of the simulator with that control socket.
+
+    Raises:
+        SimStartError: the port cannot be bound.
+    """
+
+    daemon_threads = True
+    block_on_close = False
+
+    def __init__(self, host: str, port: int, control: tuple[str, int], life: Life) -> None:
+        super().__init__((host, port), _Request, bind_and_activate=False)
+        self.socket.close()
+        self.socket = listen(host, port, "web")
+        self.socket.setblocking(True)  # for `handle_request`, which waits for it
+        self.server_address = self.socket.getsockname()
+        self.timeout = _POLL
+        self.control = control
+        self.life = life
+        self.watchers = threading.BoundedSemaphore(WATCHERS)
+
+    @property
+    def own_names(self) -> set[str]:
+        """What the header `Host` may say."""
+        host, port = self.server_address[:2]
+        names = {str(host), "localhost"}
+        return {f"{name}:{port}" for name in names} | (names if port == HTTP_PORT else set())
+
+    def serve(self) -> None:
+        """Answer until its life is over."""
+        while not self.life.wait(0.0):
+            self.handle_request()
+
+
+class _Refused(Exception):
+    """A request that is answered with an error."""
+
+    def __init__(self, status: HTTPStatus, reason: str) -> None:
+        super().__init__(reason)
+        self.status = status
+
+
+class _Request(BaseHTTPRequestHandler):
+    """One request."""
+
+    server: PageServer
+    timeout = _READ_TIMEOUT
+
+    def do_GET(self) -> None:
+        """Answer with a file, the arm, or pictures without end."""
+        self._answer(self._get)
+
+    def do_POST(self) -> None:
+        """Let a fault begin, or end them."""
+        self._answer(self._post)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Tell it to the log."""
+        log.debug(format, *args)
+
+    def _answer(self, act: Any) -> None:
+        try:
+            if self.headers.get("Host") not in self.server.own_names:
+                raise _Refused(HTTPStatus.MISDIRECTED_REQUEST, "this server has another name")
+            act()
+        except _Refused as refused:
+            self._send(str(refused).encode(), "text/plain; charset=utf-8", refused.status)
+        except ControlError as error:
+            reason = str(error).encode()
+            self._send(reason, "text/plain; charset=utf-8", HTTPStatus.BAD_GATEWAY)
+        except (ConnectionError, TimeoutError):
+            log.debug("the browser has gone")
+
+    def _get(self) -> None:
+        if self.path in _FILES:
+            name, kind = _FILES[self.path]
+            self._send(page(name), kind)
+        elif self.path == "/arm.json":
+            with ControlClient(*self.server.control) as control:
+                self._send(json.dumps(control.call("arm")).encode(), "application/json")
+        elif self.path == "/events":
+            self._send_events()
+        else:
+            raise _Refused(HTTPStatus.NOT_FOUND, f"there is no {self.path}")
+
+    def _send(self, body: bytes, kind: str, status: HTTPStatus = HTTPStatus.OK) -> None:
+        self._begin(kind, status)
+        self.wfile.write(body)
+
+    def _begin(self, kind: str, status: HTTPStatus = HTTPStatus.OK) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        for name, value in _HEADERS.items():
+            self.send_header(name, value)
+        self.end_headers()
+
+    def _send_events(self) -> None:
+        if not self.server.watchers.acquire(blocking=False):
+            raise _Refused(HTTPStatus.SERVICE_UNAVAILABLE, f"{WATCHERS} browsers watch already")
+        try:
+            self._begin("text/event-stream")
+            for _, found in pictures(self.server.control, PERIOD, self._wait):
+                self.wfile.write(b"data: " + json.dumps(found).encode() + b"\n\n")
+        except ControlError as error:
+            log.info("the pictures end: %s", error)
+        finally:
+            self.server.watchers.release()
+
+    def _wait(self, seconds: float) -> bool:
+        time.sleep(seconds)
+        return self.server.life.over
+
+    def _post(self) -> None:
+        request = self._read_request()
+        with ControlClient(*self.server.control) as control:
+            try:
+                if self.path == "/inject":
+                    control.call("inject", **request)
+                elif self.path == "/clear":
+                    control.clear()
+                else:
+                    raise _Refused(HTTPStatus.NOT_FOUND, f"there is no {self.path}")
+            except ControlError as error:
+                raise _Refused(HTTPStatus.BAD_REQUEST, str(error)) from error
+        self._send(b"{}", "application/json")
+
+    def _read_request(self) -> dict[str, Any]:
+        if self.headers.get_content_type() != "application/json":
+            raise _Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "expected application/json")
+        try:
+            size = int(self.headers.get("Content-Length", ""))
+            if not 0 <= size <= LARGEST_REQUEST:
+                raise ValueError(size)
+            request = json.loads(self.rfile.read(size))
+        except (ValueError, RecursionError) as error:
+            raise _Refused(HTTPStatus.BAD_REQUEST, "expected JSON and its length") from error
+        if not isinstance(request, dict):
+            raise _Refused(HTTPStatus.BAD_REQUEST, "expected a JSON object")
+        return request
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Serve the page of the simulator that the command line names; 1 when the port cannot be bound."""
+    parser = argparse.ArgumentParser(prog="python -m crtk_sim_backends.ur.web")
+    parser.description = "A 3-D view of a simulated UR controller in the browser."
+    parser.add_argument("control", type=address, help="its control socket, HOST:PORT")
+    parser.add_argument("--port", type=int, default=0, help="port of the page; 0: any free one")
+    for pipe in ("--ready-fd", "--parent-fd"):
+        parser.add_argument(pipe, type=int, default=None, help=argparse.SUPPRESS)
+    given: Any = parser.parse_args(arguments)
+    logging.basicConfig(format="%(name)s: %(message)s")
+    os.nice(NICENESS)
+    readiness = Readiness(given.ready_fd, given.parent_fd)
+    life = Life(given.parent_fd)
+    host = given.control[0]
+    try:
+        server = PageServer(host, given.port, given.control, life)
+    except SimStartError as error:
+        readiness.tell(error=str(error))
+        if given.parent_fd is None:
+            sys.stderr.write(f"{error}\n")
+        return 1
+    with server, stopped_by_signals(life.end):
+        port = server.server_address[1]
+        readiness.tell(host=host, ports={"web": port})
+        if given.parent_fd is None:
+            sys.stdout.write(f"http://{host}:{port}/\n")
+            sys.stdout.flush()
+        server.serve()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
