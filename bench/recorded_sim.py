@@ -1,15 +1,19 @@
-"""The real simulator, with a note of when it sends each package: controller's time, wall time (ns)."""
+"""The real simulator, with notes of what it does.
+
+sent     for each package: controller's time, wall time (ns)
+delays   for each control period: when it began (monotonic s), and how late (s)
+"""
 
 from __future__ import annotations
 
 import time
 
 from bench.recording import Recording
-from crtk_sim_backends.ur import SIM, rtde
+from crtk_sim_backends.ur import SIM, pace, rtde
 
 
 def record() -> None:
-    """Put the note in place."""
+    """Put the notes in place."""
     sent = Recording("sent", 2)
     original = rtde.OutputRecipe.package
 
@@ -18,6 +22,14 @@ def record() -> None:
         return original(recipe, image)
 
     rtde.OutputRecipe.package = package  # type: ignore[method-assign, assignment]
+    delays = Recording("delays", 2)
+    begin = pace.Pace.started
+
+    def started(each: pace.Pace, now: float) -> None:
+        delays.add((now, now - each.due))
+        begin(each, now)
+
+    pace.Pace.started = started  # type: ignore[method-assign]
 
 
 if __name__ == "__main__":
