@@ -22,7 +22,10 @@ JOINT_SPEED: Final = 32
 
 @dataclass(frozen=True)
 class SafetyLimits:
-    """What the arm may do at most. The defaults are the least restricted preset of an e-Series.
+    """What the arm may do at most.
+
+    Speed and force are by default those of the least restricted safety preset of an e-Series; power
+    and momentum are such that no move exceeds them, even of the largest arm.
 
     Attributes:
         tool_speed: of the TCP, m/s.
@@ -33,7 +36,7 @@ class SafetyLimits:
 
     tool_speed: float = 5.0
     tool_force: float = 250.0
-    power: float = 1000.0
+    power: float = 3000.0
     momentum: float = 100.0
 
     def violation(self, outputs: Mapping[str, Any], torque: Floats) -> tuple[int, int] | None:
