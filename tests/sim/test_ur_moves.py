@@ -305,7 +305,7 @@ def test_a_stop_within_a_blend_forgets_it(bench: Bench) -> None:
     st.lists(
         st.tuples(
             st.sampled_from(sorted(MOVES)),
-            st.tuples(st.floats(-0.6, -0.4), st.floats(-0.35, -0.1), st.floats(0.35, 0.6)),
+            st.tuples(st.floats(-0.55, -0.4), st.floats(-0.3, -0.1), st.floats(0.3, 0.45)),
             st.one_of(st.just(0.0), st.floats(0.01, 0.1)),
         ),
         min_size=2,
