@@ -114,15 +114,17 @@ def wait_ready(child: subprocess.Popen[str]) -> float:
 
 
 @contextmanager
-def simulator(records: Path, *, recorded: bool = True) -> Iterator[RunningSim]:
-    """Run the simulated UR controller; `recorded`: with notes of what it sends.
+def simulator(
+    records: Path, *, recorded: bool = True, recorder: str = "bench.recorded_sim"
+) -> Iterator[RunningSim]:
+    """Run the simulated UR controller; `recorded`: with the notes that `recorder` takes.
 
     With real-time priority, where that is permitted: a controller does not share its processor.
     """
     os.environ[DIRECTORY] = str(records)
     if str(ROOT) not in sys.path:
         sys.path.append(str(ROOT))
-    name = "bench.recorded_sim" if recorded else "crtk_sim_backends.ur"
+    name = recorder if recorded else "crtk_sim_backends.ur"
     with process.spawn(name, ["--realtime"]) as sim:
         yield sim
 
@@ -153,6 +155,7 @@ def client(records: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def pids(node: subprocess.Popen[str], sim: RunningSim) -> Mapping[str, int]:
-    """Return the processes of one driver by what they are."""
+    """Return the processes of one driver by what they are; it has a control process with ur-rtde only."""
     control = child_running(node.pid, "crtk_driver_ur.control_process")
-    return {"node": node.pid, "control process": control, "simulator": sim.pid}
+    found = {"node": node.pid, "simulator": sim.pid}
+    return {**found, "control process": control} if control else found

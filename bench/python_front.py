@@ -21,10 +21,12 @@ def main() -> None:
     parser.add_argument("--host", required=True)
     parser.add_argument("--seconds", type=float, required=True)
     parser.add_argument("--rate", type=float, required=True)
+    parser.add_argument("--control", default="ur_rtde")
     options = parser.parse_args()
     sent = Recording("front_sent", 2)
-    with crtk_drivers.connect("ur", host=options.host) as arm:
+    with crtk_drivers.connect("ur", host=options.host, control=options.control) as arm:
         arm.enable()
+        print("ready", time.monotonic(), flush=True)
         start = np.array(arm.measured_js().position)
         target, due = start.copy(), time.monotonic()
         for step in range(int(options.seconds * options.rate)):

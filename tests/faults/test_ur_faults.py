@@ -347,7 +347,7 @@ def test_f16_killed_control_process(bench, moving):
 
 def test_f16_a_program_left_by_an_interrupted_start_is_stopped_by_the_next_enable():
     """Killed between upload and watchdog, the process leaves a program that nothing ends by itself."""
-    with ur_bench(CONFIG) as bench:
+    with ur_bench({**CONFIG, "control": "ur_rtde"}) as bench:
         bench.until_connected()
         bench.engine.state_command("enable")
         eventually(lambda: bench.sim.control.status()["scripts"], "an upload")

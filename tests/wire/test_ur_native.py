@@ -14,6 +14,7 @@ from ur_bench import HOME, LONG, UrBench, eventually, ur_bench
 from crtk_driver_ur import native_link
 from crtk_driver_ur.control_channel import ControlChannel
 from crtk_driver_ur.control_program import Kind, Phase, ProgramOptions, Setting, program_text
+from crtk_driver_ur.outputs import AXES
 from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
 from crtk_drivers.errors import ConfigError, ConnectionFailed, MotionAborted, TransitionFailed
 from crtk_sim_backends.ur import SIM, RunningSim
@@ -287,6 +288,9 @@ def test_payload_arrives_while_a_stream_is_followed_and_the_sensor_is_zeroed_at_
     bench.inject("external_force", wrench=[0.0, 0.0, 30.0, 0.0, 0.0, 0.0])
     eventually(lambda: abs(bench.arm.measured_cf().force[2] - 30.0) < 3.0, "the load is measured")
     assert "left over" in bench.arm.zero_force_sensor(timeout=LONG)
+    bench.sim.control.clear()
+    eventually(lambda: bench.arm.measured_cf().force[2] < -27.0, "it was taken for zero")
+    bench.arm.zero_force_sensor(timeout=LONG)
 
 
 def test_the_registers_are_free_again_after_disable(bench):
@@ -302,3 +306,124 @@ def test_a_stream_of_samples_too_slow_for_the_watchdog_is_refused():
         ur_bench({**NATIVE, "frequency": 10.0, "watchdog_frequency": 5.0}, start=False),
     ):
         pass
+
+
+# Force mode and freedrive
+
+
+def tool(bench: UrBench) -> np.ndarray:
+    return np.array(bench.outputs("actual_TCP_pose")[:3])
+
+
+def press(bench: UrBench, wrench, until, what: str) -> None:
+    deadline = time.monotonic() + LONG
+    while not until():
+        assert time.monotonic() < deadline, f"never: {what}"
+        bench.arm.servo_cf(wrench)
+        time.sleep(0.004)
+
+
+def choose(bench: UrBench, kind: str, *axes: str) -> None:
+    for axis in AXES:
+        getattr(bench.arm, f"{kind}_axis_{axis}")(axis in axes)
+    request, arguments = bench.device._inputs._chosen_axes(kind)
+    assert arguments["axes"] == [float(axis in axes) for axis in AXES]
+    taken = bench.device._link._reported.setting
+    eventually(lambda: not bench.device._inputs._given, f"{request} is sent")
+    eventually(lambda: bench.device._link._reported.setting > taken, f"{request} is taken")
+    eventually(lambda: not bench.device._link._settings, "all of them are")
+
+
+def test_servo_cf_presses_along_the_chosen_axes_and_ends_with_its_stream(bench):
+    choose(bench, "force", "z")
+    before = tool(bench)
+    press(
+        bench,
+        [20.0, 0.0, 20.0, 0.0, 0.0, 0.0],
+        lambda: tool(bench)[2] > before[2] + 0.02,
+        "it gives way",
+    )
+    np.testing.assert_allclose(bench.arm.setpoint_cf().force, [20.0, 0.0, 20.0])
+    bench.until_still()
+    np.testing.assert_allclose(tool(bench)[:2], before[:2], atol=1e-3)
+    with bench.nothing_moves():
+        bench.sim.control.inject("external_force", wrench=[0.0, 0.0, 50.0, 0.0, 0.0, 0.0])
+        assert bench.watch(0.3) < 1e-3, "no force mode without a stream"
+    assert bench.status.state == "ENABLED"
+    assert bench.arm.move_jp(HOME).wait(LONG), "a move after force mode"
+    choose(bench, "force", *AXES)
+
+
+def test_an_axis_that_is_not_chosen_is_held_against_a_push(bench):
+    choose(bench, "force", "y")
+    before = tool(bench)
+    bench.inject("external_force", wrench=[40.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    press(
+        bench,
+        [0.0, 15.0, 0.0, 0.0, 0.0, 0.0],
+        lambda: tool(bench)[1] > before[1] + 0.02,
+        "it gives way",
+    )
+    assert abs(tool(bench)[0] - before[0]) < 2e-3
+    bench.sim.control.clear()
+    bench.arm.hold()
+    bench.until_still()
+    choose(bench, "force", *AXES)
+
+
+def test_forces_beyond_the_configured_ones_are_refused(bench):
+    with bench.nothing_sent(), bench.refused("out_of_range", "servo_cf"):
+        bench.arm.servo_cf([0.0, 0.0, 51.0, 0.0, 0.0, 0.0])
+
+
+def test_freedrive_lets_go_of_the_chosen_axes(bench):
+    choose(bench, "free", "y")
+    before = tool(bench)
+    bench.arm.free()
+    bench.inject("external_force", wrench=[40.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert bench.watch(0.3) < 1e-3
+    bench.inject("external_force", wrench=[0.0, 40.0, 0.0, 0.0, 0.0, 0.0])
+    eventually(lambda: tool(bench)[1] > before[1] + 0.02, "it gives way")
+    bench.sim.control.clear()
+    bench.arm.hold()
+    bench.until_still()
+    assert abs(tool(bench)[0] - before[0]) < 2e-3
+    choose(bench, "free", *AXES)
+
+
+def test_the_configured_inertia_and_axes_are_sent_by_enable():
+    inertia = [0.01, 0.02, 0.03, 0.0, 0.001, 0.0]
+    config = {
+        **NATIVE,
+        "payload": {"mass": 1.5, "center_of_gravity": [0.0, 0.0, 0.05], "inertia": inertia},
+        "force": {"axes": [False, False, True, False, False, False]},
+    }
+    with ur_bench(config) as bench:
+        bench.enable()
+        np.testing.assert_allclose(bench.outputs("payload_inertia"), inertia)
+        assert bench.outputs("payload") == 1.5
+        before = tool(bench)
+        press(bench, [9.0, 9.0, 9.0, 0.0, 0.0, 0.0], lambda: tool(bench)[2] > before[2] + 0.01, "z")
+        np.testing.assert_allclose(tool(bench)[:2], before[:2], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"free_axes": [True] * 5 + [False]},
+        {"payload": {"mass": 1.0, "inertia": [0.0] * 6}},
+    ],
+)
+def test_what_ur_rtde_has_not_is_refused_for_it(values):
+    with (
+        pytest.raises(ConfigError, match="native"),
+        ur_bench({"control": "ur_rtde", **values}, start=False),
+    ):
+        pass
+
+
+def test_ur_rtde_has_no_force_mode():
+    with ur_bench({"control": "ur_rtde"}, start=False) as bench:
+        with pytest.raises(AttributeError, match="servo_cf"):
+            _ = bench.arm.servo_cf
+        assert "force_axis_x" not in bench.device.inputs

@@ -11,6 +11,7 @@ from crtk_drivers.config import DeviceConfig, Settings
 
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
+Flags6 = tuple[bool, bool, bool, bool, bool, bool]
 
 
 class MoveConfig(Settings):
@@ -63,12 +64,46 @@ class ServoConfig(Settings):
     )
 
 
+class ForceConfig(Settings):
+    """Force mode (servo_cf, interpolate_cf); by the native control only."""
+
+    axes: Flags6 = Field(
+        default=(True, True, True, True, True, True),
+        description="Axes of the base frame that give way: x, y, z, and about them. The others are held.",
+    )
+    max_force: float = Field(default=50.0, gt=0.0, le=500.0, description="Of servo_cf, in N.")
+    max_torque: float = Field(default=5.0, gt=0.0, le=100.0, description="Of servo_cf, in N·m.")
+    linear_velocity: float = Field(
+        default=0.1, gt=0.0, le=1.0, description="With which the tool gives way at most, in m/s."
+    )
+    angular_velocity: float = Field(
+        default=0.5, gt=0.0, le=3.0, description="With which it turns at most, in rad/s."
+    )
+    damping: float = Field(
+        default=0.025,
+        ge=0.0,
+        le=1.0,
+        description="0: goes on when the force ends; 1: stops at once.",
+    )
+    gain: float = Field(
+        default=0.5,
+        ge=0.0,
+        le=2.0,
+        description="Of the controller's own loop; less is more stable against hard surfaces. Not CB3.",
+    )
+
+
 class PayloadConfig(Settings):
     """What the arm carries; sent to the controller by enable."""
 
     mass: float = Field(ge=0.0, le=100.0, description="In kg.")
     center_of_gravity: Vector3 = Field(
         default=(0.0, 0.0, 0.0), description="From the flange, in its axes, in m."
+    )
+    inertia: Vector6 | None = Field(
+        default=None,
+        description="About the centre of gravity, in the flange's axes: xx, yy, zz, xy, xz, yz in kg m². The "
+        "controller's estimate if null; by the native control only.",
     )
 
 
@@ -123,6 +158,12 @@ class UrConfig(DeviceConfig):
     )
     move: MoveConfig = Field(default=MoveConfig(), description="Point-to-point motion.")
     servo: ServoConfig = Field(default=ServoConfig(), description="Streamed motion.")
+    force: ForceConfig = Field(default=ForceConfig(), description="Force mode.")
+    free_axes: Flags6 = Field(
+        default=(True, True, True, True, True, True),
+        description="Axes of the base frame that `free` lets go: x, y, z, and about them. By the native "
+        "control, from PolyScope 5.10 on.",
+    )
 
     @model_validator(mode="after")
     def _watchdog_is_fed(self) -> UrConfig:
@@ -132,6 +173,13 @@ class UrConfig(DeviceConfig):
                 f"frequency: {self.frequency:g} Hz is too slow to feed the watchdog at "
                 f"{self.watchdog_frequency:g} Hz; give at least 4 times that, or control: ur_rtde"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _native_only(self) -> UrConfig:
+        inertia = self.payload is not None and self.payload.inertia is not None
+        if self.control == "ur_rtde" and (inertia or not all(self.free_axes)):
+            raise ValueError("payload.inertia and free_axes need control: native")
         return self
 
     @model_validator(mode="after")

@@ -135,6 +135,14 @@ class ControlLink(ABC):
         The arm is stopped when no other twist follows within `valid_for` seconds.
         """
 
+    def force(self, wrench: Sequence[float]) -> None:
+        """Press with a wrench (N, N·m, base axes, at the tool) along the axes that give way.
+
+        Raises:
+            NotImplementedError: this way has no force mode.
+        """
+        raise NotImplementedError
+
     @abstractmethod
     def move_joint(self, q: Sequence[float], speed: float, acceleration: float) -> None:
         """Move to a joint position (6, rad): rad/s and rad/s² of the leading axis."""
@@ -208,8 +216,9 @@ class ControlLink(ABC):
         """Send a slow request and return the value of its answer.
 
         Control program: ``set_payload(mass, center_of_gravity)``, ``set_tcp(pose)``,
-        ``set_gravity(direction)``, ``zero_ft_sensor``. Inputs and outputs: ``write_inputs(values)``,
-        ``set_tool_voltage(voltage)``. Dashboard: the names in `crtk_driver_ur.dashboard.REQUESTS`.
+        ``set_gravity(direction)``, ``zero_ft_sensor``; our own has more, see `native_link`. Inputs
+        and outputs: ``write_inputs(values)``, ``set_tool_voltage(voltage)``. Dashboard: the names in
+        `crtk_driver_ur.dashboard.REQUESTS`.
 
         Raises:
             TransitionFailed: it was refused, or the connection was replaced meanwhile.

@@ -85,6 +85,8 @@ MODEL_TOLERANCE = 0.05
 REMOTE_CONTROL_SINCE = (5, 6)
 """PolyScope version from which on there is remote and local control (Dashboard Server manual)."""
 
+_MODES = frozenset({Mode.JOINT_POSITION, Mode.JOINT_VELOCITY, Mode.CARTESIAN_VELOCITY})
+
 _PROGRAM_STOPPED = Condition(
     OperatingState.PAUSED,
     "the control program was stopped on the controller (teach pendant, or its watchdog). "
@@ -122,13 +124,8 @@ class UrDevice(Device):
         self._services = UrServices(
             self._robot, self._link, self._model, self._controls, f"ur {self.address}"
         )
-        payload = config.payload
         self._inputs = UrInputs(
-            self._robot,
-            self._link,
-            None if payload is None else payload.center_of_gravity,
-            self._controls,
-            f"ur {self.address}",
+            self._robot, self._link, config, self._controls, f"ur {self.address}"
         )
 
     # ------------------------------------------------------------------------------------ description
@@ -137,6 +134,7 @@ class UrDevice(Device):
     def capabilities(self) -> Capabilities:
         """See the base class."""
         model, servo, move = self._model, self._config.servo, self._config.move
+        force = self._config.force
         limits = tuple(
             JointLimits(
                 lower,
@@ -163,8 +161,9 @@ class UrDevice(Device):
                 servo.max_angular_velocity,
                 servo.linear_acceleration,
                 servo.joint_acceleration,
+                *((force.max_force, force.max_torque) if self._has_force_mode else ()),
             ),
-            modes=frozenset({Mode.JOINT_POSITION, Mode.JOINT_VELOCITY, Mode.CARTESIAN_VELOCITY}),
+            modes=_MODES | {Mode.CARTESIAN_EFFORT} if self._has_force_mode else _MODES,
             measured=("measured_js", "measured_cp", "measured_cv", "measured_cf"),
             native_moves=frozenset({"move_jp", "move_cp"}),
             line_limits=CartesianLimits(
@@ -187,6 +186,10 @@ class UrDevice(Device):
                 "process or the link died",
             ),
         )
+
+    @property
+    def _has_force_mode(self) -> bool:
+        return self._config.control == "native"
 
     @property
     def address(self) -> str:
@@ -368,6 +371,8 @@ class UrDevice(Device):
         self._lag.end()
         if setpoint.mode is Mode.JOINT_VELOCITY:
             link.speed_joint(values, servo.joint_acceleration, valid_for)
+        elif setpoint.mode is Mode.CARTESIAN_EFFORT:
+            link.force(values)
         else:
             link.speed_cartesian(values, servo.linear_acceleration, valid_for)
 
@@ -492,16 +497,14 @@ class UrDevice(Device):
             )
 
     def _configure(self) -> Steps:
+        """Tell the control program what it does not keep."""
         config = self._config
-        payload = self._inputs.payload
-        if payload is None and config.payload is not None:
-            payload = config.payload.model_dump()
-        if payload is not None:
-            yield from self._link.ask("set_payload", **payload)
         if config.tcp is not None:
             yield from self._link.ask("set_tcp", pose=list(config.tcp))
         if config.gravity is not None:
             yield from self._link.ask("set_gravity", direction=list(config.gravity))
+        for name, arguments in self._inputs.program_requests():
+            yield from self._link.ask(name, **arguments)
 
     def _require_free(self, command: str) -> None:
         """Refuse while a guard is open or somebody holds the arm; fail while it must be attended to."""

@@ -79,6 +79,18 @@ _SETTINGS: Final[Mapping[str, tuple[Setting, Callable[..., Sequence[float]]]]] =
         "set_tcp": (Setting.TCP, lambda pose: pose),
         "set_gravity": (Setting.GRAVITY, lambda direction: direction),
         "zero_ft_sensor": (Setting.ZERO_FORCE_SENSOR, lambda: ()),
+        "set_target_payload": (
+            Setting.TARGET_PAYLOAD,
+            lambda mass, center_of_gravity, inertia: (mass, *center_of_gravity, *inertia),
+        ),
+        "set_free_axes": (Setting.FREE_AXES, lambda axes: axes),
+        "set_force_axes": (Setting.FORCE_AXES, lambda axes: axes),
+        "set_force_limits": (
+            Setting.FORCE_LIMITS,
+            lambda linear, angular: (linear,) * 3 + (angular,) * 3,
+        ),
+        "set_force_damping": (Setting.FORCE_DAMPING, lambda damping: (damping,)),
+        "set_force_gain": (Setting.FORCE_GAIN, lambda gain: (gain,)),
     }
 )
 """Requests that the control program carries out, and their values."""
@@ -309,6 +321,10 @@ class NativeLink(ControlLink):
     ) -> None:
         """See the base class."""
         self._command(Kind.SPEED_CARTESIAN, twist, acceleration, valid_for)
+
+    def force(self, wrench: Sequence[float]) -> None:
+        """See the base class."""
+        self._command(Kind.FORCE, wrench)
 
     def move_joint(self, q: Sequence[float], speed: float, acceleration: float) -> None:
         """See the base class."""

@@ -1,4 +1,4 @@
-"""What an arm can be told beyond CRTK: speed slider, payload, outputs of control box and tool.
+"""What an arm can be told beyond CRTK: speed slider, payload, compliance, outputs of control box and tool.
 
 A value is checked and kept by whoever gives it, and sent by the I/O thread: of each input the newest,
 one request to the control process at a time. What the controller reports afterwards is compared with
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
+from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.control_link import ControlLink
 from crtk_driver_ur.robot import Robot
 from crtk_driver_ur.rtde.stream import StateSample
@@ -36,6 +37,14 @@ DIGITAL: Final = {
 
 ANALOG: Final = {"voltage": (1, 0.0, 10.0, "V"), "current": (0, 0.004, 0.020, "A")}
 """Kinds of analog outputs: bit of `standard_analog_output_type`, range, unit."""
+
+PAYLOAD_MASS: Final = "payload_mass"
+
+AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
+"""Axes of the base frame, and those about them."""
+
+COMPLIANT: Final = {"free": "`free` lets the arm go", "force": "the arm gives way to servo_cf"}
+"""Kinds of axes that can be chosen, with what happens along one."""
 
 TOOL_VOLTAGES: Final = (0.0, 12.0, 24.0)
 LARGEST_PAYLOAD: Final = 100.0
@@ -74,31 +83,28 @@ class UrInputs:
 
     Args:
         robot, link: of the arm.
-        center_of_gravity: of the payload, from the flange, in m; that of the controller if None.
+        config: what counts before anything is given.
         in_control: whether the control program runs.
         where: the device, for messages.
-
-    Attributes:
-        mass: of the payload as it was given last, in kg; None if it was not.
     """
 
     def __init__(
         self,
         robot: Robot,
         link: ControlLink,
-        center_of_gravity: tuple[float, float, float] | None,
+        config: UrConfig,
         in_control: Callable[[], bool],
         where: str,
     ) -> None:
-        self.mass: float | None = None
         self._robot = robot
         self._link = link
-        self._center = center_of_gravity
+        self._config = config
         self._in_control = in_control
         self._where = where
         self._settings = dict(self._all())
         self._lock = threading.Lock()
         self._given: dict[str, float] = {}
+        self._kept: dict[str, float] = {}  # what the control program was told, or is to be
         self._sending: Steps | None = None
         self._checking: dict[str, tuple[float, float]] = {}  # value, until when it may take
         self._problems: dict[str, str] = {}
@@ -131,14 +137,26 @@ class UrInputs:
         """Yield what could not be set. From any thread."""
         for name, problem in list(self._problems.items()):
             yield Note(Severity.WARNING, name, problem)
-        if self.mass is not None and not self._in_control():
-            text = f"{self.mass:g} kg, sent when the arm is enabled"
-            yield Note(Severity.INFO, "payload_mass", text)
+        mass = self._kept.get(PAYLOAD_MASS)
+        if mass is not None and not self._in_control():
+            yield Note(Severity.INFO, PAYLOAD_MASS, f"{mass:g} kg, sent when the arm is enabled")
 
-    @property
-    def payload(self) -> dict[str, Any] | None:
-        """Arguments of ``set_payload`` for the mass that was given; None if it was not."""
-        return None if self.mass is None else self._payload(self.mass)[1]
+    def program_requests(self) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Yield what a control program that has just started must be told: requests and arguments."""
+        config = self._config
+        mass = self._kept.get(PAYLOAD_MASS)
+        if mass is None and config.payload is not None:
+            mass = config.payload.mass
+        if mass is not None:
+            yield self._payload(mass)
+        if config.control == "native":
+            force = config.force
+            yield self._chosen_axes("free")
+            yield self._chosen_axes("force")
+            linear, angular = force.linear_velocity, force.angular_velocity
+            yield "set_force_limits", {"linear": linear, "angular": angular}
+            yield "set_force_damping", {"damping": force.damping}
+            yield "set_force_gain", {"gain": force.gain}
 
     # -------------------------------------------------------------------------------------- inside
 
@@ -164,7 +182,7 @@ class UrInputs:
         with self._lock:
             self._given[name] = value
             if setting.by_program:
-                self.mass = value
+                self._kept[name] = value
 
     def _send(self) -> Steps:
         with self._lock:
@@ -209,7 +227,7 @@ class UrInputs:
             ),
         )
         yield (
-            "payload_mass",
+            PAYLOAD_MASS,
             _Setting(
                 "mass of the payload, in kg",
                 Payload.NUMBER,
@@ -243,11 +261,40 @@ class UrInputs:
                 name = f"analog_out_{channel}_{kind}"
                 yield name, _analog(channel, kind, domain, low, high, unit)
 
+        if self._config.control == "native":
+            for kind in COMPLIANT:
+                for index, axis in enumerate(AXES):
+                    yield f"{kind}_axis_{axis}", self._axis(kind, index)
+
+    def _axis(self, kind: str, index: int) -> _Setting:
+        about = "along" if index < 3 else "about"
+        return _Setting(
+            f"{COMPLIANT[kind]} {about} {AXES[index % 3]} of the base",
+            Payload.FLAG,
+            lambda value: value in (0.0, 1.0),
+            "true or false",
+            lambda value: self._chosen_axes(kind),
+            lambda state, value: True,
+            by_program=True,
+        )
+
+    def _chosen_axes(self, kind: str) -> tuple[str, dict[str, Any]]:
+        """Return the request for all axes of a kind: those that were given, and the configured ones."""
+        configured = self._config.free_axes if kind == "free" else self._config.force.axes
+        axes = [
+            self._kept.get(f"{kind}_axis_{axis}", float(chosen))
+            for axis, chosen in zip(AXES, configured, strict=True)
+        ]
+        return f"set_{kind}_axes", {"axes": axes}
+
     def _payload(self, mass: float) -> tuple[str, dict[str, Any]]:
-        state = self._robot.state
+        configured, state = self._config.payload, self._robot.state
+        center = configured.center_of_gravity if configured is not None else None
         reported = state.payload_cog if state is not None else None
-        center = self._center or reported or (0.0, 0.0, 0.0)
-        return "set_payload", {"mass": mass, "center_of_gravity": list(center)}
+        arguments = {"mass": mass, "center_of_gravity": list(center or reported or (0.0,) * 3)}
+        if configured is None or configured.inertia is None:
+            return "set_payload", arguments
+        return "set_target_payload", {**arguments, "inertia": list(configured.inertia)}
 
 
 def _inputs(**values: float) -> tuple[str, dict[str, Any]]:
