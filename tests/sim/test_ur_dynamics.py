@@ -144,8 +144,11 @@ def test_no_torque_holds_the_arm_against_gravity() -> None:
     assert bench["actual_q"] == before
 
 
-def test_a_torque_accelerates_as_the_mass_matrix_says() -> None:
+@pytest.mark.parametrize("slider", [1.0, 0.5])
+def test_a_torque_accelerates_as_the_mass_matrix_says(slider: float) -> None:
     bench = Bench()
+    bench.write(speed_slider_mask=1, speed_slider_fraction=slider)
+    bench.seconds(0.5)
     scales = "viscous_scale=[1,1,1,1,1,1], coulomb_scale=[1,1,1,1,1,1]"
     inertia = np.array(bench.controller.mass_matrix(bench["actual_q"]))
     load = np.array([8.0, -5.0, 3.0, 1.0, -0.5, 0.3])
