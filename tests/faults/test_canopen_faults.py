@@ -480,12 +480,23 @@ def test_homing_begins_after_motion_has_ended_and_its_end_by_disable_stops_it() 
             arm.close()
 
 
-def test_a_second_master_refuses_to_start_and_does_not_disturb_the_first(bench: Bench) -> None:
+@pytest.mark.parametrize(
+    ("keys", "heard"),
+    [
+        ({}, "the heartbeat of node 127, which is this computer"),
+        ({"master_node": 126}, "PDO 0x201 to node 1"),
+        ({"master_node": 126, "heartbeat": {"ours": 0.0, "ours_timeout": 0.0}}, "PDO 0x201"),
+    ],
+)
+def test_a_second_master_refuses_to_start_and_does_not_disturb_the_first(
+    bench: Bench, keys: dict[str, Any], heard: str
+) -> None:
     move = bench.start_moving()
-    other = LocalDevice(Session(PLUGIN, arm_on(bench.sim, COUNT)))
+    other = LocalDevice(Session(PLUGIN, arm_on(bench.sim, COUNT, **keys)))
     try:
         other._session.start()
         until(lambda: "another master" in other.operating_state().detail, "it is refused")
+        assert heard in other.operating_state().detail
         assert not other.engine.connected
     finally:
         other.close()

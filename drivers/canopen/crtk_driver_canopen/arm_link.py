@@ -19,15 +19,16 @@ from crtk_driver_canopen.bus_state import BusLost
 from crtk_driver_canopen.candump import CandumpLog
 from crtk_driver_canopen.commissioning import Prepared, prepare
 from crtk_driver_canopen.config import CanopenConfig
-from crtk_driver_canopen.cycle import Cycle, CycleCounters, KernelSync, SentSync
+from crtk_driver_canopen.cycle import SYNC, Cycle, CycleCounters, KernelSync, SentSync
+from crtk_driver_canopen.foreign import SYNC_TEXT, ForeignMaster
 from crtk_driver_canopen.heartbeat import NmtCommand, NmtState
 from crtk_driver_canopen.jobs import NodeJobs
 from crtk_driver_canopen.layout import Layout
 from crtk_driver_canopen.master import BootUp, Master
 from crtk_driver_canopen.modes import OpMode
 from crtk_driver_canopen.objects import OBJECTS
-from crtk_driver_canopen.sdo import Sdo
-from crtk_driver_canopen.statemachine import State
+from crtk_driver_canopen.sdo import Sdo, SdoSilent
+from crtk_driver_canopen.statemachine import Control, State
 from crtk_driver_canopen.units import GroupUnits
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import ConnectionFailed, CrtkError, DataTimeout
@@ -44,7 +45,13 @@ UNHEARD: Final = frozenset({0x7500, 0x8100, 0x8700})
 """Classes of error codes (603F) of a drive that missed heartbeats, PDOs or SYNC."""
 
 LISTEN: Final = 2.5
-"""Times our heartbeat's period in which another master would be heard, before anything is sent."""
+"""Times the periods of our heartbeat and SYNC in which another master would be heard."""
+
+LEAST_LISTENING: Final = 0.1
+"""Seconds for that at least."""
+
+PRODUCES_SYNC: Final = 1 << 30
+"""Bit of the COB-ID of SYNC (1005) in a node that sends it."""
 
 COLLECT: Final = 0.6
 """Part of a period in which the drives' PDOs are waited for: the rest is for what they are sent."""
@@ -87,8 +94,12 @@ class ArmLink:
         """Nodes that have started anew since they were set up."""
         self._master: Master | None = None
         self._cycle: Cycle | None = None
+        self._foreign: ForeignMaster | None = None
+        self._foreign_syncs = 0
         self._sent = True
         self._jobs = NodeJobs()
+        self._stops = NodeJobs()
+        self._stopped: set[int] = set()
         self._tardy: list[int] = []
         self._places: dict[str, list[int | None]] = {}
 
@@ -113,6 +124,12 @@ class ArmLink:
         """The PDOs."""
         assert self._cycle is not None
         return self._cycle
+
+    @property
+    def foreign(self) -> ForeignMaster:
+        """What is heard of another master."""
+        assert self._foreign is not None
+        return self._foreign
 
     # ----------------------------------------------------------------------------------- life cycle
 
@@ -143,6 +160,8 @@ class ArmLink:
     def _open(self, deadline: float) -> None:
         config = self._config
         self._jobs.join(deadline)
+        self._stops.join(deadline)
+        self._stopped.clear()
         self.link.open()
         timeouts = dict.fromkeys(config.nodes, config.heartbeat.drives_timeout)
         self._master = Master(
@@ -152,7 +171,11 @@ class ArmLink:
             period=config.heartbeat.ours,
             sdo_timeout=config.sdo_timeout,
         )
-        self._listen()
+        self._foreign = ForeignMaster(
+            self._master, config.master_node, config.nodes, self._layout.rpdos.pdos
+        )
+        self._foreign_syncs = 0
+        self._listen(deadline)
         self._master.command(NmtCommand.PRE_OPERATIONAL)
         facts: dict[str, Prepared] = {}
         for node in config.nodes:
@@ -174,21 +197,42 @@ class ArmLink:
         self._start(config.nodes)
         self._settle(deadline)
 
-    def _listen(self) -> None:
+    def _listen(self, deadline: float) -> None:
         """See that nobody else commands these drives: a second master would stop them in motion.
 
+        Nothing is sent before that, but to a drive that produces SYNC itself, which is set right later.
+
         Raises:
-            ConnectionFailed: somebody does, under our own id.
+            ConnectionFailed: somebody does.
         """
-        ours = self._config.master_node
-        nodes = self.master.watch.nodes
-        until = time.monotonic() + LISTEN * self._config.heartbeat.ours
-        if self.link.poll(until, lambda: ours in nodes):
+        config, foreign = self._config, self.foreign
+        listening = max(LISTEN * config.heartbeat.ours, LISTEN * config.period, LEAST_LISTENING)
+        until = min(deadline, time.monotonic() + listening)
+        syncs: list[float] = []
+        self.link.subscribe(SYNC, lambda data, now: syncs.append(now))
+        self.link.poll(until, lambda: bool(foreign.found(time.monotonic())))
+        self.link.unsubscribe(SYNC)
+        if syncs and not self._produce_sync():
+            foreign.note(SYNC_TEXT, time.monotonic())
+        found = foreign.found(time.monotonic())
+        if found:
             raise ConnectionFailed(
-                f"another master is on this bus: node {ours}, which is to be this computer, is heard",
+                found,
                 where=self.where,
-                remedy="Stop the other program; if it is none for these drives, change `master_node`.",
+                remedy="Stop the other program. One for other drives must not send SYNC, nor have the id "
+                "of this computer (`master_node`).",
             )
+
+    def _produce_sync(self) -> bool:
+        """Return whether one of the drives sends SYNC (bit 30 of 1005)."""
+        for node in self._config.nodes:
+            try:
+                word = Sdo(self.master.sdo(node)).find(OBJECTS["sync_cob_id"]) or 0
+            except SdoSilent:
+                continue
+            if word & PRODUCES_SYNC:
+                return True
+        return False
 
     def _start(self, nodes: Iterable[int]) -> None:
         if self._config.heartbeat.drives:
@@ -199,6 +243,7 @@ class ArmLink:
         self.master.watch.restart(time.monotonic())
         self.master.take_events()
         self.restarted.clear()
+        self.foreign.forget_commands(nodes)
 
     def _settle(self, deadline: float) -> None:
         """Exchange until every drive has told where it is, and no longer complains of our silence."""
@@ -256,6 +301,26 @@ class ArmLink:
             if lives[node].state not in (None, NmtState.OPERATIONAL)
         }
 
+    def stop_those_that_left(self) -> None:
+        """Have nodes stop that went pre-operational behind our back: they hear SDO, but no PDO any more.
+
+        A drive in a velocity mode would run on; what it does at a lost connection (6007) does not cover this.
+        """
+        left = {
+            node
+            for node in self.left
+            if self.master.watch.nodes[node].state == NmtState.PRE_OPERATIONAL
+        }
+        self._stopped &= left
+        if left - self._stopped and not self._stops.running:
+            nodes: dict[int, list[Sdo]] = {node: [] for node in left - self._stopped}
+            for axis in self.axes:
+                if axis.config.node in nodes:
+                    sdo = Sdo(self.master.sdo(axis.config.node), axis.config.axis)
+                    nodes[axis.config.node].append(sdo)
+            self._stops.start({node: partial(_stop_all, axes) for node, axes in nodes.items()})
+            self._stopped |= left
+
     def set_up_again(self, nodes: set[int]) -> Steps:
         """Set up nodes anew, from threads of their own: the others go on with their cycle meanwhile.
 
@@ -264,6 +329,7 @@ class ArmLink:
         """
         yield from self._jobs.until_over()  # those of an enable that was given up
         self.restarted -= nodes
+        self.foreign.forget_commands(nodes)
         for node in nodes:
             self.master.command(NmtCommand.PRE_OPERATIONAL, node)
         master, config, layout = self.master, self._config, self._layout
@@ -309,7 +375,7 @@ class ArmLink:
         if cycle is not None:
             cycle.stop()
         self.link.close()
-        self._master = None
+        self._master = self._foreign = None
         if self._log is not None:
             self._log.close()
 
@@ -355,6 +421,9 @@ class ArmLink:
         self._tardy = [
             count + 1 if age else 0 for count, age in zip(self._tardy, self.cycle.ages, strict=True)
         ]
+        if self.counters.foreign_syncs != self._foreign_syncs:
+            self._foreign_syncs = self.counters.foreign_syncs
+            self.foreign.note(SYNC_TEXT, now)
         for event in self.master.take_events():
             logger.warning("%s: %s", self.where, event)
             if isinstance(event, BootUp) and event.node in self._config.nodes:
@@ -434,6 +503,14 @@ class ArmLink:
     def age(self) -> int:
         """Cycles since any drive told anything."""
         return min(self.cycle.ages, default=0)
+
+
+def _stop_all(axes: Iterable[Sdo]) -> None:
+    for sdo in axes:
+        try:
+            sdo.write(OBJECTS["controlword"], Control.QUICK_STOP)
+        except CrtkError as error:
+            logger.warning("%s: could not be told to stop: %s", sdo.where, error)
 
 
 def lost(where: str) -> BusLost:

@@ -78,6 +78,10 @@ _DEFAULT_OPTIONS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
 """Where python-can's own defaults are too slow for a cycle: without it TCP collects small frames."""
 
 
+_OWN_FRAMES_UNMARKED: Final = frozenset({"udp_multicast"})
+"""Interfaces that give back what is sent, as if somebody else had sent it."""
+
+
 class CanLink:
     """Frames of one bus.
 
@@ -102,6 +106,7 @@ class CanLink:
         self._thread = 0
         self._handlers: dict[int, Handler] = {}
         self._posted: deque[can.Message] = deque(maxlen=1024)
+        self._echoes = bool(address.options.get("receive_own_messages"))
         self._full = 0
 
     @property
@@ -124,6 +129,11 @@ class CanLink:
     def is_open(self) -> bool:
         """Whether the bus is open."""
         return self._bus is not None
+
+    @property
+    def hears_itself(self) -> bool:
+        """Whether frames that were sent come back, and cannot be told from those of others."""
+        return self.address.interface in _OWN_FRAMES_UNMARKED
 
     @property
     def owned(self) -> bool:
@@ -297,7 +307,9 @@ class CanLink:
         return message
 
     def dispatch(self, message: can.Message, now: float) -> None:
-        """Give a frame to the handler of its COB-ID."""
+        """Give a frame to the handler of its COB-ID; our own ones, where they come back, to none."""
+        if self._echoes and not message.is_rx:
+            return
         handler = self._handlers.get(message.arbitration_id)
         if handler is None:
             self.counters.unknown += 1

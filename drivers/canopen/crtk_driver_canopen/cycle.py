@@ -54,7 +54,7 @@ class SyncSource(Protocol):
     """Who produces the SYNC."""
 
     own: bool
-    """Whether our own SYNC is received as well, and marks the begin of a cycle."""
+    """Whether our own SYNC is received as well (`is_rx` is false), and marks the begin of a cycle."""
 
     def start(self) -> None:
         """Begin."""
@@ -115,7 +115,7 @@ class KernelSync:
         overflow: highest value of the counter (1019), 2 to 240; 0: SYNC has none.
     """
 
-    own = True
+    own = True  # it comes back marked as sent by this computer
 
     def __init__(self, link: CanLink, period: float, overflow: int = 0) -> None:
         self._link = link
@@ -287,7 +287,7 @@ class Cycle:
             message = self._link.receive(deadline - now)
             if message is None:
                 continue
-            if message.arbitration_id == SYNC:
+            if message.arbitration_id == SYNC and not message.is_rx:
                 return True
             self._take(message, time.monotonic(), late=True)
         return False
@@ -304,8 +304,9 @@ class Cycle:
         slot = self.tpdos.slots.get(message.arbitration_id)
         if slot is None:
             if message.arbitration_id == SYNC:
-                self.counters.overruns += self.sync.own
-                self.counters.foreign_syncs += not self.sync.own
+                ours = self.sync.own and not message.is_rx
+                self.counters.overruns += ours
+                self.counters.foreign_syncs += not ours
             else:
                 self._link.dispatch(message, now)
             return

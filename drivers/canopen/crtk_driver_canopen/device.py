@@ -109,10 +109,11 @@ class CanopenDevice(Device):
         link = self.link
         complete = link.exchange(deadline)
         link.follow()
+        link.stop_those_that_left()
         now = time.monotonic()
         self._judge(now)
         self._motion.step(now)
-        if link.age * self._config.period > LOST_TIME:
+        if link.age * self._config.period > LOST_TIME and not link.left:
             raise lost(link.where)
         if not complete:
             # The link is there, and the fault tells who is missing.
@@ -141,7 +142,7 @@ class CanopenDevice(Device):
 
     def _judge(self, now: float) -> None:
         missing = self._missing(now)
-        trouble = self._trouble(missing)
+        trouble = self._trouble(missing, now)
         if not trouble:
             self._condition = Condition()
             return
@@ -150,9 +151,9 @@ class CanopenDevice(Device):
         if trouble != self._condition.reason:
             self._condition = Condition(OperatingState.FAULT, trouble)
 
-    def _trouble(self, missing: Mapping[int, str]) -> str:
+    def _trouble(self, missing: Mapping[int, str], now: float) -> str:
         link = self.link
-        found = [self._motion.fault] if self._motion.fault else []
+        found = [text for text in (link.foreign.found(now), self._motion.fault) if text]
         for axis in self.axes:
             if axis.config.node in missing:
                 continue  # what it said last is not what it is now
@@ -179,14 +180,17 @@ class CanopenDevice(Device):
             for node in link.master.watch.lost(now)
             if node in self._config.nodes
         }
-        missing |= {
-            node: f"node {node} is not operational any more: it is set up again when the arm is enabled"
-            for node in link.left
-        }
-        return missing | {
-            node: f"node {node} has started anew: it is set up again when the arm is enabled"
-            for node in link.restarted
-        }
+        for nodes, what in (
+            (link.left, "is not operational any more"),
+            (link.restarted, "has started anew"),
+        ):
+            for node in nodes:
+                command = link.foreign.command_to(node)
+                why = f" ({command})" if command else ""
+                missing[node] = (
+                    f"node {node} {what}{why}: it is set up again when the arm is enabled"
+                )
+        return missing
 
     def _group_policy(self, missing: Mapping[int, str], *, begins: bool) -> None:
         """One axis has a fault: when it begins, have the others do what is configured.
@@ -289,6 +293,8 @@ class CanopenDevice(Device):
     def _set_up_again(self) -> Steps:
         link = self.link
         nodes = link.restarted | link.left | link.late(self._config.missed_cycles)
+        lost = link.master.watch.lost(time.monotonic())
+        nodes |= set(lost) & set(self._config.nodes)
         if not nodes:
             return
         try:
@@ -316,8 +322,12 @@ class CanopenDevice(Device):
             TransitionFailed: a drive does not follow, with why.
         """
         while True:
-            missing = self._missing(time.monotonic())
+            now = time.monotonic()
+            missing = self._missing(now)
             failures = [f"{axis.place}: {axis.failure}" for axis in self.axes if axis.failure]
+            foreign = self.link.foreign.found(now)
+            if foreign:
+                failures.append(foreign)
             if not failures and not missing and all(map(done, self.axes)):
                 return
             if failures or missing:
@@ -409,10 +419,6 @@ class CanopenDevice(Device):
             for axis in self.axes
             if axis.drive.statusword & Status.WARNING
         ]
-        foreign = self.link.counters.foreign_syncs
-        if foreign:
-            text = f"{foreign} SYNCs of another producer: is there another master on the bus?"
-            told.append(Note(Severity.ERROR, "bus", text))
         told += [
             Note(Severity.WARNING, axis.place, text)
             for axis in self.axes

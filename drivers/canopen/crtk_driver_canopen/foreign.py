@@ -1,0 +1,103 @@
+"""Frames that only the master of these drives may send, sent by somebody else.
+
+No frame of CAN tells who sent it. But SYNC, the PDOs to a drive, and the heartbeat of this computer are ours
+alone, and we do not receive what we send: whoever else sends them commands the same drives.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable
+from typing import Final
+
+from crtk_driver_canopen.bus import CanLink
+from crtk_driver_canopen.heartbeat import NmtCommand, nmt_text
+from crtk_driver_canopen.master import ALL_NODES, Master
+from crtk_driver_canopen.pdo import Pdo
+
+__all__ = ["SYNC_TEXT", "ForeignMaster"]
+
+logger = logging.getLogger(__name__)
+
+REMEMBERED: Final = 1.0
+"""Seconds for which a frame of another master counts."""
+
+SYNC_TEXT: Final = "SYNC that is not ours"
+
+
+class ForeignMaster:
+    """What is heard of another master. Belongs to the thread that owns the link.
+
+    Args:
+        master: of the bus.
+        node: our own id.
+        nodes: that are ours to command.
+        rpdos: that are ours to send.
+    """
+
+    def __init__(
+        self, master: Master, node: int, nodes: Iterable[int], rpdos: Iterable[Pdo]
+    ) -> None:
+        self._master = master
+        self._node = node
+        self._nodes = frozenset(nodes)
+        self._seen: dict[str, float] = {}
+        self._commands: dict[int, str] = {}
+        link = master.link
+        if link.hears_itself:
+            return  # what we send ourselves cannot be told from what another one sends
+        link.subscribe(0x000, self._take_command)
+        self._watch(link, 0x700 + node, f"the heartbeat of node {node}, which is this computer")
+        for pdo in rpdos:
+            self._watch(link, pdo.id, f"PDO 0x{pdo.id:x} to node {pdo.node}")
+
+    def _watch(self, link: CanLink, cob_id: int, text: str) -> None:
+        link.subscribe(cob_id, self._noting(text))
+
+    def _noting(self, text: str) -> Callable[[bytes, float], None]:
+        return lambda data, now: self.note(text, now)
+
+    def note(self, text: str, now: float) -> None:
+        """Take note of a frame, in words, at monotonic seconds."""
+        if now - self._seen.get(text, -REMEMBERED) >= REMEMBERED:
+            logger.warning("%s: somebody else sends %s", self._master.link.where, text)
+        self._seen[text] = now
+
+    def _take_command(self, data: bytes, now: float) -> None:
+        if len(data) < 2:
+            return
+        try:
+            command = NmtCommand(data[0]).name.lower().replace("_", " ")
+        except ValueError:
+            command = f"0x{data[0]:02x}"
+        target = "all nodes" if data[1] == ALL_NODES else f"node {data[1]}"
+        text = f"somebody else sent the NMT command '{command}' to {target}"
+        logger.warning("%s: %s", self._master.link.where, text)
+        for node in self._nodes if data[1] == ALL_NODES else self._nodes & {data[1]}:
+            self._commands[node] = text
+
+    def command_to(self, node: int) -> str:
+        """Return the last NMT command of somebody else to a node since it was set up; empty without."""
+        return self._commands.get(node, "")
+
+    def forget_commands(self, nodes: Iterable[int]) -> None:
+        """Nodes are set up anew."""
+        for node in nodes:
+            self._commands.pop(node, None)
+
+    def found(self, now: float) -> str:
+        """Return what another master sent of late, and who it may be; empty if nothing was heard of one."""
+        texts = [text for text, seen in self._seen.items() if now - seen < REMEMBERED]
+        if not texts:
+            return ""
+        return f"another master is on this bus: it sends {', '.join(texts)}{self._strangers()}"
+
+    def _strangers(self) -> str:
+        """Return the nodes that are heard and are not ours: one of them may be the other master."""
+        known = self._nodes | {self._node}
+        heard = [
+            f"node {node} ({nmt_text(life.state)})"
+            for node, life in sorted(self._master.watch.nodes.items())
+            if node not in known and life.state is not None
+        ]
+        return f"; also heard: {', '.join(heard)}" if heard else ""
