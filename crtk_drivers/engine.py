@@ -493,7 +493,7 @@ class Engine:
         elif condition.allows is status.state and status.state in _EXPLAINED:
             # What came first is not always what tells the reader most.
             self._board.update(status.state, condition.reason)
-        elif self.capabilities.needs_homing:
+        if self.capabilities.needs_homing:
             self._board.update(homed=self.device.is_homed)
 
     def _leave(self, state: OperatingState, reason: str) -> None:

@@ -14,6 +14,7 @@ from crtk_driver_canopen.config import CanopenConfig, JointConfig
 from crtk_driver_canopen.layout import plan
 from crtk_driver_canopen.modes import OpMode
 from crtk_driver_canopen.objects import parse_object
+from crtk_driver_canopen.pdo import Direction
 from crtk_driver_canopen.units import (
     GroupUnits,
     JointUnits,
@@ -295,6 +296,52 @@ def test_a_node_has_four_pdos() -> None:
     joints = {str(axis): {"node": 3, "axis": axis, **LIMITS} for axis in range(3)}
     with pytest.raises(ConfigError, match=r"joints\.2: node 3 would need more than 4 TPDOs"):
         plan(load(CanopenConfig, from_values({"joints": joints})))
+    joints["2"] |= {"rpdo_cob_ids": [0x681], "tpdo_cob_ids": [0x691, 0x692]}
+    layout = plan(load(CanopenConfig, from_values({"joints": joints})))
+    assert [pdo.id for pdo in layout.rpdos.pdos] == [0x203, 0x303, 0x681]
+    assert [pdo.id for pdo in layout.tpdos.pdos] == [0x183, 0x283, 0x383, 0x483, 0x691, 0x692]
+    assert [pdo.number for pdo in layout.tpdos.pdos] == [1, 2, 3, 4, 5, 6]
+    assert layout.asked == ()
+
+
+@pytest.mark.parametrize(
+    ("cob_ids", "message"),
+    [
+        ([], "needs RPDO 1 of its own, but has 0 COB-IDs"),
+        ([0x203], "node 3 RPDO 1 and node 4 RPDO 1 have one COB-ID, 0x203"),
+        ([0x080], "cannot have the COB-ID 0x80: .* are for SYNC"),
+        ([0x603], "0x601 to 0x67f are for SDO requests"),
+        ([0x703], "are for heartbeats"),
+        ([0x7E5], "keeps for itself"),
+        ([0x800], "less than or equal"),
+        ("own", "predefined"),
+    ],
+)
+def test_cob_ids_that_are_not_free_are_refused(cob_ids: Any, message: str) -> None:
+    joints = {
+        "first": {"node": 3, **LIMITS},
+        "second": {"node": 4, **LIMITS, "rpdo_cob_ids": cob_ids},
+    }
+    with pytest.raises(ConfigError, match=message):
+        plan(load(CanopenConfig, from_values({"joints": joints})))
+
+
+def test_cob_ids_of_the_drives_are_planned_with_once_they_are_known() -> None:
+    joints = {
+        str(axis): {"node": 3, "axis": axis, **LIMITS, "rpdo_cob_ids": "drive"} for axis in range(2)
+    }
+    config = load(CanopenConfig, from_values({"joints": joints, "feedback": []}))
+    layout = plan(config)
+    rpdos = [(3, Direction.RECEIVE, number) for number in (1, 2)]
+    assert list(layout.asked) == rpdos
+    assert [
+        pdo.id for pdo in plan(config, dict(zip(rpdos, (0x6A1, 0x6A2), strict=True))).rpdos.pdos
+    ] == [
+        0x6A1,
+        0x6A2,
+    ]
+    with pytest.raises(ConfigError, match="have one COB-ID, 0x6a1"):
+        plan(config, dict.fromkeys(rpdos, 0x6A1))
 
 
 def test_a_cycle_that_does_not_fit_is_refused() -> None:

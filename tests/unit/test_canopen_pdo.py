@@ -15,7 +15,7 @@ from crtk_driver_canopen.busload import (
     worst_bits,
 )
 from crtk_driver_canopen.objects import OBJECTS, ObjectType, object_text, object_type
-from crtk_driver_canopen.pdo import Direction, Pdo, PdoGroup, check_unique, default_cob_id
+from crtk_driver_canopen.pdo import Direction, Pdo, PdoGroup, check_cob_ids, default_cob_id
 from crtk_drivers.errors import ConfigError, ProtocolError
 from crtk_sim_backends.can import frames
 
@@ -110,7 +110,7 @@ def test_places_tell_axes_apart() -> None:
 def test_one_cob_id_in_both_directions_is_refused() -> None:
     receive = Pdo(9, Direction.RECEIVE, 1, CONTROL, cob_id=0x181)
     with pytest.raises(ConfigError, match="node 1 TPDO 1 and node 9 RPDO 1 have one COB-ID, 0x181"):
-        check_unique([PdoGroup([tpdo(1)]), PdoGroup([receive])])
+        check_cob_ids([tpdo(1), receive])
 
 
 FIXED = [kind for kind in ObjectType if kind.format in ("b", "h", "i", "q", "B", "H", "I", "Q")]

@@ -23,10 +23,11 @@ from crtk_driver_canopen.cycle import SYNC, Cycle, CycleCounters, KernelSync, Se
 from crtk_driver_canopen.foreign import SYNC_TEXT, ForeignMaster
 from crtk_driver_canopen.heartbeat import NmtCommand, NmtState
 from crtk_driver_canopen.jobs import NodeJobs
-from crtk_driver_canopen.layout import Layout
+from crtk_driver_canopen.layout import CobIds, Layout, plan
 from crtk_driver_canopen.master import BootUp, Master
 from crtk_driver_canopen.modes import OpMode
 from crtk_driver_canopen.objects import OBJECTS
+from crtk_driver_canopen.pdo import read_cob_id
 from crtk_driver_canopen.sdo import Sdo, SdoSilent
 from crtk_driver_canopen.statemachine import Control, State
 from crtk_driver_canopen.units import GroupUnits
@@ -171,12 +172,15 @@ class ArmLink:
             period=config.heartbeat.ours,
             sdo_timeout=config.sdo_timeout,
         )
-        self._foreign = ForeignMaster(
-            self._master, config.master_node, config.nodes, self._layout.rpdos.pdos
-        )
+        self._foreign = ForeignMaster(self._master, config.master_node, config.nodes)
+        if not self._layout.asked:
+            self._foreign.watch(self._layout.rpdos.pdos)
         self._foreign_syncs = 0
         self._listen(deadline)
         self._master.command(NmtCommand.PRE_OPERATIONAL)
+        if self._layout.asked:
+            self._layout = plan(config, self._read_cob_ids())
+            self._foreign.watch(self._layout.rpdos.pdos)
         facts: dict[str, Prepared] = {}
         for node in config.nodes:
             if time.monotonic() > deadline:
@@ -196,6 +200,17 @@ class ArmLink:
         self._find_places()
         self._start(config.nodes)
         self._settle(deadline)
+
+    def _read_cob_ids(self) -> CobIds:
+        """Return the COB-IDs that the drives have for the PDOs that are used.
+
+        Raises:
+            DeviceError: a drive has none, or does not tell.
+        """
+        return {
+            (node, direction, number): read_cob_id(Sdo(self.master.sdo(node)), direction, number)
+            for node, direction, number in self._layout.asked
+        }
 
     def _listen(self, deadline: float) -> None:
         """See that nobody else commands these drives: a second master would stop them in motion.

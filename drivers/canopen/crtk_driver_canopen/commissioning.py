@@ -18,7 +18,7 @@ from crtk_driver_canopen.master import Master
 from crtk_driver_canopen.modes import MODES, OpMode, mode_text, supported
 from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType
 from crtk_driver_canopen.parameters import write_parameters
-from crtk_driver_canopen.pdo import Direction, configure, disable
+from crtk_driver_canopen.pdo import MOST_PDOS, Direction, configure, disable
 from crtk_driver_canopen.profiles import ProfileRates
 from crtk_driver_canopen.sdo import Sdo
 from crtk_driver_canopen.statemachine import STAYS_IN_QUICK_STOP
@@ -38,8 +38,8 @@ logger = logging.getLogger(__name__)
 
 _CYCLIC = frozenset({OpMode.CSP, OpMode.CSV, OpMode.CST, OpMode.IP})
 
-_USUAL_PDOS = range(1, 5)
-"""PDOs that drives have valid from the factory: those that are not used are made not valid."""
+_USUAL_PDOS = 4
+"""PDOs of each direction that most drives have; those from there on are looked for until one is missing."""
 
 
 @dataclass(frozen=True)
@@ -228,9 +228,12 @@ def _map(sdo: Sdo, layout: Layout, node: int) -> None:
     ):
         mine = [pdo for pdo in group.pdos if pdo.node == node]
         used = {pdo.number for pdo in mine}
-        for number in _USUAL_PDOS:
-            if number not in used:
-                disable(sdo, node, direction, number)
+        for number in range(1, MOST_PDOS + 1):
+            # Whatever is valid from the factory would go on, or take what is meant for another.
+            if number in used:
+                continue
+            if not disable(sdo, node, direction, number) and number > _USUAL_PDOS:
+                break
         for pdo in mine:
             if configure(sdo, pdo):
                 logger.debug("%s: %s written", sdo.where, pdo)

@@ -16,6 +16,9 @@ from crtk_drivers.config import DeviceConfig, Settings
 NodeId = Annotated[int, Field(ge=1, le=127)]
 """Id of a node on its bus."""
 
+CobIds = Literal["predefined", "drive"] | tuple[Annotated[int, Field(ge=1, le=0x7FF)], ...]
+"""Where COB-IDs of PDOs come from."""
+
 ModeName = Literal["csp", "csv", "cst", "pp", "pv", "tq", "ip"]
 
 MODE_NAMES: Final[dict[ModeName, OpMode]] = {
@@ -226,6 +229,15 @@ class JointConfig(Settings):
         ge=1,
         le=512,
         description="First TPDO that is used; the next free one if null.",
+    )
+    rpdo_cob_ids: CobIds = Field(
+        default="predefined",
+        description="COB-IDs of its RPDOs: of the predefined connection set (up to 4 of a node), those that "
+        "the drive has (14xxh:1), or a list.",
+    )
+    tpdo_cob_ids: CobIds = Field(
+        default="predefined",
+        description="The same of its TPDOs (18xxh:1).",
     )
 
     @field_validator("parameters")

@@ -17,7 +17,7 @@ import can
 from crtk_driver_canopen.bus import CanLink, frame
 from crtk_driver_canopen.bus_state import bus_lost, condition_of_error
 from crtk_driver_canopen.master import Master
-from crtk_driver_canopen.pdo import Pdo, PdoGroup, check_unique
+from crtk_driver_canopen.pdo import Pdo, PdoGroup, check_cob_ids
 
 __all__ = ["SYNC", "Cycle", "CycleCounters", "KernelSync", "SentSync"]
 
@@ -161,11 +161,11 @@ class Cycle:
         received: of each TPDO, monotonic seconds at which it last came; 0 before.
 
     Raises:
-        ConfigError: two PDOs have one COB-ID.
+        ConfigError: two PDOs have one COB-ID, or one has that of something else.
     """
 
     def __init__(self, master: Master, tpdos: PdoGroup, rpdos: PdoGroup, sync: SyncSource) -> None:
-        check_unique([tpdos, rpdos])
+        check_cob_ids([*tpdos.pdos, *rpdos.pdos])
         self.master = master
         self.tpdos = tpdos
         self.rpdos = rpdos

@@ -10,7 +10,6 @@ import logging
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from crtk_driver_canopen.bus import CanLink
 from crtk_driver_canopen.heartbeat import NmtCommand, nmt_text
 from crtk_driver_canopen.master import ALL_NODES, Master
 from crtk_driver_canopen.pdo import Pdo
@@ -32,12 +31,9 @@ class ForeignMaster:
         master: of the bus.
         node: our own id.
         nodes: that are ours to command.
-        rpdos: that are ours to send.
     """
 
-    def __init__(
-        self, master: Master, node: int, nodes: Iterable[int], rpdos: Iterable[Pdo]
-    ) -> None:
+    def __init__(self, master: Master, node: int, nodes: Iterable[int]) -> None:
         self._master = master
         self._node = node
         self._nodes = frozenset(nodes)
@@ -47,12 +43,15 @@ class ForeignMaster:
         if link.hears_itself:
             return  # what we send ourselves cannot be told from what another one sends
         link.subscribe(0x000, self._take_command)
-        self._watch(link, 0x700 + node, f"the heartbeat of node {node}, which is this computer")
-        for pdo in rpdos:
-            self._watch(link, pdo.id, f"PDO 0x{pdo.id:x} to node {pdo.node}")
+        heartbeat = f"the heartbeat of node {node}, which is this computer"
+        link.subscribe(0x700 + node, self._noting(heartbeat))
 
-    def _watch(self, link: CanLink, cob_id: int, text: str) -> None:
-        link.subscribe(cob_id, self._noting(text))
+    def watch(self, rpdos: Iterable[Pdo]) -> None:
+        """Take note of these when somebody else sends them: they are ours to send."""
+        link = self._master.link
+        if not link.hears_itself:
+            for pdo in rpdos:
+                link.subscribe(pdo.id, self._noting(f"PDO 0x{pdo.id:x} to node {pdo.node}"))
 
     def _noting(self, text: str) -> Callable[[bytes, float], None]:
         return lambda data, now: self.note(text, now)

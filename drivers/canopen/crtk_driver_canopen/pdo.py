@@ -20,15 +20,18 @@ from crtk_driver_canopen.sdo import MISSING, Sdo, SdoAborted
 from crtk_drivers.errors import ConfigError, DeviceError, ProtocolError
 
 __all__ = [
+    "MOST_PDOS",
     "PREDEFINED",
     "Direction",
     "Pdo",
     "PdoGroup",
     "PdoMismatch",
+    "check_cob_ids",
     "configure",
     "default_cob_id",
     "disable",
     "read_back",
+    "read_cob_id",
 ]
 
 
@@ -53,7 +56,7 @@ PREDEFINED: Final[Mapping[Direction, _Place]] = MappingProxyType(
 )
 """First communication and mapping object, and the COB-IDs of PDO 1 to 4 of node 0 (CiA 301, 7.3.5)."""
 
-MOST: Final = 512
+MOST_PDOS: Final = 512
 """PDOs of one direction that a node can have."""
 
 SYNCHRONOUS: Final = range(241)
@@ -61,6 +64,7 @@ SYNCHRONOUS: Final = range(241)
 
 _NOT_VALID: Final = 1 << 31
 _NO_RTR: Final = 1 << 30
+_EXTENDED: Final = 1 << 29
 _ID: Final = 0x7FF
 
 
@@ -106,8 +110,8 @@ class Pdo:
     def __post_init__(self) -> None:
         if not 1 <= self.node <= 127:
             raise ValueError(f"node {self.node}: ids are 1 to 127")
-        if not 1 <= self.number <= MOST:
-            raise ValueError(f"{self}: numbers are 1 to {MOST}")
+        if not 1 <= self.number <= MOST_PDOS:
+            raise ValueError(f"{self}: numbers are 1 to {MOST_PDOS}")
         if not self.entries or not all(entry.type.format for entry in self.entries):
             raise ValueError(f"{self}: needs objects of a fixed size")
         if self.size > 8:
@@ -359,8 +363,8 @@ def configure(sdo: Sdo, pdo: Pdo) -> bool:
 
 def disable(
     sdo: Sdo, node: int, direction: Direction, number: int, *, always: bool = False
-) -> None:
-    """Make a PDO of the node not valid, if it has it and it is valid.
+) -> bool:
+    """Make a PDO of the node not valid, if it has it and it is valid; return whether it has it.
 
     Args:
         always: write even if it is not valid already.
@@ -374,24 +378,72 @@ def disable(
         found = sdo.read(entry)
     except SdoAborted as error:
         if error.code in MISSING and not always:
-            return
+            return False
         raise
     if always or not found & _NOT_VALID:
         sdo.write(entry, found | _NOT_VALID)
+    return True
 
 
-def check_unique(groups: Iterable[PdoGroup]) -> None:
-    """Refuse COB-IDs that two PDOs of different groups share.
+class _Reserved(NamedTuple):
+    first: int
+    last: int
+    use: str
+
+
+RESERVED: Final = (
+    _Reserved(0x000, 0x000, "NMT commands"),
+    _Reserved(0x001, 0x07F, "what CiA 301 keeps for itself"),
+    _Reserved(0x080, 0x080, "SYNC"),
+    _Reserved(0x081, 0x0FF, "emergencies"),
+    _Reserved(0x100, 0x100, "the time"),
+    _Reserved(0x101, 0x180, "what CiA 301 keeps for itself"),
+    _Reserved(0x581, 0x5FF, "SDO answers"),
+    _Reserved(0x601, 0x67F, "SDO requests"),
+    _Reserved(0x6E0, 0x6FF, "what CiA 301 keeps for itself"),
+    _Reserved(0x701, 0x77F, "heartbeats"),
+    _Reserved(0x780, 0x7FF, "what CiA 301 keeps for itself"),
+)
+"""COB-IDs that no PDO may have (CiA 301, restricted CAN-IDs, and those of other services in use here)."""
+
+
+def check_cob_ids(pdos: Iterable[Pdo]) -> None:
+    """Refuse COB-IDs that two PDOs share, or that belong to something else.
 
     Raises:
-        ConfigError: naming both.
+        ConfigError: naming the PDOs, and what the COB-ID is for.
     """
     taken: dict[int, Pdo] = {}
-    for group in groups:
-        for pdo in group.pdos:
-            other = taken.setdefault(pdo.id, pdo)
-            if other is not pdo:
+    remedy = (
+        "Change `rpdo_cob_ids` or `tpdo_cob_ids`; the COB-IDs 681h to 6DFh are free on most buses."
+    )
+    for pdo in pdos:
+        for row in RESERVED:
+            if row.first <= pdo.id <= row.last:
                 raise ConfigError(
-                    f"{other} and {pdo} have one COB-ID, 0x{pdo.id:x}",
-                    remedy="Give each PDO beyond the fourth of a node a COB-ID of its own.",
+                    f"{pdo} cannot have the COB-ID 0x{pdo.id:x}: 0x{row.first:x} to 0x{row.last:x} are for "
+                    f"{row.use}",
+                    remedy=remedy,
                 )
+        other = taken.setdefault(pdo.id, pdo)
+        if other is not pdo:
+            raise ConfigError(f"{other} and {pdo} have one COB-ID, 0x{pdo.id:x}", remedy=remedy)
+
+
+def read_cob_id(sdo: Sdo, direction: Direction, number: int) -> int:
+    """Return the COB-ID that a node has for one of its PDOs, whether that is valid or not.
+
+    Raises:
+        DeviceError: it has none, or one of 29 bits.
+        SdoAborted, SdoSilent, ProtocolError: it could not be read.
+    """
+    index = PREDEFINED[direction].communication + number - 1
+    entry = _u(index, 1, ObjectType.U32, f"COB-ID of {direction} {number}")
+    found = sdo.read(entry)
+    if found & _EXTENDED or not found & _ID:
+        raise DeviceError(
+            f"{entry}: 0x{found:08x} is no COB-ID of 11 bits",
+            where=sdo.where,
+            remedy="Give the COB-IDs of this joint as a list.",
+        )
+    return found & _ID
