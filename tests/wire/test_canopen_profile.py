@@ -165,6 +165,15 @@ def _number(value: float) -> Any:
     return Number(value)
 
 
+def test_a_slow_move_is_not_taken_for_one_that_stands(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT, PP)) as arm:
+        arm.enable(SOON)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        arm.engine.submit("trajectory_j/set_ratio_v", _number(0.005))
+        arm.move_jp([0.04, 0.02]).wait(SOON)  # takes longer than a joint may stand
+        assert near(arm, [0.04, 0.02])
+
+
 def test_a_drive_that_refuses_its_profile_ends_the_move_with_the_reason(sim: RunningSim) -> None:
     with arm_of(arm_on(sim, COUNT, PP)) as arm:
         arm.enable(SOON)

@@ -15,11 +15,10 @@ from typing import Final
 
 from crtk_driver_canopen.axis import Axis, Feedback
 from crtk_driver_canopen.bus import BusAddress, CanLink
-from crtk_driver_canopen.bus_state import BusLost
 from crtk_driver_canopen.candump import CandumpLog
 from crtk_driver_canopen.commissioning import Prepared, prepare
 from crtk_driver_canopen.config import CanopenConfig
-from crtk_driver_canopen.cycle import SYNC, Cycle, CycleCounters, KernelSync, SentSync
+from crtk_driver_canopen.cycle import Cycle, CycleCounters, KernelSync, SentSync
 from crtk_driver_canopen.foreign import SYNC_TEXT, ForeignMaster
 from crtk_driver_canopen.heartbeat import NmtCommand, NmtState
 from crtk_driver_canopen.jobs import NodeJobs
@@ -28,7 +27,7 @@ from crtk_driver_canopen.master import BootUp, Master
 from crtk_driver_canopen.modes import OpMode
 from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.pdo import read_cob_id
-from crtk_driver_canopen.sdo import Sdo, SdoSilent
+from crtk_driver_canopen.sdo import Sdo
 from crtk_driver_canopen.statemachine import Control, State
 from crtk_driver_canopen.units import GroupUnits
 from crtk_drivers.device import Steps
@@ -50,9 +49,6 @@ LISTEN: Final = 2.5
 
 LEAST_LISTENING: Final = 0.1
 """Seconds for that at least."""
-
-PRODUCES_SYNC: Final = 1 << 30
-"""Bit of the COB-ID of SYNC (1005) in a node that sends it."""
 
 COLLECT: Final = 0.6
 """Part of a period in which the drives' PDOs are waited for: the rest is for what they are sent."""
@@ -215,21 +211,12 @@ class ArmLink:
     def _listen(self, deadline: float) -> None:
         """See that nobody else commands these drives: a second master would stop them in motion.
 
-        Nothing is sent before that, but to a drive that produces SYNC itself, which is set right later.
-
         Raises:
             ConnectionFailed: somebody does.
         """
-        config, foreign = self._config, self.foreign
-        listening = max(LISTEN * config.heartbeat.ours, LISTEN * config.period, LEAST_LISTENING)
-        until = min(deadline, time.monotonic() + listening)
-        syncs: list[float] = []
-        self.link.subscribe(SYNC, lambda data, now: syncs.append(now))
-        self.link.poll(until, lambda: bool(foreign.found(time.monotonic())))
-        self.link.unsubscribe(SYNC)
-        if syncs and not self._produce_sync():
-            foreign.note(SYNC_TEXT, time.monotonic())
-        found = foreign.found(time.monotonic())
+        periods = max(self._config.heartbeat.ours, self._config.period)
+        listening = max(LISTEN * periods, LEAST_LISTENING)
+        found = self.foreign.listen(min(deadline, time.monotonic() + listening))
         if found:
             raise ConnectionFailed(
                 found,
@@ -237,17 +224,6 @@ class ArmLink:
                 remedy="Stop the other program. One for other drives must not send SYNC, nor have the id "
                 "of this computer (`master_node`).",
             )
-
-    def _produce_sync(self) -> bool:
-        """Return whether one of the drives sends SYNC (bit 30 of 1005)."""
-        for node in self._config.nodes:
-            try:
-                word = Sdo(self.master.sdo(node)).find(OBJECTS["sync_cob_id"]) or 0
-            except SdoSilent:
-                continue
-            if word & PRODUCES_SYNC:
-                return True
-        return False
 
     def _start(self, nodes: Iterable[int]) -> None:
         if self._config.heartbeat.drives:
@@ -526,12 +502,3 @@ def _stop_all(axes: Iterable[Sdo]) -> None:
             sdo.write(OBJECTS["controlword"], Control.QUICK_STOP)
         except CrtkError as error:
             logger.warning("%s: could not be told to stop: %s", sdo.where, error)
-
-
-def lost(where: str) -> BusLost:
-    """Return the error of a bus on which nobody answers any more."""
-    return BusLost(
-        "no drive answers any more",
-        where=where,
-        remedy="Is the power of the drives on, and the bus connected and terminated?",
-    )

@@ -127,6 +127,15 @@ def bus_lost(condition: Condition, text: str, where: str) -> BusLost:
     return error
 
 
+def lost(where: str) -> BusLost:
+    """Return the error of a bus on which nobody answers any more."""
+    return BusLost(
+        "no drive answers any more",
+        where=where,
+        remedy="Is the power of the drives on, and the bus connected and terminated?",
+    )
+
+
 @dataclass(slots=True)
 class BusCounters:
     """What happened on the bus since it was opened.

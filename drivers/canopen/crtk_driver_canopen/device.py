@@ -9,8 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from crtk_driver_canopen.arm_link import COLLECT, ArmLink, lost
+from crtk_driver_canopen.arm_link import COLLECT, ArmLink
 from crtk_driver_canopen.axis import Axis
+from crtk_driver_canopen.bus_state import lost
 from crtk_driver_canopen.config import CanopenConfig, JointConfig
 from crtk_driver_canopen.homing import HomingPhase
 from crtk_driver_canopen.layout import plan

@@ -7,12 +7,16 @@ alone, and we do not receive what we send: whoever else sends them commands the 
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable, Iterable
 from typing import Final
 
+from crtk_driver_canopen.cycle import SYNC
 from crtk_driver_canopen.heartbeat import NmtCommand, nmt_text
 from crtk_driver_canopen.master import ALL_NODES, Master
+from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.pdo import Pdo
+from crtk_driver_canopen.sdo import Sdo, SdoSilent
 
 __all__ = ["SYNC_TEXT", "ForeignMaster"]
 
@@ -22,6 +26,9 @@ REMEMBERED: Final = 1.0
 """Seconds for which a frame of another master counts."""
 
 SYNC_TEXT: Final = "SYNC that is not ours"
+
+PRODUCES_SYNC: Final = 1 << 30
+"""Bit of the COB-ID of SYNC (1005) in a node that sends it."""
 
 
 class ForeignMaster:
@@ -55,6 +62,31 @@ class ForeignMaster:
 
     def _noting(self, text: str) -> Callable[[bytes, float], None]:
         return lambda data, now: self.note(text, now)
+
+    def listen(self, until: float) -> str:
+        """Return what is heard of another master until a monotonic time; empty if nothing is.
+
+        Nothing is sent, but a question to the drives if there is SYNC: one that produces it is no master.
+
+        Raises:
+            SdoAborted, ProtocolError: a drive does not tell.
+            BusLost: the bus cannot be used.
+        """
+        link = self._master.link
+        syncs: list[float] = []
+        link.subscribe(SYNC, lambda data, now: syncs.append(now))
+        link.poll(until)
+        link.unsubscribe(SYNC)
+        if syncs and not any(map(self._produces_sync, sorted(self._nodes))):
+            self.note(SYNC_TEXT, time.monotonic())
+        return self.found(time.monotonic())
+
+    def _produces_sync(self, node: int) -> bool:
+        try:
+            word = Sdo(self._master.sdo(node)).find(OBJECTS["sync_cob_id"]) or 0
+        except SdoSilent:
+            return False
+        return bool(word & PRODUCES_SYNC)
 
     def note(self, text: str, now: float) -> None:
         """Take note of a frame, in words, at monotonic seconds."""

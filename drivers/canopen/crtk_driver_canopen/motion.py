@@ -36,6 +36,9 @@ MODE_TIME: Final = 2.0
 REACH_TIME: Final = 3.0
 """Seconds that a joint may stand in a move of its own before it tells that it is there."""
 
+_STEP: Final = 4.0
+"""Counts by which a joint has to get on in that time, however slow the move is."""
+
 _STOOD: Final = 3
 """Samples without motion after which joints stand that were told to halt."""
 
@@ -117,7 +120,9 @@ class Motion:
         self._held: Vector | None = None
         self._speed = np.zeros(len(self._velocities))
         self._still = np.zeros(len(self._velocities))
+        self._step = np.zeros(len(self._velocities))
         self._before: Vector = vector(())
+        self._stands_at: Vector = vector(())
         self._target: list[int] = []
         self._wanted: list[ProfileRates] = []
         self._given: list[ProfileRates | None] = []
@@ -134,7 +139,8 @@ class Motion:
         self._jobs = NodeJobs()
         self.way, self.fault, self._waiting, self._move = self._rest, "", None, None
         self._still = np.array([self._least_motion(axis) for axis in self._axes])
-        self._before, self.moving = vector(()), False
+        self._step = np.array([_STEP * abs(axis.facts.units.position) for axis in self._axes])
+        self._before, self._stands_at, self.moving = vector(()), vector(()), False
         self._stop.clear()
         self.hold_here()
         self._given = [*self._full_rates()]
@@ -163,8 +169,9 @@ class Motion:
             moved = np.abs(positions - self._before)
             self.moving = bool((moved > self._still).any())
         self._stood = 0 if self.moving else self._stood + 1
-        if self.moving or self._stands_since == 0.0:
-            self._stands_since = now
+        there = self._stands_at
+        if there.size != positions.size or (np.abs(positions - there) > self._step).any():
+            self._stands_at, self._stands_since = positions, now
         self._before = positions
 
     @property
