@@ -77,7 +77,9 @@ class ForeignMaster:
         link.subscribe(SYNC, lambda data, now: syncs.append(now))
         link.poll(until)
         link.unsubscribe(SYNC)
-        if syncs and not any(map(self._produces_sync, sorted(self._nodes))):
+        # Asking sends our heartbeat as well: not while there is somebody who must not hear that.
+        is_master = bool(self.found(time.monotonic()))
+        if syncs and (is_master or not any(map(self._produces_sync, sorted(self._nodes)))):
             self.note(SYNC_TEXT, time.monotonic())
         return self.found(time.monotonic())
 
