@@ -114,7 +114,7 @@ class CanopenDevice(Device):
         now = time.monotonic()
         self._judge(now)
         self._motion.step(now)
-        if link.age * self._config.period > LOST_TIME and not link.left:
+        if link.age * self._config.period > LOST_TIME:
             raise lost(link.where)
         if not complete:
             # The link is there, and the fault tells who is missing.
