@@ -83,7 +83,7 @@ def main() -> None:
         __doc__ or "",
         runs=(10, "of each"),
         drives=(6, "number of drives"),
-        period=(0.004, "of the cycle, s"),
+        period=(0.008, "of the cycle, s"),
     )
     rows = []
     with SIM.spawn(nodes=given.drives, bitrate=1_000_000, realtime=True) as sim:

@@ -312,6 +312,10 @@ class ArmLink:
             self._stops.start({node: partial(_stop_all, axes) for node, axes in nodes.items()})
             self._stopped |= left
 
+    def starts(self, nodes: set[int]) -> int:
+        """How many times these nodes have started, all together."""
+        return sum(self.master.watch.nodes[node].boot_ups for node in nodes)
+
     def set_up_again(self, nodes: set[int]) -> Steps:
         """Set up nodes anew, from threads of their own: the others go on with their cycle meanwhile.
 

@@ -292,21 +292,27 @@ class CanopenDevice(Device):
             yield
 
     def _set_up_again(self) -> Steps:
+        """Set up the nodes that are not as they were left, and again those that start meanwhile."""
         link = self.link
-        nodes = link.restarted | link.left | link.late(self._config.missed_cycles)
+        while nodes := self._changed():
+            starts = link.starts(nodes)
+            try:
+                yield from link.set_up_again(nodes)
+                self._motion.note_set_up(nodes)
+            except ConnectionLost:
+                raise
+            except CrtkError as error:
+                if link.starts(nodes) != starts:
+                    continue
+                raise TransitionFailed(
+                    error.message, where=error.where or link.where, remedy=error.remedy
+                ) from error
+
+    def _changed(self) -> set[int]:
+        link = self.link
         lost = link.master.watch.lost(time.monotonic())
-        nodes |= set(lost) & set(self._config.nodes)
-        if not nodes:
-            return
-        try:
-            yield from link.set_up_again(nodes)
-            self._motion.note_set_up(nodes)
-        except ConnectionLost:
-            raise
-        except CrtkError as error:
-            raise TransitionFailed(
-                error.message, where=error.where or link.where, remedy=error.remedy
-            ) from error
+        nodes = link.restarted | link.left | link.late(self._config.missed_cycles)
+        return nodes | (set(lost) & set(self._config.nodes))
 
     def _clear_faults(self) -> Steps:
         """Reset the faults that are there, once."""
