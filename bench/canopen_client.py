@@ -17,6 +17,7 @@ from typing import Any
 import canopen
 import numpy as np
 
+from bench.interpreter import SWITCH_INTERVAL, busy_thread
 from crtk_driver_canopen.bus import CanLink
 from crtk_driver_canopen.commissioning import prepare
 from crtk_driver_canopen.config import CanopenConfig
@@ -29,8 +30,6 @@ from crtk_driver_canopen.statemachine import Drive402
 from crtk_driver_canopen.tools import bus_address
 from crtk_drivers.config import from_values, load
 
-SWITCH_INTERVAL = 0.0005
-"""Seconds: as in the process of the driver (`crtk_drivers.ros.serving`)."""
 SETTLE = 100
 """Cycles that are not counted."""
 PATIENCE = 0.1
@@ -129,27 +128,6 @@ def library(config: CanopenConfig, eds: str) -> Iterator[Step]:
         yield step
     finally:
         network.disconnect()
-
-
-@contextmanager
-def busy_thread(wanted: bool) -> Iterator[None]:
-    """Keep the interpreter busy meanwhile."""
-    ended = False
-
-    def spin() -> None:
-        number = 0
-        while not ended:
-            number += 1
-
-    thread = threading.Thread(target=spin)
-    if wanted:
-        thread.start()
-    try:
-        yield
-    finally:
-        ended = True
-        if wanted:
-            thread.join()
 
 
 def unpaced(step: Step, seconds: float) -> dict[str, Any]:

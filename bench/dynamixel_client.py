@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.netft_client import SWITCH_INTERVAL, busy_thread
+from bench.interpreter import SWITCH_INTERVAL, busy_thread
 
 ADDRESS, LENGTH = 126, 10
 FIELDS = ((126, 2), (128, 4), (132, 4))

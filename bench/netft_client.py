@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-SWITCH_INTERVAL = 0.0005
-"""Seconds: as in the process of the driver (`crtk_drivers.ros.serving`)."""
+from bench.interpreter import SWITCH_INTERVAL, busy_thread
+
 SETTLE = 1.5
 """Seconds that are not counted."""
 
@@ -42,28 +41,6 @@ def thread_times() -> dict[int, float]:
         fields = (task / "schedstat").read_text().split()
         times[int(task.name)] = int(fields[0]) * 1e-9
     return times
-
-
-@contextmanager
-def busy_thread(wanted: bool) -> Iterator[int]:
-    """Keep the interpreter busy; yield the thread's id, 0 without one."""
-    if not wanted:
-        yield 0
-        return
-    ended = False
-
-    def spin() -> None:
-        number = 0
-        while not ended:
-            number += 1
-
-    thread = threading.Thread(target=spin)
-    thread.start()
-    try:
-        yield thread.native_id or 0
-    finally:
-        ended = True
-        thread.join()
 
 
 @contextmanager

@@ -228,6 +228,14 @@ class RosClient:
         assert done.wait(TIMEOUT), f"{name} did not answer"
         return future.result()
 
+    def trigger(self, name: str) -> Trigger.Response:
+        """Ask a service of the device's own for what it does."""
+        if name not in self.clients:
+            self.clients[name] = self.node.create_client(Trigger, f"{self.namespace}/{name}")
+            assert self.clients[name].wait_for_service(TIMEOUT)
+        response: Trigger.Response = self.call(name, Trigger.Request())
+        return response
+
     def set_parameter(self, name: str, value: float) -> bool:
         """Set a parameter of the node and return whether it was accepted."""
         number = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -63,6 +63,15 @@ def serve(
 ) -> Iterator[tuple[Session, Serving]]:
     """Serve a loopback device from a thread of this process."""
     session = Session(plugin, config)
+    with served(session, namespace, ros_args, node) as serving:
+        yield session, serving
+
+
+@contextmanager
+def served(
+    session: Session, namespace: str, ros_args: Sequence[str] = (), node: NodeConfig | None = None
+) -> Iterator[Serving]:
+    """Run a session, and serve it from a thread of this process."""
     stop = threading.Event()
     with (
         Serving(session.engine, namespace, ros_args, node, session.children) as serving,
@@ -71,7 +80,7 @@ def serve(
         thread = threading.Thread(target=serving.spin, args=(stop,), name="test serving")
         thread.start()
         try:
-            yield session, serving
+            yield serving
         finally:
             stop.set()
             thread.join()

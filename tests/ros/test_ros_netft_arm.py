@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -14,9 +13,8 @@ import pytest
 import yaml
 from geometry_msgs.msg import WrenchStamped
 from netft_peer import Peer
-from ros_client import TIMEOUT, RosClient
+from ros_client import RosClient
 from ros_rig import serve
-from std_srvs.srv import Trigger
 
 import crtk_drivers.client
 from crtk_driver_ati_netft import PLUGIN, tools
@@ -113,17 +111,7 @@ def test_the_load_is_valid_while_the_arm_tells_its_pose_and_at_no_other_time(sen
 
 def test_bias_services_answer_and_a_bias_that_was_set_is_read_back(sensor, peer) -> None:
     with RosClient(SENSOR) as client:
-
-        def ask(name: str) -> Trigger.Response:
-            caller = client.node.create_client(Trigger, f"{SENSOR}/{name}")
-            assert caller.wait_for_service(TIMEOUT)
-            answered = threading.Event()
-            future = caller.call_async(Trigger.Request())
-            future.add_done_callback(lambda _: answered.set())
-            assert answered.wait(TIMEOUT)
-            return future.result()
-
-        refused = ask("bias")
+        refused = client.trigger("bias")
         assert not refused.success
         assert "the orientation of the sensor is not known" in refused.message
         sender = client.node.create_publisher(WrenchStamped, f"{SENSOR}/set_bias", 10)
@@ -132,16 +120,16 @@ def test_bias_services_answer_and_a_bias_that_was_set_is_read_back(sensor, peer)
 
         def is_set() -> bool:
             sender.publish(message)
-            return "[7, 0, 0] N" in ask("get_bias").message
+            return "[7, 0, 0] N" in client.trigger("get_bias").message
 
         eventually(is_set, "the bias is set")
-        assert ask("unbias").success
+        assert client.trigger("unbias").success
         with carrier():
-            eventually(lambda: ask("bias").success, "the arm is found, and the bias set")
-        assert "[0, 0, 0] N," not in ask("get_bias").message
-        assert ask("unbias").success
-        assert "[0, 0, 0] N," in ask("get_bias").message
-        refused = ask("record_start")
+            eventually(lambda: client.trigger("bias").success, "the arm is found, and the bias set")
+        assert "[0, 0, 0] N," not in client.trigger("get_bias").message
+        assert client.trigger("unbias").success
+        assert "[0, 0, 0] N," in client.trigger("get_bias").message
+        refused = client.trigger("record_start")
         assert "no directory" in refused.message
 
 
@@ -173,6 +161,7 @@ def test_the_command_that_calibrates_takes_the_orientations_of_the_arm(
     with Peer() as other, carrier() as (session, _), LocalDevice(session) as arm:
         other.rate = 1000.0
         values = {**VALUES, "tool": None, "host": other.host, "rdt_port": other.port}
+        values["open_timeout"] = LONG
         config = load(NetFtConfig, from_values(values))
         eventually(lambda: session.engine.has_sample, "the arm")
         arm.enable()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,59 +12,19 @@ import numpy as np
 import pytest
 from crtk_msgs.srv import QueryForwardKinematics, QueryInverseKinematics
 from geometry_msgs.msg import PoseStamped
-from ros_client import RosClient, stamp_ns
+from ros_client import stamp_ns
 from ros_rig import until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
+from ur_rig import UrRig, ur_on_ros
 
-from crtk_drivers import plugins
-from crtk_drivers.config import NodeConfig
-from crtk_drivers.ros.serving import Serving
-from crtk_drivers.session import Session, open_session
-
-NOT_ON_A_UR = frozenset(
-    {"servo_jf", "servo_cf", "interpolate_cf", "setpoint_cf", "local/measured_cp"}
-)
 EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
-class UrRig:
-    """A simulated UR5e on ROS 2 and a client that is connected to it."""
-
-    def __init__(self, session: Session, client: RosClient) -> None:
-        self.session = session
-        self.client = client
-
-    def joints(self) -> np.ndarray:
-        inbox = self.client["measured_js"]
-        return np.array(inbox.wait(since=inbox.mark()).position)
-
-    def enabled(self) -> None:
-        if self.client.state.state != "ENABLED":
-            self.client.reach("enable", "ENABLED")
 
 
 @pytest.fixture(scope="module")
 def ur() -> Iterator[UrRig]:
-    # A busy machine is no fault, and does not trip the controller's watchdog.
-    patient = {"sample_timeout": 3.0, "watchdog_frequency": 2.0}
-    config = plugins.device("ur").load_config(None, patient)
-    session = open_session("ur", config, sim=True)
-    stop = threading.Event()
-    with (
-        RosClient("/test_ros_ur", NOT_ON_A_UR) as client,
-        Serving(session.engine, "/test_ros_ur", (), NodeConfig()) as serving,
-        session,
-    ):
-        thread = threading.Thread(target=serving.spin, args=(stop,), name="test serving")
-        thread.start()
-        try:
-            client.check_connections()
-            until(lambda: session.engine.has_sample, "the arm is connected")
-            yield UrRig(session, client)
-        finally:
-            stop.set()
-            thread.join()
+    with ur_on_ros("/test_ros_ur") as rig:
+        yield rig
 
 
 def test_only_what_the_arm_can_do_has_a_topic(ur: UrRig) -> None:

@@ -3,46 +3,24 @@
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from ros_client import TIMEOUT, RosClient
+from ros_client import RosClient
 from ros_rig import until
 from std_msgs.msg import Bool, Float64
-from std_srvs.srv import Trigger
+from ur_rig import ur_on_ros
 
-from crtk_drivers import plugins
-from crtk_drivers.config import NodeConfig
-from crtk_drivers.ros.serving import Serving
-from crtk_drivers.session import Session, open_session
+from crtk_drivers.session import Session
 
 NAMESPACE = "/test_ros_ur_services"
-NOT_ON_A_UR = frozenset(
-    {"servo_jf", "servo_cf", "interpolate_cf", "setpoint_cf", "local/measured_cp"}
-)
 
 
 @pytest.fixture(scope="module")
 def ur() -> Iterator[tuple[Session, RosClient]]:
-    config = plugins.device("ur").load_config(None, {"sample_timeout": 3.0})
-    session = open_session("ur", config, sim=True)
-    stop = threading.Event()
-    with (
-        RosClient(NAMESPACE, NOT_ON_A_UR) as client,
-        Serving(session.engine, NAMESPACE, (), NodeConfig()) as serving,
-        session,
-    ):
-        thread = threading.Thread(target=serving.spin, args=(stop,), name="test serving")
-        thread.start()
-        try:
-            client.check_connections()
-            until(lambda: session.engine.has_sample, "the arm is connected")
-            yield session, client
-        finally:
-            stop.set()
-            thread.join()
+    with ur_on_ros(NAMESPACE) as rig:
+        yield rig.session, rig.client
 
 
 def publish_until(client: RosClient, name: str, message: Any, reached) -> None:
@@ -53,16 +31,6 @@ def publish_until(client: RosClient, name: str, message: Any, reached) -> None:
         return bool(reached())
 
     until(sent, name)
-
-
-def call(client: RosClient, name: str) -> Any:
-    caller = client.node.create_client(Trigger, f"{NAMESPACE}/{name}")
-    assert caller.wait_for_service(TIMEOUT)
-    answered = threading.Event()
-    future = caller.call_async(Trigger.Request())
-    future.add_done_callback(lambda _: answered.set())
-    assert answered.wait(TIMEOUT)
-    return future.result()
 
 
 def test_every_service_and_input_is_in_the_manifest(ur):
@@ -88,8 +56,8 @@ def test_outputs_are_topics(ur):
 
 def test_services_answer_and_refuse(ur):
     _, client = ur
-    told = call(client, "robot_mode")
+    told = client.trigger("robot_mode")
     assert (told.success, told.message) == (True, "RUNNING")
-    refused = call(client, "unlock_protective_stop")
+    refused = client.trigger("unlock_protective_stop")
     assert not refused.success
     assert "NORMAL" in refused.message

@@ -1,12 +1,10 @@
 """The unmodified ur_rtde library drives the simulated controller, with the script it uploads."""
 
-import subprocess
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from ur_clients import last_json
+from ur_rtde_runs import assert_all, run_session
 
 from crtk_sim_backends.ur import SIM
 
@@ -22,21 +20,7 @@ def sim():
 
 
 def session(sim, name):
-    result = subprocess.run(
-        [sys.executable, SESSIONS, name, sim.host, str(sim.ports["control"])],
-        stdout=subprocess.PIPE,
-        text=True,
-        timeout=45,
-        check=True,
-    )
-    return last_json(result.stdout)
-
-
-def assert_all(result, **within):
-    """Every value is true, but those named, which lie below their limits."""
-    for name, limit in within.items():
-        assert result.pop(name) < limit, name
-    assert {name: value for name, value in result.items() if not value} == {}
+    return run_session(SESSIONS, sim, name, timeout=45)
 
 
 def test_moves_and_kinematics(sim):

@@ -1,11 +1,9 @@
 """What the unmodified ur_rtde library moves on a simulated controller; see `ur_rtde_sessions`."""
 
-import json
-import sys
 import time
 
 from rtde_control import Path, PathEntry
-from ur_rtde_sessions import Session, distance, wait_until
+from ur_rtde_sessions import Session, distance, main, wait_until
 
 TABLE = 0.04  # m below the tool, where a surface is
 DOWN = [0.0, 0.0, -1.0, 0.0, 0.0, 0.0]
@@ -144,15 +142,5 @@ class Motions(Session):
         return result
 
 
-def main():
-    name, host, control_port = sys.argv[1:]
-    session = Motions(host, int(control_port))
-    try:
-        result = getattr(session, name)()
-    finally:
-        session.close()
-    print(json.dumps(result))  # noqa: T201
-
-
 if __name__ == "__main__":
-    main()
+    main(Motions)

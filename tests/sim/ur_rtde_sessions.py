@@ -178,9 +178,9 @@ class Session:
         return result
 
 
-def main():
+def main(kind):
     name, host, control_port = sys.argv[1:]
-    session = Session(host, int(control_port))
+    session = kind(host, int(control_port))
     try:
         result = getattr(session, name)()
     finally:
@@ -189,4 +189,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    main(Session)

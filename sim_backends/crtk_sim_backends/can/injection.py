@@ -1,7 +1,7 @@
 """The faults that a CAN bus can have, as a table for fault files and injection.
 
 The kinds of `HOOKS` happen to frames on their way to the bus, those of `STATES` to the interfaces of
-nodes, those of `TALKERS` add frames. Nodes are named by shell patterns, such as ``drive-*``; the
+nodes, `babbling` and `error_frames` add frames. Nodes are named by shell patterns, such as ``drive-*``; the
 status of the hub names those that there are. Clients are called native (or as they have asked for),
 socketcand and slcan, with a number from the second one on.
 """
@@ -104,9 +104,6 @@ STATES: Final = {
     "error_passive": State.PASSIVE,
 }
 """Kinds that are a state of some nodes, by name."""
-
-TALKERS: Final = ("babbling", "error_frames")
-"""Kinds that add frames."""
 
 ERROR_FRAMES: Final = {
     "protocol": frames.ERROR_PROTOCOL | frames.ERROR_BUS,
