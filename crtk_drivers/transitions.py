@@ -140,7 +140,7 @@ class Transitions:
             self._device.stop()
         running.steps = self._procedures[running.command]()
         running.deadline = now + self._timeout
-        if running.command is StateCommand.HOME:
+        if running.command in HOMING_COMMANDS:
             self._board.update(busy=True)
 
     def _ended(self, running: _Running) -> bool:

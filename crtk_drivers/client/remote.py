@@ -369,10 +369,10 @@ class RemoteDevice(DeviceFront):
             outbox, tracker = space.connected("state_command"), space.status()
         except NotOffered as error:
             raise ConnectionFailed(str(error)) from None
-        watch = tracker.watch()
+        tracker.refresh(SERVICE_TIMEOUT)
+        before = self.operating_state()
+        watch = tracker.watch()  # from here on: what was still on its way is no answer
         try:
-            tracker.refresh(SERVICE_TIMEOUT)
-            before = self.operating_state()
             target = target_of(before.state, wanted)
             outbox.send(str(wanted.value))
             if timeout > 0.0:

@@ -9,9 +9,7 @@ from crtk_drivers.errors import CommandRefused, TransitionFailed
 from crtk_drivers.state import OperatingState, StateCommand, Status, target_of
 
 QUIET_TIME = 0.5
-"""Seconds after which homing that never showed as busy had nothing to do."""
-ANSWER_TIME = 0.1
-"""Seconds in which the answer to a command that changes nothing arrives."""
+"""Seconds after which homing or unhoming that never showed as busy had nothing to do."""
 _HOMING = (StateCommand.HOME, StateCommand.UNHOME)
 _REMEDY = {
     OperatingState.FAULT: "Remove the cause, which is on /diagnostics, then send enable.",
@@ -32,7 +30,7 @@ class Transition:
         self, command: StateCommand, before: Status, target: OperatingState, needs_homing: bool
     ) -> None:
         self._command = command
-        self._latest = before
+        self._latest: Status | None = None
         self._before = before
         self._target = target
         self._was_busy = False
@@ -48,44 +46,38 @@ class Transition:
             CommandRefused: the device refuses it.
             TransitionFailed: it ended in another state, or did not end before `deadline`.
         """
+        quiet = self._sent + QUIET_TIME
         while True:
-            event = watch.next(max(0.0, deadline - time.monotonic()))
+            now = time.monotonic()
+            end = quiet if now < quiet < deadline else deadline
+            event = watch.next(max(0.0, end - now))
             if isinstance(event, CommandRefused):
                 if event.command == "state_command":
                     raise event
                 continue
             if event is not None:
                 self._latest = event
-                if self._reached(event):
-                    if self._command is StateCommand.UNHOME and not self._visible:
-                        self._let_pass(watch)
-                    return
-            if event is None or self._failed(event):
-                how = "ended in" if event is not None else "did not end in time: the device is"
-                state = self._latest.state
+            if self._latest is not None and self._reached(self._latest):
+                return
+            ended = event is not None and self._failed(event)
+            if ended or (event is None and end == deadline):
+                how = "ended in" if ended else "did not end in time: the device is"
+                state = (self._latest or self._before).state
                 remedy = _REMEDY.get(state, "The reason is on /diagnostics.")
                 raise TransitionFailed(f"{self._command} {how} {state}", where=where, remedy=remedy)
 
-    @property
-    def _visible(self) -> bool:
-        return self._homed is not self._before.is_homed
-
-    @staticmethod
-    def _let_pass(watch: Watch) -> None:
-        """Nothing changes, so that a heartbeat looks like the answer: wait for one more status."""
-        event = watch.next(ANSWER_TIME)
-        if isinstance(event, CommandRefused) and event.command == "state_command":
-            raise event
-
     def _reached(self, status: Status) -> bool:
-        if self._command is StateCommand.HOME:
+        if self._command in _HOMING:
             self._was_busy = self._was_busy or status.is_busy
-            # A heartbeat from before homing began says the same as its end.
-            begun = self._was_busy or time.monotonic() - self._sent > QUIET_TIME
-            if status.is_busy or not begun:
+            # A heartbeat from before it began says the same as its end, unless is_homed changes.
+            begun = (
+                self._was_busy
+                or status.is_homed is not self._before.is_homed
+                or time.monotonic() - self._sent > QUIET_TIME
+            )
+            if status.is_busy or not begun or status.is_homed is not self._homed:
                 return False
-        homed = self._command not in _HOMING or status.is_homed is self._homed
-        return homed and status.state is self._target
+        return status.state is self._target
 
     def _failed(self, status: Status) -> bool:
         if self._command is StateCommand.HOME and self._was_busy and not status.is_busy:

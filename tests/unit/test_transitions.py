@@ -64,7 +64,7 @@ def test_motion_and_state_commands_are_refused_meanwhile() -> None:
         (["enable", "enable"], [S.ENABLED, S.ENABLED]),
         (["enable", "pause", "pause", "resume"], [S.ENABLED, S.PAUSED, S.PAUSED, S.ENABLED]),
         (["enable", "pause", "disable"], [S.ENABLED, S.PAUSED, S.DISABLED]),
-        (["unhome"], [S.DISABLED]),
+        (["unhome"], [S.DISABLED, S.DISABLED]),  # busy, and done
     ],
 )
 def test_every_state_command_is_answered_with_the_state(
@@ -229,7 +229,9 @@ def test_a_device_that_needs_no_homing_is_homed_always() -> None:
     before = len(rig.told.statuses)
     rig.command("home")
     assert rig.told.busy[before:] == [True, False], "also instant homing is seen"
+    before = len(rig.told.statuses)
     rig.command("unhome")
+    assert rig.told.busy[before:] == [True, False], "unhoming, which changes nothing, is seen too"
     assert rig.engine.status.is_homed
 
 
