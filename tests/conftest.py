@@ -12,12 +12,13 @@ from importlib.util import find_spec
 
 from hypothesis import HealthCheck, settings
 
+from crtk_drivers.ros import environment
+
 # What a shell may hold that changes how ROS 2 talks, or with whom.
 FOREIGN = (
     "CYCLONEDDS_URI",
-    "FASTDDS_BUILTIN_TRANSPORTS",
-    "FASTDDS_DEFAULT_PROFILES_FILE",
-    "FASTRTPS_DEFAULT_PROFILES_FILE",
+    environment.TRANSPORTS,
+    *environment.PROFILES,
     "RMW_FASTRTPS_USE_QOS_FROM_XML",
     "RMW_IMPLEMENTATION",
     "ROS_DISCOVERY_SERVER",
@@ -31,6 +32,7 @@ for name in FOREIGN:
     os.environ.pop(name, None)
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+environment.share_no_memory()  # tests kill processes, and others must not hang or crash for that
 # Domains 1 to 101: their ports lie below those that Linux gives to outgoing connections.
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
 # Without it an int in a float64 field is published as another number.

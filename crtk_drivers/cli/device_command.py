@@ -118,6 +118,7 @@ def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequenc
     namespace = checked_namespace(given["ns"])
     launch = launch_of(plugin, given)
     environment.check()
+    environment.share_no_memory()
     from crtk_drivers.ros import serving  # rclpy is loaded here and no earlier
 
     session = launch.open()

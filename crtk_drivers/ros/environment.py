@@ -22,6 +22,11 @@ LIBRARIES = (
 )
 WHEELS_RMW = "rmw_fastrtps_cpp"
 """The only middleware that the rclpy wheels hold; it is linked in."""
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
+PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+"""The names of Fast DDS 2 and 3 for one thing."""
+LOOPBACK = Path(__file__).with_name("loopback.xml")
 
 
 def check() -> None:
@@ -43,12 +48,29 @@ def check() -> None:
             remedy="Use one of them: `env -u PYTHONPATH -u LD_LIBRARY_PATH -u AMENT_PREFIX_PATH` "
             "before the command, or an environment without the extra 'ros' (uv: --no-group ros).",
         )
-    wanted = os.environ.get("RMW_IMPLEMENTATION", WHEELS_RMW)
+    wanted = os.environ.get("RMW_IMPLEMENTATION") or WHEELS_RMW
     if wanted != WHEELS_RMW:
         raise ConfigError(
             f"RMW_IMPLEMENTATION is {wanted}, and the rclpy wheels hold only {WHEELS_RMW}",
             remedy="Run `unset RMW_IMPLEMENTATION`, or use a sourced ROS 2 installation.",
         )
+
+
+def share_no_memory() -> None:
+    """Let this process and its children talk to other ROS processes over UDP, unless told how.
+
+    Fast DDS 2.14 puts messages into shared memory under locks that outlive their owner: a process that is
+    killed while it holds one stops or crashes those that it talked to, as docs/ros_interface.md shows. A
+    driver must survive the death of its clients. Only rmw_fastrtps is concerned; no other reads what is set.
+    """
+    said = (TRANSPORTS, *PROFILES, "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS")
+    rmw = os.environ.get("RMW_IMPLEMENTATION") or WHEELS_RMW
+    if any(os.environ.get(name) for name in said) or not rmw.startswith("rmw_fastrtps"):
+        return
+    if os.environ.get(RANGE) == "LOCALHOST":  # where rmw_fastrtps insists on shared memory
+        os.environ.update(dict.fromkeys(PROFILES, str(LOOPBACK)), **{RANGE: "SYSTEM_DEFAULT"})
+    else:
+        os.environ[TRANSPORTS] = "UDPv4"
 
 
 def _missing(library: str) -> MissingExtra | ConfigError:

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from crtk_drivers.ros.environment import PROFILES, RANGE
+
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
@@ -29,12 +31,12 @@ def start(tmp_path: Path) -> Iterator[Start]:
     path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
     started: list[subprocess.Popen[str]] = []
 
-    def run(*arguments: str) -> subprocess.Popen[str]:
+    def run(*arguments: str, **environment: str) -> subprocess.Popen[str]:
         process = subprocess.Popen(
             [sys.executable, "-c", MAIN, *arguments],
             stderr=subprocess.PIPE,
             text=True,
-            env={**os.environ, "PYTHONPATH": path},
+            env={**os.environ, "PYTHONPATH": path, **environment},
         )
         started.append(process)
         return process
@@ -74,3 +76,12 @@ def test_ros_arguments_reach_the_node(start: Start) -> None:
     assert process.returncode == 2
     assert "tf_rate" in text
     assert "Traceback" not in text
+
+
+def test_it_shares_no_memory_with_others(start: Start) -> None:
+    said = {RANGE: "LOCALHOST", **dict.fromkeys(PROFILES, "")}
+    process = start("loopback", "--ns", "/apart", "--log-format", "json", **said)
+    wait_for(process, "DISABLED")
+    mapped = Path(f"/proc/{process.pid}/maps").read_text()
+    assert "libfastrtps" in mapped, "it runs on Fast DDS"
+    assert "/dev/shm/fastrtps" not in mapped
