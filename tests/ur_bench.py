@@ -266,7 +266,7 @@ def driver_at(
     values = {**PATIENT, "host": sim.host, **(config or {})}
     with lenient():
         loaded = load(PLUGIN.config, from_values(values))
-        bench = UrBench(sim, Session(PLUGIN, loaded), str(values.get("control", WAYS[0])))
+        bench = UrBench(sim, Session(PLUGIN, loaded), loaded.control)
         try:
             if start:
                 bench.session.start()

@@ -47,7 +47,7 @@ EVERYWHERE = [
     "inverse_kinematics",
 ]
 UR_ARGUMENTS = ["--sim", "--set", "sample_timeout=2.0"]
-NOT_ON_A_UR = ["servo_jf", "servo_cf"]
+NOT_ON_EVERY_ARM = ["servo_jf", "servo_cf"]
 
 PREAMBLE = """
 import sys
@@ -319,7 +319,7 @@ SCRIPTS = pytest.mark.parametrize(
 
 @SCRIPTS
 def test_on_a_gantry(rig: Rig, script: str) -> None:
-    run(rig.client.namespace, script, EVERYWHERE + NOT_ON_A_UR)
+    run(rig.client.namespace, script, EVERYWHERE + NOT_ON_EVERY_ARM)
 
 
 @SCRIPTS

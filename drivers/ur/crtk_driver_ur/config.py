@@ -126,10 +126,10 @@ class UrConfig(DeviceConfig):
         le=50.0,
         description="The controller stops the arm when it heard nothing for one period of this, in Hz.",
     )
-    control: Literal["ur_rtde", "native"] = Field(
-        default="ur_rtde",
-        description="Who carries commands out: the ur-rtde library in a process of its own, or a control "
-        "program of our own, fed from here.",
+    control: Literal["native", "ur_rtde"] = Field(
+        default="native",
+        description="Who carries commands out: a control program of our own, fed from here, or the ur-rtde "
+        "library in a process of its own.",
     )
     upper_range_registers: bool = Field(
         default=False,

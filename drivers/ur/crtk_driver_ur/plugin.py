@@ -44,7 +44,6 @@ PLUGIN = DevicePlugin(
     config=UrConfig,
     create=_create,
     sim="ur",
-    extra="ur",
     check_real=_require_host,
     sim_config=_at_sim,
     sim_options=_sim_options,
