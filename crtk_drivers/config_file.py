@@ -11,13 +11,13 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from stat import S_ISDIR, S_ISREG
 from types import MappingProxyType
 from typing import Any, Final
 
 import yaml
 
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.files import read_capped
 
 MAX_SIZE: Final = 256 * 1024
 """Largest file that is read, in bytes."""
@@ -64,24 +64,7 @@ def parse_value(text: str, where: str) -> Any:
 
 
 def _read_text(path: Path) -> str:
-    try:
-        status = path.stat()
-        if S_ISDIR(status.st_mode):
-            raise ConfigError("is a directory", where=str(path), remedy="Give a file.")
-        if not S_ISREG(status.st_mode):
-            raise ConfigError("is not a regular file", where=str(path), remedy="Give a file.")
-        if status.st_size > MAX_SIZE:
-            raise ConfigError(
-                f"has {status.st_size} bytes; a configuration has at most {MAX_SIZE}",
-                where=str(path),
-                remedy="Is it the right file?",
-            )
-        with path.open("rb") as file:
-            data = file.read(MAX_SIZE)
-    except OSError as error:
-        raise ConfigError(
-            f"cannot be read: {error.strerror}", where=str(path), remedy="Check path and rights."
-        ) from error
+    data = read_capped(path, MAX_SIZE, "a configuration")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

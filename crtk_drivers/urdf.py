@@ -10,7 +10,6 @@ import math
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from stat import S_ISDIR, S_ISREG
 from typing import Final, NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
@@ -19,6 +18,7 @@ import numpy as np
 
 from crtk_drivers.chain import LARGEST, Chain, ChainJoint, JointKind, placed, turn
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.files import read_capped
 from crtk_drivers.samples import Array
 
 __all__ = ["parse_urdf", "read_urdf"]
@@ -35,7 +35,8 @@ def read_urdf(path: Path | str, *, base: str, tip: str, joints: Sequence[str] = 
     Raises:
         ConfigError: missing, not a regular file, too large, or as `parse_urdf`; names the file.
     """
-    return parse_urdf(_read(Path(path)), base=base, tip=tip, joints=joints, where=str(path))
+    document = read_capped(Path(path), MAX_SIZE, "a URDF file")
+    return parse_urdf(document, base=base, tip=tip, joints=joints, where=str(path))
 
 
 def parse_urdf(
@@ -176,24 +177,6 @@ class _UrdfReader:
 
     def _refuse(self, message: str, remedy: str) -> NoReturn:
         raise ConfigError(message, where=self._where, remedy=remedy)
-
-
-def _read(path: Path) -> bytes:
-    where = str(path)
-    try:
-        status = path.stat()
-        if S_ISDIR(status.st_mode):
-            raise ConfigError("is a directory", where=where, remedy="Give a URDF file.")
-        if not S_ISREG(status.st_mode):
-            raise ConfigError("is not a regular file", where=where, remedy="Give a URDF file.")
-        with path.open("rb") as file:
-            return file.read(MAX_SIZE + 1)
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
-        if isinstance(error, ConfigError):
-            raise
-        raise ConfigError(
-            f"cannot be read: {error}", where=where, remedy="Check path and rights."
-        ) from error
 
 
 def _parse_xml(document: bytes | str, where: str) -> Element:

@@ -199,7 +199,7 @@ def test_what_is_no_eds_is_refused(tmp_path: Path, content: bytes, text: str) ->
 def test_a_file_that_is_none(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be read: No such file"):
         eds.load(tmp_path / "none.eds")
-    with pytest.raises(ConfigError, match="not a regular file"):
+    with pytest.raises(ConfigError, match="is a directory"):
         eds.load(tmp_path)
 
 

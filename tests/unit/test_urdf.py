@@ -202,7 +202,7 @@ WRONG = {
     "cut off": (document()[:-9], "not well-formed"),
     "two roots": (document() + document(), "not well-formed"),
     "deep": ("<robot>" + "<a>" * 100_000, "nests elements deeper than 32"),
-    "large": (document(more=" " * MAX_SIZE), f"larger than {MAX_SIZE} bytes"),
+    "large": (document(more=" " * MAX_SIZE), f"at most {MAX_SIZE}"),
     "not a URDF": ("<sdf/>", "is XML of <'sdf'>"),
     "no links": ("<robot/>", "It has no links"),
     "no child": (document('<joint name="j" type="fixed"><parent link="a"/></joint>'), "no child"),
@@ -281,7 +281,7 @@ def test_files_that_are_none_are_refused(tmp_path):
         (tmp_path, "is a directory"),
         (fifo, "is not a regular file"),
         (Path("/dev/zero"), "is not a regular file"),
-        (large, "is larger than"),
+        (large, "a URDF file has at most"),
         (Path("a\0b"), "cannot be read"),
     ]:
         with pytest.raises(ConfigError, match=said) as caught:

@@ -13,12 +13,12 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from stat import S_ISREG
 from types import MappingProxyType
 from typing import Any, Final
 
 from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType, object_type, parse_object
 from crtk_drivers.errors import ConfigError, MissingExtra
+from crtk_drivers.files import read_capped
 
 try:
     from canopen.objectdictionary import ODArray, ODRecord, ODVariable
@@ -128,22 +128,7 @@ def load(path: str | Path, node: int | None = None) -> DataSheet:
 
 
 def _read(path: Path) -> str:
-    try:
-        status = path.stat()
-        if not S_ISREG(status.st_mode):
-            raise ConfigError("is not a regular file", where=str(path), remedy="Give an EDS file.")
-        if status.st_size > MAX_SIZE:
-            raise ConfigError(
-                f"has {status.st_size} bytes; an EDS file has at most {MAX_SIZE}",
-                where=str(path),
-                remedy="Is it the right file?",
-            )
-        with path.open("rb") as file:
-            data = file.read(MAX_SIZE)
-    except OSError as error:
-        raise ConfigError(
-            f"cannot be read: {error.strerror}", where=str(path), remedy="Check path and rights."
-        ) from error
+    data = read_capped(path, MAX_SIZE, "an EDS file")
     if b"\0" in data:
         line = data.count(b"\n", 0, data.index(b"\0")) + 1
         raise ConfigError(
