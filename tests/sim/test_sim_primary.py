@@ -35,6 +35,19 @@ def test_the_version_comes_first_and_the_full_state_next(sim, port):
         assert len(parts[3]) == 2 * 4 + 2 * 18 + 4 * 4 + 3 + 4 + 3
 
 
+def test_the_hardware_is_told_once_on_the_primary_port_alone():
+    with SIM.spawn(version="5.26") as newer:
+        with PrimaryClient(newer.host) as client:
+            kinds = [(kind, body[9] if kind == 20 else None) for kind, body in frames(client, 4)]
+            assert kinds == [(20, 3), (20, 18), (16, None), (16, None)]
+        with PrimaryClient(newer.host, "secondary") as client:
+            assert [kind for kind, _ in frames(client, 3)] == [20, 16, 16]
+
+
+def frames(client, count):
+    return [client.frame() for _ in range(count)]
+
+
 def test_the_state_says_what_rtde_says(sim):
     with PrimaryClient(sim.host) as client:
         parts = client.state()

@@ -22,7 +22,12 @@ from crtk_sim_backends.ur.messages import (
     TextMessage,
 )
 from crtk_sim_backends.ur.models import MODELS
-from crtk_sim_backends.ur.primary import RobotStateEncoder, robot_message, version_message
+from crtk_sim_backends.ur.primary import (
+    RobotStateEncoder,
+    hardware_info_message,
+    robot_message,
+    version_message,
+)
 from crtk_sim_backends.ur.variables import OUTPUTS, initial_image
 
 PARTS_OF_URSIM_5_8 = [
@@ -138,6 +143,16 @@ def test_messages_are_byte_for_byte_those_of_the_controller() -> None:
     assert robot_message(KeyMessage("PROGRAM_XXX_STARTED", "textmsg"), 0.0).hex() == KEY
     exception = RuntimeExceptionMessage(3, 1, "compile_error_name_not_found:txtmsg:")
     assert robot_message(exception, 0.0).hex() == EXCEPTION
+
+
+def test_the_hardware_is_told_by_software_that_knows_the_message() -> None:
+    """Layout and first versions: Universal_Robots_Client_Library, hardware_info_message.h."""
+    head = "0000001b" + "14" + "00" * 8 + "fe" + "12"
+    body = "00000002" + "0000" + "0005" + "0000" + "0001"
+    for version in ((5, 26, 0, 0), (10, 14, 0, 0)):
+        assert hardware_info_message(MODELS["ur10e"], version, 0.0).hex() == head + body
+    for version in ((3, 15, 8, 0), (5, 25, 9, 0), (10, 13, 9, 0)):
+        assert hardware_info_message(MODELS["ur10e"], version, 0.0) == b""
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,53 @@ def test_the_first_software_of_a_variable(name, versions):
     assert exists == versions
 
 
+PROPERTIES = "v1.software.version,v1.control_box.type,v1.robot_arm.tool_flange.type"
+
+
+@pytest.mark.parametrize(
+    ("version", "wire"),
+    [("5.26.3", "0005001a00030000"), ("10.15.1", "000a000f00010000")],
+)
+def test_properties_are_read_by_name(version, wire):
+    """Universal_Robots_Client_Library, test of the RTDE parser: version, CB5.2, flange revision 4."""
+    with SIM.spawn(version=version) as newer, RtdeClient(newer.host) as client:
+        expected = b"\x00\x14UINT64,UINT32,UINT32" + bytes.fromhex(wire + "05020000" + "01040000")
+        assert client.request("R", PROPERTIES.encode()) == expected
+        assert client.request("R", b"v1.control_box.type") == b"\x00\x06UINT32\x05\x02\x00\x00"
+        one_unknown = client.request("R", b"v1.software.version,v1.not.a.property,")
+        assert one_unknown == b"\x00\x1aUINT64,NOT_FOUND,NOT_FOUND"  # and no value at all
+        client.write("R", b"," * 30000)
+        assert client.closed_by_peer()
+        assert newer.control.status()["statistics"]["defects"] == 0
+
+
+@pytest.mark.parametrize("version", ["5.26.2", "10.14"])
+def test_software_without_properties_does_not_answer(version):
+    with SIM.spawn(version=version) as older, RtdeClient(older.host) as client:
+        client.write("R", PROPERTIES.encode())
+        assert client.request("V", b"\x00\x02") == b"\x01"
+        (connection,) = older.control.status()["connections"]["rtde"]
+        assert connection["packages_bad"] == 1
+
+
+def test_a_recipe_larger_than_a_package_is_refused(client):
+    names = ",".join(["actual_q"] * 1366)
+    number, types = client.setup_outputs(names)
+    assert (number, len(types)) == (0, 1366)
+    assert not client.start()
+    assert client.setup_outputs(names.removesuffix(",actual_q"))[0] == 1
+    assert client.start()
+    assert len(client.data()) == 6 * 1365
+
+
+@pytest.mark.parametrize("kind", ["O", "I"])
+def test_a_request_whose_answer_fits_no_package_ends_the_connection(sim, kind):
+    with RtdeClient(sim.host) as client:
+        client.write(kind, bytes(8) + b"a," * 30000)
+        assert client.closed_by_peer()
+    assert sim.control.status()["statistics"]["defects"] == 0
+
+
 @pytest.mark.parametrize(
     ("frequency", "ticks"), [(500, 1), (125, 4), (100, 5), (180, 2), (1, 500), (0.1, 500)]
 )

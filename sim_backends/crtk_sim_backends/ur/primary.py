@@ -16,6 +16,7 @@ from dataclasses import astuple, dataclass
 from math import radians
 from typing import Any, Final
 
+from crtk_sim_backends.ur.hardware import CONTROL_BOX, TOOL_FLANGE, sends_hardware_info
 from crtk_sim_backends.ur.messages import (
     ErrorMessage,
     KeyMessage,
@@ -38,6 +39,7 @@ ROBOT_MESSAGE: Final = 20
 _SOURCE_INTERFACE: Final = -2
 _SOURCE_CONTROLLER: Final = -3
 _VERSION_MESSAGE: Final = 3
+_HARDWARE_INFO_MESSAGE: Final = 18
 _ZERO6: Final = (0.0,) * 6
 _EMERGENCY_STOPS: Final = (SafetyMode.SYSTEM_EMERGENCY_STOP, SafetyMode.ROBOT_EMERGENCY_STOP)
 
@@ -67,6 +69,18 @@ def version_message(version: Version, time: float) -> bytes:
     numbers = struct.pack(">BBii", major, minor, bugfix, build)
     body = _short("URControl") + numbers + b"01-01-2025, 00:00:00"
     return _message(_SOURCE_INTERFACE, _VERSION_MESSAGE, time, body)
+
+
+def hardware_info_message(model: RobotModel, version: Version, time: float) -> bytes:
+    """Build the message about the hardware, sent once; empty for software that does not send it.
+
+    Source: Universal_Robots_Client_Library, `hardware_info_message.h`. It does not tell who the
+    source of the message is, nor what is in its two reserved fields: here they are zero.
+    """
+    if not sends_hardware_info(version):
+        return b""
+    body = struct.pack(">i4H", model.robot_type, 0, CONTROL_BOX, 0, TOOL_FLANGE)
+    return _message(_SOURCE_INTERFACE, _HARDWARE_INFO_MESSAGE, time, body)
 
 
 def robot_message(message: Message, time: float) -> bytes:

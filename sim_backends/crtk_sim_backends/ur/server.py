@@ -46,6 +46,7 @@ from crtk_sim_backends.ur.primary import (
     STATE_PERIOD,
     RobotStateEncoder,
     encode_messages,
+    hardware_info_message,
     version_message,
 )
 from crtk_sim_backends.ur.programs import ProgramFiles
@@ -213,14 +214,20 @@ class UrServer:
     def _greeting(self, name: str) -> Callable[[], bytes]:
         greetings = {
             "dashboard": lambda: GREETING,
-            **dict.fromkeys(
-                ("primary", "primary_read_only", "secondary", "secondary_read_only"),
-                self._primary_greeting,
-            ),
+            **dict.fromkeys(("primary", "primary_read_only"), self._primary_greeting),
+            **dict.fromkeys(("secondary", "secondary_read_only"), self._secondary_greeting),
         }
         return greetings.get(name, bytes)
 
     def _primary_greeting(self) -> bytes:
+        config, time = self.config, self.controller.time
+        return (
+            version_message(config.software, time)
+            + hardware_info_message(config.robot, config.software, time)
+            + self._state()
+        )
+
+    def _secondary_greeting(self) -> bytes:
         return version_message(self.config.software, self.controller.time) + self._state()
 
     def _state(self) -> bytes:
