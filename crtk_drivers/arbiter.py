@@ -97,6 +97,12 @@ class Arbiter:
         order = self._order
         return order is not None and order.move is not None
 
+    def streams(self, now: float) -> bool:
+        """Whether an order lies here, or commands of a stream came within the dwell."""
+        with self._lock:
+            running = self._stream != "" and now - self._streamed < self._dwell
+            return running or self._order is not None
+
     def take(self) -> Order | None:
         """Return the newest order, once."""
         if self._order is None:

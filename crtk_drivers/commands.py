@@ -73,6 +73,7 @@ class Payload(StrEnum):
     EMPTY = "empty"
     NUMBER = "number"
     FLAG = "flag"
+    NUMBERS = "numbers"
     FORWARD_KINEMATICS = "forward kinematics query"
     INVERSE_KINEMATICS = "inverse kinematics query"
 

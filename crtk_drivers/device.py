@@ -21,7 +21,7 @@ from typing import Any
 
 from crtk_drivers.commands import Kind, Level, Payload, Space, find
 from crtk_drivers.errors import KinematicsError
-from crtk_drivers.samples import Array, Pose, Sample, Vector
+from crtk_drivers.samples import Array, Pose, Sample, Value, Vector
 from crtk_drivers.state import OperatingState
 
 Steps = Generator[None, None, None]
@@ -290,11 +290,32 @@ class Input:
         payload: what it is.
         take: called with each value, from any thread and in any state. It checks, keeps the value, and
             touches no bus; it raises CommandRefused.
+        at_rest: it is refused while a motion is carried out: it changes what poses mean.
     """
 
     summary: str
     payload: Payload
     take: Callable[[Any], None]
+    at_rest: bool = False
+
+
+READINGS = "state"
+"""Sub-namespace of a device's own readings: ``state/digital_in_3``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A value that a device tells beyond CRTK: a digital input, a mode, ...
+
+    Attributes:
+        summary: one line for people.
+        payload: what it is.
+        tell: returns the newest value, None while it is not known. No I/O; from any thread.
+    """
+
+    summary: str
+    payload: Payload
+    tell: Callable[[], Value | None]
 
 
 class Severity(IntEnum):
@@ -426,6 +447,11 @@ class Device(ABC):
     @property
     def inputs(self) -> Mapping[str, Input]:
         """What it takes beyond CRTK, by name; constant."""
+        return {}
+
+    @property
+    def readings(self) -> Mapping[str, Reading]:
+        """What it tells beyond CRTK, by name, without `READINGS`; constant."""
         return {}
 
     @property

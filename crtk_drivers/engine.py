@@ -109,7 +109,7 @@ class Engine:
         period = 1.0 / self.capabilities.rate
         stale_after = min(max(5.0 * period, 0.02), self.options.sample_timeout)
         self._feedback = Feedback(device, stale_after)
-        self.services, self.inputs = device.services, device.inputs
+        self.services, self.inputs, self.readings = device.services, device.inputs, device.readings
         own_names = (*self.services, *self.inputs)
         self._health = HealthRecorder(self.capabilities.rate, 2.0 * period, own_names)
         self._sample_deadman = Deadman(self.options.sample_timeout)
@@ -299,10 +299,17 @@ class Engine:
         """Hand a value to one of the device's own `inputs`.
 
         Raises:
-            CommandRefused: the device does not take it.
+            CommandRefused: the device does not take it, or not while a motion is carried out.
         """
+        taken = self.inputs[name]
         try:
-            self.inputs[name].take(value)
+            if taken.at_rest:
+                with self._board.lock:
+                    self._require_rest(name)
+                    taken.take(value)
+                    self._feedback.forget_pose()
+            else:
+                taken.take(value)
         except CommandRefused as refusal:
             refusal.where = refusal.where or self.where
             self._board.refused(refusal)
@@ -432,6 +439,18 @@ class Engine:
                 f"the device is {status.state}{why}",
                 where=self.where,
                 remedy=_WAY_TO_ENABLED[status.state],
+            )
+
+    def _require_rest(self, name: str) -> None:
+        """Refuse while a motion is carried out, or waits to be."""
+        moving = self.status.is_busy or self._arbiter.streams(self._clock())
+        if moving or not self._motion.rests:
+            raise CommandRefused(
+                name,
+                Reason.INVALID_TRANSITION,
+                "a motion is being carried out",
+                where=self.where,
+                remedy="Send hold, and then it again.",
             )
 
     def _holds_anyway(self) -> bool:

@@ -95,6 +95,12 @@ class MotionExecutor:
         self._takes_poses = Mode.CARTESIAN_POSITION in self._capabilities.modes
         self._pursues = not self._takes_poses and self._capabilities.cartesian_limits is not None
 
+    @property
+    def rests(self) -> bool:
+        """Whether nothing is carried out that makes setpoints, nor waits to be. From any thread."""
+        doing = (self._move, self._following, self._starting, self._waiting, self._freeing)
+        return all(one is None for one in doing)
+
     def use_gravity_compensation(self, on: bool) -> None:
         """Switch it in the next cycle, in any state. From any thread."""
         self._gravity.append(on)

@@ -216,6 +216,10 @@ class Feedback:
         keeps = position.size and self._native("setpoint_js") is None
         self._active = _Active(None, JointState(position=position)) if keeps else _Active()
 
+    def forget_pose(self) -> None:
+        """The kinematics are others now: what was computed with them does not count."""
+        self._cached_pose = None
+
     def release(self) -> None:
         """The arm is free: there is no setpoint but where it is."""
         self._active = _Active()

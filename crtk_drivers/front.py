@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from crtk_drivers import plugins
 from crtk_drivers.capabilities import missing_for
 from crtk_drivers.commands import Command, Direction, Kind, Level, Payload, find, is_name
+from crtk_drivers.device import READINGS, Reading
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import (
     CommandRefused,
@@ -35,7 +36,18 @@ from crtk_drivers.fronts import DEFAULT_AGE, DEFAULT_WAIT, DeviceFront
 from crtk_drivers.health import Health
 from crtk_drivers.moves import Move
 from crtk_drivers.payloads import converted, value_for
-from crtk_drivers.samples import EMPTY, Number, Pose, Stamp, Value, Vector, vector
+from crtk_drivers.samples import (
+    EMPTY,
+    Flag,
+    Number,
+    Numbers,
+    Pose,
+    Stamp,
+    Text,
+    Value,
+    Vector,
+    vector,
+)
 from crtk_drivers.session import Session, open_session
 from crtk_drivers.sims import RunningSim
 from crtk_drivers.state import StateCommand, Status, target_of
@@ -123,6 +135,8 @@ class LocalDevice(DeviceFront):
             self._attach(name, partial(self._request, name), service.summary)
         for name, taken in self._engine.inputs.items():
             self._attach(name, partial(self._give, name, taken.payload), taken.summary)
+        for name, reading in self._engine.readings.items():
+            self._attach(f"{READINGS}/{name}", partial(self._told, name, reading), reading.summary)
         if not child:
             for behind in session.children:
                 setattr(self, behind, LocalDevice(session, behind))
@@ -219,6 +233,21 @@ class LocalDevice(DeviceFront):
     def _give(self, name: str, payload: Payload, value: Any) -> None:
         where = self._engine.where
         self._engine.give(name, self._reported(lambda: converted(name, payload, value, where)))
+
+    def _told(self, name: str, reading: Reading) -> Any:
+        value = reading.tell()
+        if value is None:
+            raise DataTimeout(
+                f"{READINGS}/{name}: not known now; the device is {self._engine.status.state}",
+                where=self._engine.where,
+                remedy="Is the device connected, and does it report this?",
+            )
+        match value:
+            case Number() | Flag() | Text():
+                return value.value
+            case Numbers():
+                return value.values
+        return value
 
     def _attach(self, name: str, method: Any, doc: str) -> None:
         method.__name__ = name

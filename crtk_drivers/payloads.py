@@ -15,7 +15,9 @@ from crtk_drivers.samples import (
     JointServo,
     JointState,
     Number,
+    Numbers,
     Pose,
+    Text,
     Twist,
     Value,
     Wrench,
@@ -33,6 +35,8 @@ _TYPES: Mapping[Payload, type] = MappingProxyType(
         Payload.CARTESIAN_SERVO: CartesianServo,
         Payload.NUMBER: Number,
         Payload.FLAG: Flag,
+        Payload.NUMBERS: Numbers,
+        Payload.TEXT: Text,
     }
 )
 
@@ -47,6 +51,8 @@ _HELP: Mapping[Payload, str] = MappingProxyType(
         Payload.CARTESIAN_SERVO: "Pass a CartesianServo.",
         Payload.NUMBER: "Pass a number.",
         Payload.FLAG: "Pass True or False.",
+        Payload.NUMBERS: "Pass numbers.",
+        Payload.TEXT: "Pass a str.",
     }
 )
 
@@ -67,6 +73,12 @@ def _boolean(value: Any) -> bool:
     return value
 
 
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError("it is no text")
+    return value
+
+
 _CONVERT: Mapping[Payload, Callable[[Kind, Any], Value]] = MappingProxyType(
     {
         Payload.JOINT_STATE: lambda kind, value: joint_state(kind, vector(value)),
@@ -75,6 +87,8 @@ _CONVERT: Mapping[Payload, Callable[[Kind, Any], Value]] = MappingProxyType(
         Payload.WRENCH: _six(Wrench),
         Payload.NUMBER: lambda kind, value: Number(float(value)),
         Payload.FLAG: lambda kind, value: Flag(_boolean(value)),
+        Payload.NUMBERS: lambda kind, value: Numbers(tuple(vector(value).tolist())),
+        Payload.TEXT: lambda kind, value: Text(_text(value)),
     }
 )
 

@@ -191,6 +191,20 @@ class Flag:
     value: bool
 
 
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """Numbers that are told or set together."""
+
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """Words that are told or set."""
+
+    value: str
+
+
 class AxisMode(IntEnum):
     """What of a mixed setpoint an axis follows (crtk_msgs/SetpointMode, without the combined ones)."""
 
@@ -241,7 +255,19 @@ class CartesianServo:
     frame_id: str = ""
 
 
-Value = JointState | Pose | Twist | Wrench | Matrix | Number | Flag | JointServo | CartesianServo
+Value = (
+    JointState
+    | Pose
+    | Twist
+    | Wrench
+    | Matrix
+    | Number
+    | Numbers
+    | Flag
+    | Text
+    | JointServo
+    | CartesianServo
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,6 +14,7 @@ from crtk_drivers.device import (
     Input,
     MoveProgress,
     Note,
+    Reading,
     Service,
     Setpoint,
     Steps,
@@ -66,6 +67,10 @@ class WrappedDevice(Device):
     @property
     def inputs(self) -> Mapping[str, Input]:
         return self.inner.inputs
+
+    @property
+    def readings(self) -> Mapping[str, Reading]:
+        return self.inner.readings
 
     @property
     def children(self) -> Mapping[str, Device]:

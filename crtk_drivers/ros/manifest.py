@@ -10,6 +10,7 @@ Published once, latched, as JSON in a std_msgs/String on ``~/crtk_capabilities``
     commands        {CRTK name: {name on ROS, type, direction, level, units, summary}}
     services        {name: {name on ROS, type, summary}}: what it does beyond CRTK
     inputs          {name: {name on ROS, type, summary}}: what it takes beyond CRTK
+    readings        {name: {name on ROS, type, summary}}: what it tells beyond CRTK
     joints          [{name, lower, upper, velocity, acceleration, jerk, effort}], in the order of all vectors
     tool            limits of the tool, or null
     frames          {base, tool}: as they appear in messages and on /tf
@@ -28,6 +29,7 @@ from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from crtk_drivers.device import READINGS
 from crtk_drivers.engine import Engine
 from crtk_drivers.ros.messages import TYPES
 from crtk_drivers.ros.names import Frames
@@ -88,6 +90,14 @@ def manifest(
                 "summary": taken.summary,
             }
             for name, taken in engine.inputs.items()
+        },
+        "readings": {
+            name: {
+                "name": ros_names[f"{READINGS}/{name}"],
+                "type": type_name(TYPES[reading.payload]),
+                "summary": reading.summary,
+            }
+            for name, reading in engine.readings.items()
         },
         "estimates": sorted(capabilities.estimates),
         "joints": [

@@ -31,7 +31,9 @@ from crtk_drivers.samples import (
     JointState,
     Matrix,
     Number,
+    Numbers,
     Pose,
+    Text,
     Twist,
     Value,
     Vector,
@@ -52,6 +54,7 @@ TYPES: Mapping[Payload, type] = MappingProxyType(
         Payload.EMPTY: Empty,
         Payload.NUMBER: Float64,
         Payload.FLAG: Bool,
+        Payload.NUMBERS: Float64MultiArray,
         Payload.JOINT_SERVO: JointServoMessage,
         Payload.CARTESIAN_SERVO: CartesianServoMessage,
         Payload.FORWARD_KINEMATICS: QueryForwardKinematics,
@@ -127,6 +130,14 @@ def _fill_flag(message: Bool, value: Flag) -> None:
     message.data = bool(value.value)
 
 
+def _fill_numbers(message: Float64MultiArray, value: Numbers) -> None:
+    message.data = array("d", value.values)
+
+
+def _fill_text(message: StringStamped, value: Text) -> None:
+    message.string = str(value.value)
+
+
 def _mode(number: int) -> SetpointMode:
     return SetpointMode(value=int(number))
 
@@ -159,6 +170,8 @@ _FILL: Mapping[type, Callable[[Any, Any], None]] = MappingProxyType(
         Matrix: _fill_matrix,
         Number: _fill_number,
         Flag: _fill_flag,
+        Numbers: _fill_numbers,
+        Text: _fill_text,
         JointServo: _fill_joint_servo,
         CartesianServo: _fill_cartesian_servo,
     }
@@ -242,6 +255,8 @@ _READ: Mapping[type, Callable[[Any, str], Value]] = MappingProxyType(
         ),
         Float64: lambda message, frame_id: Number(message.data),
         Bool: lambda message, frame_id: Flag(message.data),
+        Float64MultiArray: lambda message, frame_id: Numbers(tuple(message.data)),
+        StringStamped: lambda message, frame_id: Text(message.string),
         JointServoMessage: lambda message, frame_id: _joint_servo_of(message),
         CartesianServoMessage: _cartesian_servo_of,
     }

@@ -11,6 +11,7 @@ from rclpy.context import Context
 from std_msgs.msg import String
 
 from crtk_drivers.config import NodeConfig
+from crtk_drivers.device import READINGS
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.ros import qos
@@ -23,6 +24,7 @@ from crtk_drivers.ros.messages import TYPES
 from crtk_drivers.ros.names import Frames
 from crtk_drivers.ros.parameters import declare_frame_prefix, declare_rates
 from crtk_drivers.ros.publishing import PublishingThread, Throttle
+from crtk_drivers.ros.readings import ReadingTopics
 from crtk_drivers.ros.refusals import RefusalTopic
 from crtk_drivers.ros.rosout import RosoutHandler
 from crtk_drivers.ros.services import DeviceServices, Services
@@ -107,6 +109,7 @@ class DriverNode:
         self._refusals = RefusalTopic(node, self._thread)
         self._feedback = FeedbackTopics(node, self._thread, engine, frames)
         self._latched = LatchedTopics(node, self._thread, engine, frames)
+        self._readings = ReadingTopics(node, self._thread, engine, frames)
         self._transforms = Transforms(node, self._thread, engine, frames)
         self._commands = CommandTopics(node, engine, frames)
         self._services = Services(node, engine, self._status.next_stamp)
@@ -151,6 +154,7 @@ class DriverNode:
             **self._feedback.publishers,
             **self._latched.publishers,
             **self._commands.subscriptions,
+            **self._readings.publishers,
             "operating_state": self._status.publisher,
         }
         names = {name: endpoint.topic_name for name, endpoint in endpoints.items()}
@@ -158,6 +162,9 @@ class DriverNode:
         names |= {name: srv.service_name for name, srv in services.items()}
         payloads = {name: command.payload for name, command in self._engine.commands.items()}
         payloads |= {name: taken.payload for name, taken in self._engine.inputs.items()}
+        payloads |= {
+            f"{READINGS}/{name}": reading.payload for name, reading in self._engine.readings.items()
+        }
         expected = {
             endpoint.topic_name: type_name(TYPES[payloads[name]])
             for name, endpoint in endpoints.items()

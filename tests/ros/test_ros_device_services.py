@@ -5,20 +5,25 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Iterator, Mapping
+from functools import partial
+from types import MappingProxyType
+from typing import Any
 
 import pytest
+from crtk_msgs.msg import StringStamped
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from ros_client import TIMEOUT
-from ros_rig import Rig, rig_of
-from std_msgs.msg import Empty
+from ros_rig import Rig, rig_of, until
+from std_msgs.msg import Bool, Empty, Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
 from crtk_drivers.commands import Payload
-from crtk_drivers.device import Answer, Input, Note, Service, Severity
+from crtk_drivers.device import Answer, Input, Note, Reading, Service, Severity
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.plugins import DevicePlugin
-from crtk_drivers.samples import Wrench
+from crtk_drivers.ros import qos
+from crtk_drivers.samples import Flag, Number, Numbers, Text, Value, Wrench
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 
 
@@ -26,6 +31,7 @@ class Scale(LoopbackDevice):
     """A gantry that can be tared."""
 
     bias: Wrench | None = None
+    told: Mapping[str, Value | None] = MappingProxyType({})
     taring = threading.Event()
     go = threading.Event()
 
@@ -35,7 +41,34 @@ class Scale(LoopbackDevice):
 
     @property
     def inputs(self) -> Mapping[str, Input]:
-        return {"set_bias": Input("what counts as zero", Payload.WRENCH, self._set_bias)}
+        return {
+            "set_bias": Input("what counts as zero", Payload.WRENCH, self._set_bias),
+            "label": Input(
+                "what it is called", Payload.TEXT, lambda text: self._tell("name", text)
+            ),
+            "points": Input(
+                "of its scale", Payload.NUMBERS, lambda given: self._tell("row", given)
+            ),
+        }
+
+    @property
+    def readings(self) -> Mapping[str, Reading]:
+        kinds = {
+            "door": Payload.FLAG,
+            "load": Payload.NUMBER,
+            "row": Payload.NUMBERS,
+            "name": Payload.TEXT,
+        }
+        return {
+            name: Reading(f"its {name}", kind, partial(self._told, name))
+            for name, kind in kinds.items()
+        }
+
+    def _told(self, name: str) -> Value | None:
+        return self.told.get(name)
+
+    def _tell(self, name: str, value: Value) -> None:
+        self.told = {**self.told, name: value}
 
     @property
     def notes(self) -> tuple[Note, ...]:
@@ -109,6 +142,47 @@ def test_an_input_is_a_topic(rig: Rig) -> None:
     assert device.bias.force[0] == 7.0
 
 
+def test_readings_are_latched_topics_that_tell_each_change_once(rig: Rig) -> None:
+    client, device = rig.client, device_of(rig)
+    topics = {"door": Bool, "load": Float64, "row": Float64MultiArray, "name": StringStamped}
+    heard: dict[str, list[Any]] = {name: [] for name in topics}
+    for name, kind in topics.items():
+        client.node.create_subscription(
+            kind, f"{client.namespace}/state/{name}", heard[name].append, qos.LATCHED
+        )
+    device.told = {"door": Flag(True), "load": Number(2.5), "row": Numbers((1.0, 2.0))}
+    until(lambda: all(heard[name] for name in device.told), "the readings")
+    assert heard["door"][0].data is True
+    assert heard["load"][0].data == 2.5
+    assert list(heard["row"][0].data) == [1.0, 2.0]
+    device.told = {**device.told, "door": Flag(False), "name": Text("front")}
+    until(lambda: len(heard["door"]) > 1 and heard["name"], "the changes")
+    assert heard["door"][1].data is False
+    assert heard["name"][0].string == "front"
+    device.told = {"door": None}
+    inbox = client["operating_state"]
+    inbox.wait(since=inbox.mark())
+    assert [len(heard[name]) for name in topics] == [2, 1, 1, 1]
+
+
+def test_texts_and_numbers_are_inputs(rig: Rig) -> None:
+    client, device = rig.client, device_of(rig)
+    messages = {"label": StringStamped(string="left"), "points": Float64MultiArray(data=[1.0, 0.5])}
+    senders = {
+        name: client.node.create_publisher(type(message), f"{client.namespace}/{name}", 10)
+        for name, message in messages.items()
+    }
+
+    def arrived() -> bool:
+        for name, sender in senders.items():
+            sender.publish(messages[name])
+        return device.told.get("name") is not None and device.told.get("row") is not None
+
+    device.told = {}
+    until(arrived, "both")
+    assert device.told == {"name": Text("left"), "row": Numbers((1.0, 0.5))}
+
+
 def test_they_are_in_the_manifest_and_notes_in_the_diagnostics(rig: Rig) -> None:
     content = json.loads(rig.client["crtk_driver/crtk_capabilities"].wait().data)
     assert content["services"]["tare"] == {
@@ -117,6 +191,11 @@ def test_they_are_in_the_manifest_and_notes_in_the_diagnostics(rig: Rig) -> None
         "summary": "make the present load zero",
     }
     assert content["inputs"]["set_bias"]["type"] == "geometry_msgs/msg/WrenchStamped"
+    assert content["readings"]["door"] == {
+        "name": "/test_ros_services/state/door",
+        "type": "std_msgs/msg/Bool",
+        "summary": "its door",
+    }
 
     def worst(message: object) -> bool:
         return any(

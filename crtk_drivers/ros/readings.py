@@ -1,0 +1,69 @@
+"""A device's own readings (`crtk_drivers.device.Reading`), latched: each is told when it has changed.
+
+A value that is not known (any more) is not told: ``operating_state`` says whether the device is there.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+from crtk_drivers.device import READINGS, Reading
+from crtk_drivers.engine import Engine
+from crtk_drivers.ros import qos
+from crtk_drivers.ros.messages import TYPES, fill, set_stamp
+from crtk_drivers.ros.names import Frames
+from crtk_drivers.ros.publishing import PublishingThread
+from crtk_drivers.samples import Value
+
+RATE = 50.0
+"""Hz at which they are looked at."""
+
+
+@dataclass(slots=True)
+class _Topic:
+    reading: Reading
+    publisher: Publisher
+    message: Any
+    told: Value | None = None
+
+
+class ReadingTopics:
+    """The topics of one device. None is there if it has no readings."""
+
+    def __init__(
+        self, node: Node, thread: PublishingThread, engine: Engine, frames: Frames
+    ) -> None:
+        self._frames = frames
+        self._topics = {
+            f"{READINGS}/{name}": _Topic(
+                reading,
+                qos.publisher(node, TYPES[reading.payload], f"{READINGS}/{name}", qos.LATCHED),
+                TYPES[reading.payload](),
+            )
+            for name, reading in engine.readings.items()
+        }
+        if self._topics:
+            thread.job("readings", self._publish, RATE)
+
+    @property
+    def publishers(self) -> dict[str, Publisher]:
+        """By name, with the sub-namespace."""
+        return {name: topic.publisher for name, topic in self._topics.items()}
+
+    def _publish(self) -> None:
+        for topic in self._topics.values():
+            value = topic.reading.tell()
+            if value is None or value == topic.told:
+                continue
+            fill(topic.message, value)
+            header = getattr(topic.message, "header", None)
+            if header is not None:
+                set_stamp(header.stamp, time.time_ns())
+                header.frame_id = self._frames.outgoing(getattr(value, "frame_id", ""))
+            topic.publisher.publish(topic.message)
+            topic.told = value
