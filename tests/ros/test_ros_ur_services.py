@@ -7,11 +7,14 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from crtk_msgs.msg import StringStamped
+from geometry_msgs.msg import PoseStamped
 from ros_client import RosClient
 from ros_rig import until
 from std_msgs.msg import Bool, Float64
 from ur_rig import ur_on_ros
 
+from crtk_drivers.ros import qos
 from crtk_drivers.session import Session
 
 NAMESPACE = "/test_ros_ur_services"
@@ -40,6 +43,9 @@ def test_every_service_and_input_is_in_the_manifest(ur):
     assert set(session.engine.inputs) <= set(content["inputs"])
     assert content["inputs"]["digital_out_0"]["type"] == "std_msgs/msg/Bool"
     assert content["inputs"]["tool_voltage"]["type"] == "std_msgs/msg/Float64"
+    assert content["inputs"]["load_program"]["type"] == "crtk_msgs/msg/StringStamped"
+    assert set(session.engine.readings) == set(content["readings"])
+    assert content["readings"]["digital_in_0"]["name"] == f"{NAMESPACE}/state/digital_in_0"
 
 
 def test_outputs_are_topics(ur):
@@ -52,6 +58,47 @@ def test_outputs_are_topics(ur):
     publish_until(
         client, "tool_voltage", Float64(data=24.0), lambda: outputs(voltage)[voltage] == 24
     )
+
+
+def heard(client: RosClient, name: str, kind: type) -> list[Any]:
+    messages: list[Any] = []
+    client.node.create_subscription(kind, f"{NAMESPACE}/state/{name}", messages.append, qos.LATCHED)
+    return messages
+
+
+def test_signals_and_modes_are_topics(ur):
+    session, client = ur
+    mode = heard(client, "robot_mode", StringStamped)
+    signal = heard(client, "digital_in_5", Bool)
+    until(lambda: mode and signal, "the readings")
+    assert (mode[0].string, signal[0].data) == ("RUNNING", False)
+    session.sim.control.inject("digital_inputs", bits=1 << 5)
+    until(lambda: signal[-1].data, "the signal")
+    session.sim.control.clear("digital_inputs")
+    until(lambda: not signal[-1].data, "the signal")
+
+
+def test_tool_and_programs_are_topics(ur):
+    session, client = ur
+    tool = heard(client, "tcp", PoseStamped)
+    program = heard(client, "loaded_program", StringStamped)
+    pose = PoseStamped()
+    pose.pose.position.z, pose.pose.orientation.w = 0.15, 1.0
+    until(lambda: len(tool) == 1, "the tool")
+    inbox = client["measured_cp"]
+    before = inbox.wait(lambda m: m.header.stamp.sec > 0).pose.position.z
+    publish_until(client, "tcp", pose, lambda: session.engine.device._tool is not None)
+    # It points down.
+    inbox.wait(lambda m: abs(m.pose.position.z - before + 0.15) < 1e-3, inbox.mark())
+    publish_until(
+        client,
+        "load_program",
+        StringStamped(string="simulation.urp"),
+        lambda: program and program[-1].string.endswith("simulation.urp"),
+    )
+    refused = client.trigger("pause_program")
+    assert not refused.success
+    assert "Failed to execute: pause" in refused.message
 
 
 def test_services_answer_and_refuse(ur):

@@ -14,9 +14,10 @@ from ur_bench import HOME, LONG, UrBench, eventually, ur_bench
 from crtk_driver_ur import native_link
 from crtk_driver_ur.control_channel import ControlChannel
 from crtk_driver_ur.control_program import Kind, Phase, ProgramOptions, Setting, program_text
-from crtk_driver_ur.outputs import AXES
+from crtk_driver_ur.program_settings import AXES
 from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
 from crtk_drivers.errors import ConfigError, ConnectionFailed, MotionAborted, TransitionFailed
+from crtk_drivers.geometry import matrix_from_quaternion
 from crtk_sim_backends.ur import SIM, RunningSim
 
 STOPPED, PLAYING = 1, 2
@@ -326,7 +327,7 @@ def press(bench: UrBench, wrench, until, what: str) -> None:
 def choose(bench: UrBench, kind: str, *axes: str) -> None:
     for axis in AXES:
         getattr(bench.arm, f"{kind}_axis_{axis}")(axis in axes)
-    request, arguments = bench.device._inputs._chosen_axes(kind)
+    request, arguments = bench.device._settings._chosen_axes(kind)
     assert arguments["axes"] == [float(axis in axes) for axis in AXES]
     taken = bench.device._link._reported.setting
     eventually(lambda: not bench.device._inputs._given, f"{request} is sent")
@@ -391,6 +392,49 @@ def test_freedrive_lets_go_of_the_chosen_axes(bench):
     choose(bench, "free", *AXES)
 
 
+def turned(bench: UrBench) -> np.ndarray:
+    """Turn the tool until its axes are none of the base, and return them (3x3) in the base."""
+    assert bench.arm.move_jp([0.5, *HOME[1:4], -1.2, 0.4]).wait(LONG)
+    bench.until_still()
+    return matrix_from_quaternion(bench.arm.measured_cp().orientation)
+
+
+def test_force_mode_gives_way_along_axes_of_the_tool(bench):
+    axes = turned(bench)
+    bench.arm.force_of_tool(True)
+    choose(bench, "force", "x")
+    before = tool(bench)
+    # In base axes, as always: along the tool's x and y.
+    wrench = [*(20.0 * axes[:, 0] + 20.0 * axes[:, 1]), 0.0, 0.0, 0.0]
+
+    def way() -> np.ndarray:
+        return axes.T @ (tool(bench) - before)
+
+    press(bench, wrench, lambda: way()[0] > 0.02, "it gives way")
+    bench.until_still()
+    np.testing.assert_allclose(way()[1:], 0.0, atol=2e-3)
+    bench.arm.force_of_tool(False)
+    choose(bench, "force", *AXES)
+
+
+def test_freedrive_lets_go_of_axes_of_the_tool(bench):
+    axes = turned(bench)
+    bench.arm.free_of_tool(True)
+    choose(bench, "free", "y")
+    before = tool(bench)
+    bench.arm.free()
+    bench.inject("external_force", wrench=[*(40.0 * axes[:, 0]), 0.0, 0.0, 0.0])
+    assert bench.watch(0.3) < 1e-3
+    bench.inject("external_force", wrench=[*(40.0 * axes[:, 1]), 0.0, 0.0, 0.0])
+    eventually(lambda: (axes.T @ (tool(bench) - before))[1] > 0.02, "it gives way")
+    bench.sim.control.clear()
+    bench.arm.hold()
+    bench.until_still()
+    np.testing.assert_allclose((axes.T @ (tool(bench) - before))[[0, 2]], 0.0, atol=2e-3)
+    bench.arm.free_of_tool(False)
+    choose(bench, "free", *AXES)
+
+
 def test_the_configured_inertia_and_axes_are_sent_by_enable():
     inertia = [0.01, 0.02, 0.03, 0.0, 0.001, 0.0]
     config = {
@@ -407,13 +451,7 @@ def test_the_configured_inertia_and_axes_are_sent_by_enable():
         np.testing.assert_allclose(tool(bench)[:2], before[:2], atol=1e-3)
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"free_axes": [True] * 5 + [False]},
-        {"payload": {"mass": 1.0, "inertia": [0.0] * 6}},
-    ],
-)
+@pytest.mark.parametrize("values", [{"free_axes": [True] * 5 + [False]}, {"free_frame": "tool"}])
 def test_what_ur_rtde_has_not_is_refused_for_it(values):
     with (
         pytest.raises(ConfigError, match="native"),

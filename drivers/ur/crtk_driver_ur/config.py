@@ -69,7 +69,10 @@ class ForceConfig(Settings):
 
     axes: Flags6 = Field(
         default=(True, True, True, True, True, True),
-        description="Axes of the base frame that give way: x, y, z, and about them. The others are held.",
+        description="Axes of `frame` that give way: x, y, z, and about them. The others are held.",
+    )
+    frame: Literal["base", "tool"] = Field(
+        default="base", description="Whose axes these are; those of the tool turn with it."
     )
     max_force: float = Field(default=50.0, gt=0.0, le=500.0, description="Of servo_cf, in N.")
     max_torque: float = Field(default=5.0, gt=0.0, le=100.0, description="Of servo_cf, in N·m.")
@@ -103,7 +106,7 @@ class PayloadConfig(Settings):
     inertia: Vector6 | None = Field(
         default=None,
         description="About the centre of gravity, in the flange's axes: xx, yy, zz, xy, xz, yz in kg m². The "
-        "controller's estimate if null; by the native control only.",
+        "controller's estimate if null, and on software before 5.10 (CB3: 3.15, by ur_rtde never).",
     )
 
 
@@ -135,6 +138,12 @@ class UrConfig(DeviceConfig):
         default=False,
         description="Use RTDE registers 24 to 47, where a fieldbus or another client has the lower.",
     )
+    robot_api_port: int = Field(
+        default=80,
+        ge=1,
+        le=65535,
+        description="Port of the Robot API, which PolyScope X has in place of the dashboard server.",
+    )
     power_off_on_disable: bool = Field(
         default=True, description="Disable switches the arm's power off; otherwise it stays on."
     )
@@ -161,8 +170,13 @@ class UrConfig(DeviceConfig):
     force: ForceConfig = Field(default=ForceConfig(), description="Force mode.")
     free_axes: Flags6 = Field(
         default=(True, True, True, True, True, True),
-        description="Axes of the base frame that `free` lets go: x, y, z, and about them. By the native "
+        description="Axes of `free_frame` that `free` lets go: x, y, z, and about them. By the native "
         "control, from PolyScope 5.10 on.",
+    )
+    free_frame: Literal["base", "tool"] = Field(
+        default="base",
+        description="Whose axes these are: of the base, or of the tool as it is when `free` begins. By the "
+        "native control.",
     )
 
     @model_validator(mode="after")
@@ -177,9 +191,9 @@ class UrConfig(DeviceConfig):
 
     @model_validator(mode="after")
     def _native_only(self) -> UrConfig:
-        inertia = self.payload is not None and self.payload.inertia is not None
-        if self.control == "ur_rtde" and (inertia or not all(self.free_axes)):
-            raise ValueError("payload.inertia and free_axes need control: native")
+        chosen = not all(self.free_axes) or self.free_frame != "base"
+        if self.control == "ur_rtde" and chosen:
+            raise ValueError("free_axes and free_frame need control: native")
         return self
 
     @model_validator(mode="after")

@@ -58,11 +58,13 @@ class ControlOptions:
         watchdog_frequency: the controller stops the control program, and so the arm, when it was not
             fed for one period of this frequency, in Hz.
         upper_range_registers: use the registers from 24 up, where a fieldbus claims the lower ones.
+        robot_api_port: of the Robot API, on PolyScope X.
         motion: how motions are carried out.
     """
 
     watchdog_frequency: float = 5.0
     upper_range_registers: bool = False
+    robot_api_port: int = 80
     motion: MotionOptions = field(default_factory=MotionOptions)
 
 
@@ -103,6 +105,9 @@ class ControlSupervisor:
         options: how to connect and to move.
         clock: the monotonic clock.
 
+    Attributes:
+        version: major and minor version of the controller's software; to be set before `start`.
+
     Raises (all commands):
         ConnectionLost: there is no process, or it does not read its commands; call `replace`.
     """
@@ -116,6 +121,7 @@ class ControlSupervisor:
     ) -> None:
         self.host = host
         self.options = options or ControlOptions()
+        self.version = (0, 0)
         self._clock = clock
         self._where = f"ur_rtde control {host}"
         self._sequences = itertools.count(1)
@@ -182,7 +188,12 @@ class ControlSupervisor:
         self._beat, self._call = _NO_BEAT, "start"
         self._heard_at, self._allowed = self._clock(), START_ALLOWED
         self._starts += 1
-        self.request("configure", host=self.host)
+        self.request(
+            "configure",
+            host=self.host,
+            version=list(self.version),
+            robot_api_port=self.options.robot_api_port,
+        )
 
     def kill(self) -> None:
         """End the process at once. The controller stops the arm when its watchdog is not fed."""

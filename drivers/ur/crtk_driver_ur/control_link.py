@@ -19,6 +19,9 @@ __all__ = ["INTERRUPTED", "PROGRAM_STOPPED", "ControlLink"]
 REMOTE_CHECK_PERIOD = 0.5
 """Seconds between two questions whether the teach pendant has control."""
 
+PROGRAM_CHECK_PERIOD = 2.0
+"""Seconds between two questions which program is loaded."""
+
 INTERRUPTED = "another command took its place"
 PROGRAM_STOPPED = "the control program was stopped on the controller"
 
@@ -37,6 +40,7 @@ class ControlLink(ABC):
         program_runs: our control program was started and not seen to stop since.
         has_local_control: the controller knows local and remote control, and is asked which it is.
         remote: whether it is in remote control; None if not known.
+        loaded_program: name of the program that is loaded; empty if none is, None if that is not known.
     """
 
     def __init__(self, where: str) -> None:
@@ -45,11 +49,14 @@ class ControlLink(ABC):
         self.program_runs = False
         self.has_local_control = False
         self.remote: bool | None = None
+        self.loaded_program: str | None = None
         self._where = where
         self._awaited: set[int] = set()
         self._replies: dict[int, Reply] = {}
         self._remote_asked = 0
         self._remote_asked_at = -math.inf
+        self._program_asked = 0
+        self._program_asked_at = -math.inf
         self._was_local = False
         self._progress = MoveProgress.DONE
         self._move_failure = ""
@@ -103,7 +110,8 @@ class ControlLink(ABC):
         self.remote = remote
         self._was_local |= remote is False
 
-    def _ask_who_has_control(self) -> None:
+    def _ask_dashboard(self) -> None:
+        """Ask from time to time who has control, and which program is loaded."""
         now = time.monotonic()
         if (
             self.has_local_control
@@ -112,6 +120,9 @@ class ControlLink(ABC):
         ):
             self._remote_asked_at = now
             self._remote_asked = self._try_request("is_in_remote_control")
+        if not self._program_asked and now - self._program_asked_at > PROGRAM_CHECK_PERIOD:
+            self._program_asked_at = now
+            self._program_asked = self._try_request("loaded_program")
 
     # Motion. Each raises DeviceFault if it cannot be sent.
 
@@ -250,11 +261,15 @@ class ControlLink(ABC):
         if reply.sequence == self._remote_asked:
             self._remote_asked = 0
             self.control_is(None if reply.error is not None else bool(reply.value))
+        elif reply.sequence == self._program_asked:
+            self._program_asked = 0
+            known = None if reply.error is not None else str(reply.value)
+            self.loaded_program = None if known is None else known.partition(": ")[2]
         elif reply.sequence in self._awaited:
             self._replies[reply.sequence] = reply
 
     def _forget_requests(self) -> None:
-        self._remote_asked = 0
+        self._remote_asked = self._program_asked = 0
         self._replies.clear()
 
     def _answer(self, name: str, sequence: int) -> Generator[None, None, Any]:

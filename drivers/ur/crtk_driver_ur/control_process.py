@@ -47,7 +47,7 @@ from crtk_driver_ur.dashboard_worker import DashboardWorker
 from crtk_driver_ur.library_calls import LibraryCalls, LibraryError, explain
 from crtk_driver_ur.motion_sequencer import MotionOptions, MotionSequencer
 from crtk_driver_ur.output_worker import OUTPUT_REQUESTS, OutputWorker
-from crtk_driver_ur.request_worker import RequestWorker
+from crtk_driver_ur.request_worker import Controller, RequestWorker
 
 HEARTBEAT_PERIOD = 0.05
 MOVE_POLL_PERIOD = 0.01
@@ -60,6 +60,8 @@ DRIVER_TIMEOUT = 1.0
 EXIT_TIMEOUT = 2.0
 """Seconds that stopping the arm may take at the end before the process is killed."""
 LOST_CONNECTION_STATUS = 3
+AT_FLANGE = (0.0, 0.0, 1e-9)
+"""A centre of gravity in the flange: three zeros the library's control program takes for none given."""
 
 _MISSING = CallError(
     "import", "the ur-rtde library is not installed", "pip install 'crtk-drivers[ur]'"
@@ -92,7 +94,7 @@ class ControlProcess:
         self._motion: MotionSequencer | None = None
         self._workers: dict[type[RequestWorker], RequestWorker] = {}
         self._upload: tuple[Request, float] | None = None
-        self._host = ""
+        self._controller = Controller("", (0, 0), 0)
         self._upper_registers = False
         self._watchdog_frequency = 0.0
         self._heard_at = time.monotonic()
@@ -245,7 +247,7 @@ class ControlProcess:
 
     def _connect(self, request: Request) -> object:
         arguments = dict(request.arguments)
-        self._host = str(arguments["host"])
+        host = str(arguments["host"])
         self._watchdog_frequency = float(arguments["watchdog_frequency"])
         self._upper_registers = bool(arguments["upper_range_registers"])
         names = {field.name for field in fields(MotionOptions)}
@@ -259,7 +261,7 @@ class ControlProcess:
         if self._upper_registers:
             flags |= RTDEControlInterface.FLAG_UPPER_RANGE_REGISTERS
         try:
-            interface = RTDEControlInterface(self._host, -1.0, flags)
+            interface = RTDEControlInterface(host, -1.0, flags)
         except Exception as error:
             raise LibraryError(explain("RTDEControlInterface", error)) from error
         calls = LibraryCalls(interface, self._announce)
@@ -304,8 +306,14 @@ class ControlProcess:
     def _set_payload(self, request: Request) -> object:
         calls, _ = self._interface()
         mass = float(request.arguments["mass"])
-        center = [float(value) for value in request.arguments["center_of_gravity"]]
-        calls.command("setPayload", mass, center)
+        calls.command("setPayload", mass, _center_of_gravity(request))
+        return None
+
+    def _set_target_payload(self, request: Request) -> object:
+        calls, _ = self._interface()
+        mass = float(request.arguments["mass"])
+        inertia = [float(value) for value in request.arguments["inertia"]]
+        calls.command("setTargetPayload", mass, _center_of_gravity(request), inertia)
         return None
 
     def _set_tcp(self, request: Request) -> object:
@@ -324,7 +332,11 @@ class ControlProcess:
         return None
 
     def _configure(self, request: Request) -> object:
-        self._host = str(request.arguments["host"])
+        arguments = request.arguments
+        major, minor = map(int, arguments["version"])
+        self._controller = Controller(
+            str(arguments["host"]), (major, minor), int(arguments["robot_api_port"])
+        )
         return None
 
     def _interface(self) -> tuple[LibraryCalls, MotionSequencer]:
@@ -334,7 +346,7 @@ class ControlProcess:
 
     def _worker(self, kind: type[RequestWorker]) -> RequestWorker:
         if kind not in self._workers:
-            self._workers[kind] = worker = kind(self._host)
+            self._workers[kind] = worker = kind(self._controller)
             worker.start()
             self._poll.register(worker.wake_fd, select.POLLIN)
         return self._workers[kind]
@@ -356,11 +368,17 @@ class ControlProcess:
             "upload_script": _upload_script,
             "stop_script": _stop_script,
             "set_payload": _set_payload,
+            "set_target_payload": _set_target_payload,
             "set_tcp": _set_tcp,
             "set_gravity": _set_gravity,
             "zero_ft_sensor": _zero_ft_sensor,
         }
     )
+
+
+def _center_of_gravity(request: Request) -> list[float]:
+    center = [float(value) for value in request.arguments["center_of_gravity"]]
+    return center if any(center) else list(AT_FLANGE)
 
 
 def main(arguments: list[str]) -> None:

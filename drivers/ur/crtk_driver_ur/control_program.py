@@ -92,9 +92,9 @@ class Setting(IntEnum):
     TARGET_PAYLOAD = 5
     """Mass, kg, centre of gravity, m (3), and inertia about it: xx, yy, zz, xy, xz, yz, kg m² (6)."""
     FREE_AXES = 6
-    """One for each axis of the base frame that freedrive lets go, else zero (6)."""
+    """One for each axis that freedrive lets go, else zero (6); one if they are those of the tool (1)."""
     FORCE_AXES = 7
-    """One for each axis of the base frame that gives way in force mode, else zero (6)."""
+    """One for each axis that gives way in force mode, else zero (6); one if of the tool (1)."""
     FORCE_LIMITS = 8
     """Along axes that give way the largest speed, m/s and rad/s; along others the deviation, m and rad."""
     FORCE_DAMPING = 9
@@ -207,7 +207,7 @@ def program_text(options: ProgramOptions, program: int) -> str:
             else "sync()"
         ),
         "begin_freedrive": (
-            "freedrive_mode(freeAxes=free_axes, feature=p[0.0, 0.0, 0.0, 0.0, 0.0, 0.0])"
+            "freedrive_mode(freeAxes=free_axes, feature=frame_of(free_of_tool))"
             if freedrive
             else "teach_mode()"
         ),

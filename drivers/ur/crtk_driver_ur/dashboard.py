@@ -18,15 +18,18 @@ __all__ = ["DASHBOARD_PORT", "REQUESTS", "DashboardClient"]
 DASHBOARD_PORT: Final = 29999
 TIMEOUT: Final = 2.5
 """Seconds for the connection, and for each answer."""
+LOAD_TIMEOUT: Final = 20.0
+"""Seconds for a program and its installation to be loaded."""
 LONGEST_LINE: Final = 4096
 
 
 class DashboardRequest(NamedTuple):
-    """A line, the argument that comes behind it if any, and how the answer to it begins if it is done."""
+    """A line, how the answer to it begins if it is done, the argument behind it if any, and seconds."""
 
     line: str
     done: str = ""
     argument: str = ""
+    timeout: float = TIMEOUT
 
 
 REQUESTS: Final[Mapping[str, DashboardRequest]] = MappingProxyType(
@@ -40,12 +43,20 @@ REQUESTS: Final[Mapping[str, DashboardRequest]] = MappingProxyType(
         "restart_safety": DashboardRequest("restart safety", "Restarting safety"),
         "close_popup": DashboardRequest("close popup", "closing popup"),
         "close_safety_popup": DashboardRequest("close safety popup", "closing safety popup"),
-        "play": DashboardRequest("play", "Starting program"),
+        "load_program": DashboardRequest("load", "Loading program", "text", LOAD_TIMEOUT),
+        "load_installation": DashboardRequest(
+            "load installation", "Loading installation", "text", LOAD_TIMEOUT
+        ),
+        "play_program": DashboardRequest("play", "Starting program"),
+        "resume_program": DashboardRequest("play", "Starting program"),
         "stop_program": DashboardRequest("stop", "Stopped"),
         "pause_program": DashboardRequest("pause", "Pausing program"),
         "popup": DashboardRequest("popup", "showing popup", "text"),
         "add_to_log": DashboardRequest("addToLog", "Added log message", "text"),
+        "save_log": DashboardRequest("saveLog", "Log saved"),
+        "shut_down": DashboardRequest("shutdown", "Shutting down"),
         "is_in_remote_control": DashboardRequest("is in remote control"),
+        "operational_mode": DashboardRequest("get operational mode"),
         "polyscope_version": DashboardRequest("PolyscopeVersion"),
         "serial_number": DashboardRequest("get serial number"),
         "robot_model": DashboardRequest("get robot model"),
@@ -98,7 +109,7 @@ class DashboardClient:
         """
         request = REQUESTS[name]
         line = f"{request.line} {arguments[request.argument]}" if request.argument else request.line
-        answer = self._exchange(" ".join(line.split()))
+        answer = self._exchange(" ".join(line.split()), request.timeout)
         refused = answer.startswith("could not understand")
         if refused or not answer.lower().startswith(request.done.lower()):
             raise TransitionFailed(
@@ -108,11 +119,12 @@ class DashboardClient:
             )
         return _TRUTH.get(answer, answer)
 
-    def _exchange(self, line: str) -> str:
+    def _exchange(self, line: str, timeout: float) -> str:
         if self._socket is None:
             self._connect()
         assert self._socket is not None
         try:
+            self._socket.settimeout(timeout)
             self._socket.sendall(f"{line}\n".encode())
             return self._read_line()
         except OSError as error:

@@ -18,15 +18,19 @@ from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.control import ControlOptions
 from crtk_driver_ur.control_link import ControlLink
 from crtk_driver_ur.frames import IDENTITY, Transform
+from crtk_driver_ur.inputs import UrInputs
 from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import CB3, JOINT_NAMES, RobotModel, model_named
 from crtk_driver_ur.motion_sequencer import MotionOptions
 from crtk_driver_ur.native_link import NativeLink
-from crtk_driver_ur.outputs import UrInputs
+from crtk_driver_ur.outputs import output_settings
 from crtk_driver_ur.primary import read_robot_info
 from crtk_driver_ur.process_link import ProcessLink
+from crtk_driver_ur.program_settings import TCP, ProgramSettings
+from crtk_driver_ur.readings import UrReadings
 from crtk_driver_ur.reports import numbers_of, reports_of
 from crtk_driver_ur.robot import Robot
+from crtk_driver_ur.robot_api import POLYSCOPE_X, REMOTE_SINCE
 from crtk_driver_ur.rtde.stream import RTDE_PORT, RtdeStream, StateSample
 from crtk_driver_ur.safety import PROGRAM_PAUSED, RobotMode
 from crtk_driver_ur.samples import BASE_FRAME, TOOL_FRAME, SampleMaker, pose_of
@@ -43,6 +47,7 @@ from crtk_drivers.device import (
     Mode,
     MoveProgress,
     Note,
+    Reading,
     Service,
     Setpoint,
     Severity,
@@ -54,6 +59,7 @@ from crtk_drivers.errors import (
     ConnectionFailed,
     ConnectionLost,
     DeviceError,
+    MotionAborted,
     Reason,
     TransitionFailed,
 )
@@ -124,9 +130,17 @@ class UrDevice(Device):
         self._services = UrServices(
             self._robot, self._link, self._model, self._controls, f"ur {self.address}"
         )
+        self._settings = ProgramSettings(self._robot, config, self._use_tool)
         self._inputs = UrInputs(
-            self._robot, self._link, config, self._controls, f"ur {self.address}"
+            self._robot,
+            self._link,
+            (*output_settings(), *self._settings.settings()),
+            self._settings.keep,
+            self._controls,
+            f"ur {self.address}",
         )
+        self._readings = UrReadings(self._robot, self._link)
+        self._goal: Goal | None = None  # of a move that waits for the controller to have its tool
 
     # ------------------------------------------------------------------------------------ description
 
@@ -199,7 +213,11 @@ class UrDevice(Device):
     @property
     def takes_setpoints(self) -> bool:
         """See the base class."""
-        return not self._link.stopping
+        return not (self._link.stopping or self._tool_is_changing)
+
+    @property
+    def _tool_is_changing(self) -> bool:
+        return self._in_control and self._inputs.is_changing(TCP)
 
     @property
     def condition(self) -> Condition:
@@ -243,13 +261,19 @@ class UrDevice(Device):
         return self._inputs.table
 
     @property
+    def readings(self) -> Mapping[str, Reading]:
+        """See the base class."""
+        return self._readings.table
+
+    @property
     def notes(self) -> tuple[Note, ...]:
         """See the base class."""
         state = self._robot.state
         reports = () if state is None else reports_of(state)
         calibration = self._calibration_note
         wrong = (Note(Severity.WARNING, "calibration", calibration),) if calibration else ()
-        return (*self._inputs.notes(), *wrong, *reports)
+        waiting = () if self._controls() else self._settings.waiting()
+        return (*self._inputs.notes(), *waiting, *wrong, *reports)
 
     @property
     def robot_state(self) -> StateSample | None:
@@ -270,7 +294,7 @@ class UrDevice(Device):
             stream.open(deadline)
             self._check_generation(stream)
             version = (stream.controller_version.major, stream.controller_version.minor)
-            self._link.open(version, has_local_control=version >= REMOTE_CONTROL_SINCE)
+            self._link.open(version, has_local_control=_tells_who_has_control(version))
         except BaseException:
             stream.close()
             raise
@@ -350,6 +374,12 @@ class UrDevice(Device):
         self._inputs.step()
         return self._samples.make(state)
 
+    def _use_tool(self, tool: Transform) -> None:
+        """Compute with another tool from now on. From any thread, at rest."""
+        self._tool = tool
+        self._kinematics = self._kinematics_of(tool)
+        self._samples = SampleMaker(tool)
+
     def _follow_tool(self, state: StateSample) -> None:
         """Compute with the controller's tool where the configuration names none."""
         if self._tool is None and state.tcp_offset not in (None, self._kinematics_tool):
@@ -363,6 +393,7 @@ class UrDevice(Device):
     def write(self, setpoint: Setpoint) -> None:
         """See the base class."""
         servo, link, valid_for = self._config.servo, self._link, self._config.stream_timeout
+        self._goal = None
         values = setpoint.values.tolist()
         if setpoint.mode is Mode.JOINT_POSITION:
             link.servo_joint(values)
@@ -379,12 +410,19 @@ class UrDevice(Device):
     def stop(self) -> None:
         """See the base class."""
         self._lag.end()
+        self._goal = None
         self._link.stop()
 
     def move(self, goal: Goal) -> None:
         """See the base class."""
-        move, link = self._config.move, self._link
         self._lag.end()
+        if self._tool_is_changing:
+            self._goal = goal
+        else:
+            self._begin_move(goal)
+
+    def _begin_move(self, goal: Goal) -> None:
+        move, link = self._config.move, self._link
         if goal.joints is not None:
             link.move_joint(
                 goal.joints.tolist(),
@@ -393,6 +431,12 @@ class UrDevice(Device):
             )
             return
         assert goal.pose is not None
+        if not self._samples.has_tool_of_controller:
+            raise MotionAborted(
+                "the controller has another tool centre point than the driver",
+                where=f"ur {self.address}",
+                remedy="Send tcp again, or disable and enable.",
+            )
         link.move_linear(
             rotvec_from_pose(goal.pose).tolist(),
             move.linear_velocity * goal.ratios.velocity,
@@ -401,6 +445,12 @@ class UrDevice(Device):
 
     def move_progress(self) -> MoveProgress:
         """See the base class."""
+        goal = self._goal
+        if goal is not None:
+            if not self._tool_is_changing:
+                self._goal = None
+                self._begin_move(goal)
+            return MoveProgress.RUNNING
         progress = self._link.move_progress()
         # What says so came over a connection without a checksum; the arm must stand as well.
         moving = progress is MoveProgress.DONE and not self._robot.standing
@@ -408,6 +458,7 @@ class UrDevice(Device):
 
     def free(self) -> Steps:
         """See the base class."""
+        self._goal = None
         self._link.freedrive()
         while True:
             self._link.move_progress()
@@ -498,12 +549,7 @@ class UrDevice(Device):
 
     def _configure(self) -> Steps:
         """Tell the control program what it does not keep."""
-        config = self._config
-        if config.tcp is not None:
-            yield from self._link.ask("set_tcp", pose=list(config.tcp))
-        if config.gravity is not None:
-            yield from self._link.ask("set_gravity", direction=list(config.gravity))
-        for name, arguments in self._inputs.program_requests():
+        for name, arguments in self._settings.requests():
             yield from self._link.ask(name, **arguments)
 
     def _require_free(self, command: str) -> None:
@@ -540,10 +586,15 @@ class UrDevice(Device):
         return self._kinematics.jacobian(joints.tolist())
 
 
+def _tells_who_has_control(version: tuple[int, int]) -> bool:
+    return version >= (REMOTE_CONTROL_SINCE if version < POLYSCOPE_X else REMOTE_SINCE)
+
+
 def _control_options(config: UrConfig, model: RobotModel) -> ControlOptions:
     return ControlOptions(
         watchdog_frequency=config.watchdog_frequency,
         upper_range_registers=config.upper_range_registers,
+        robot_api_port=config.robot_api_port,
         motion=MotionOptions(
             period=1.0 / model.frequency,
             lookahead=config.servo.lookahead,

@@ -35,7 +35,7 @@ from crtk_driver_ur.dashboard_worker import DashboardWorker
 from crtk_driver_ur.output_worker import OUTPUT_REQUESTS, OutputWorker
 from crtk_driver_ur.primary import MessageReader, PrimaryError
 from crtk_driver_ur.program_worker import PROGRAM_REQUESTS, ProgramWorker
-from crtk_driver_ur.request_worker import RequestWorker
+from crtk_driver_ur.request_worker import Controller, RequestWorker
 from crtk_driver_ur.rtde.stream import StateSample
 from crtk_driver_ur.safety import STANDING_PROGRAM, RuntimeState
 from crtk_drivers.device import MoveProgress, Steps
@@ -83,8 +83,8 @@ _SETTINGS: Final[Mapping[str, tuple[Setting, Callable[..., Sequence[float]]]]] =
             Setting.TARGET_PAYLOAD,
             lambda mass, center_of_gravity, inertia: (mass, *center_of_gravity, *inertia),
         ),
-        "set_free_axes": (Setting.FREE_AXES, lambda axes: axes),
-        "set_force_axes": (Setting.FORCE_AXES, lambda axes: axes),
+        "set_free_axes": (Setting.FREE_AXES, lambda axes, of_tool: (*axes, of_tool)),
+        "set_force_axes": (Setting.FORCE_AXES, lambda axes, of_tool: (*axes, of_tool)),
         "set_force_limits": (
             Setting.FORCE_LIMITS,
             lambda linear, angular: (linear,) * 3 + (angular,) * 3,
@@ -153,7 +153,8 @@ class NativeLink(ControlLink):
         self._version = version
         self._program, self._reported = NO_PROGRAM, ProgramState()
         self._opened += 1
-        self._workers = {kind: kind(self._host) for kind in set(_WORKERS.values())}
+        controller = Controller(self._host, version, self._options.robot_api_port)
+        self._workers = {kind: kind(controller) for kind in set(_WORKERS.values())}
         for worker in self._workers.values():
             worker.start()
 
@@ -229,7 +230,7 @@ class NativeLink(ControlLink):
                 self._channel.feed()
             except ConnectionLost as error:
                 self._lost(error)
-        self._ask_who_has_control()
+        self._ask_dashboard()
 
     def take(self, state: StateSample) -> None:
         """See the base class."""

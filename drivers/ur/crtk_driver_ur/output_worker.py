@@ -6,7 +6,7 @@ import socket
 from typing import Any, Final
 
 from crtk_driver_ur.control_frames import Request
-from crtk_driver_ur.request_worker import RequestWorker
+from crtk_driver_ur.request_worker import Controller, RequestWorker
 from crtk_driver_ur.rtde.inputs import RtdeInputs
 
 __all__ = ["OUTPUT_REQUESTS", "OutputWorker"]
@@ -24,9 +24,9 @@ _TOOL_VOLTAGE: Final = "sec crtk_tool_voltage():\n  set_tool_voltage({:d})\nend\
 class OutputWorker(RequestWorker):
     """Sets RTDE input variables (`write_inputs`) and the tool voltage (`set_tool_voltage`)."""
 
-    def __init__(self, host: str) -> None:
-        super().__init__(host)
-        self._inputs = RtdeInputs(host)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
+        self._inputs = RtdeInputs(self.host)
 
     def carry_out(self, request: Request) -> Any:
         """See the base class."""

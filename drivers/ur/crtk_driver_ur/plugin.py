@@ -30,7 +30,8 @@ def _require_host(config: UrConfig) -> None:
 
 
 def _at_sim(config: UrConfig, sim: RunningSim) -> UrConfig:
-    return config.model_copy(update={"host": sim.host})
+    port = sim.ports.get("robot_api", config.robot_api_port)
+    return config.model_copy(update={"host": sim.host, "robot_api_port": port})
 
 
 def _sim_options(config: UrConfig) -> Mapping[str, Any]:

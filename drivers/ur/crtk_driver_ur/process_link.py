@@ -34,6 +34,9 @@ CLOSE_TIMEOUT = 0.7
 FREEDRIVE_SINCE = (5, 10)
 """PolyScope version from which on ur_rtde's control program has freedrive; below it does nothing."""
 
+TARGET_PAYLOAD_SINCE = (5, 10)
+"""PolyScope version from which on ur_rtde's control program sets an inertia; below it does nothing."""
+
 _MOVE_FAILURES = {
     EventKind.INTERRUPTED: INTERRUPTED,
     EventKind.MOTION_FAILED: "the controller did not carry it out",
@@ -59,6 +62,7 @@ class ProcessLink(ControlLink):
         super().__init__(where)
         self.process = ControlSupervisor(host, options)
         self._teach_mode = False
+        self._has_target_payload = False
         self._interrupted_at = -math.inf
         self._started_at = -math.inf
         self._connected_process = 0
@@ -70,7 +74,9 @@ class ProcessLink(ControlLink):
     def open(self, version: tuple[int, int], *, has_local_control: bool) -> None:
         """See the base class."""
         self.loss, self.remote, self.has_local_control = "", None, has_local_control
+        self.process.version = version
         self._teach_mode = version < FREEDRIVE_SINCE
+        self._has_target_payload = version >= TARGET_PAYLOAD_SINCE
         self._restart()
 
     def close(self, *, lost: bool) -> None:
@@ -134,7 +140,7 @@ class ProcessLink(ControlLink):
                 self._take_reply(notice)
         self._kill_if_silent()
         if self.process.status.alive:
-            self._ask_who_has_control()
+            self._ask_dashboard()
         elif time.monotonic() > self._started_at + RESTART_PERIOD:
             self._start()
 
@@ -275,4 +281,7 @@ class ProcessLink(ControlLink):
         return self.process.status.starts
 
     def _request(self, name: str, arguments: Mapping[str, Any]) -> int:
+        if name == "set_target_payload" and not self._has_target_payload:
+            without = {key: value for key, value in arguments.items() if key != "inertia"}
+            return self._request("set_payload", without)
         return self._send(lambda: self.process.request(name, **arguments))

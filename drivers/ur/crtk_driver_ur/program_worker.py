@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from crtk_driver_ur.control_channel import ControlChannel
 from crtk_driver_ur.control_frames import Request
-from crtk_driver_ur.request_worker import RequestWorker
+from crtk_driver_ur.request_worker import Controller, RequestWorker
 from crtk_drivers.errors import ConnectionFailed
 
 __all__ = ["PROGRAM_REQUESTS", "ProgramWorker"]
@@ -25,8 +25,8 @@ class ProgramWorker(RequestWorker):
     What it returned is closed when it is asked for again, and when the worker ends.
     """
 
-    def __init__(self, host: str) -> None:
-        super().__init__(host)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self._channel: ControlChannel | None = None
         self._primary: socket.socket | None = None
 

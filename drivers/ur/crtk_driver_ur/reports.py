@@ -10,7 +10,7 @@ from crtk_driver_ur.rtde.stream import StateSample
 from crtk_driver_ur.safety import RobotMode, RuntimeState, SafetyMode, name_of
 from crtk_drivers.device import Note, Severity
 
-__all__ = ["numbers_of", "reports_of"]
+__all__ = ["ANALOG", "DIGITAL", "numbers_of", "reports_of"]
 
 DIGITAL = {"": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
 """Kinds of digital signals: first bit and number (RTDE Guide, `actual_digital_input_bits`)."""
@@ -24,7 +24,7 @@ _SINGLE = {
     "tool temperature (°C)": "tool_temperature",
 }
 
-_ANALOG = {
+ANALOG = {
     "analog in 0": ("standard_analog_input0", "analog_io_types", 0),
     "analog in 1": ("standard_analog_input1", "analog_io_types", 1),
     "analog out 0": ("standard_analog_output0", "analog_io_types", 2),
@@ -46,7 +46,7 @@ def numbers_of(state: StateSample) -> Mapping[str, float]:
     for name, field in _SINGLE.items():
         if (value := getattr(state, field)) is not None:
             numbers[name] = float(value)
-    for name, (field, types, bit) in _ANALOG.items():
+    for name, (field, types, bit) in ANALOG.items():
         value, kinds = getattr(state, field), getattr(state, types)
         if value is not None and kinds is not None:
             numbers[f"{name} ({'V' if kinds >> bit & 1 else 'A'})"] = value

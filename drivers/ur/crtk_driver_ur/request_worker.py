@@ -10,24 +10,39 @@ import queue
 import threading
 import time
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, NamedTuple
 
 from crtk_driver_ur.control_frames import CallError, Reply, Request
 from crtk_driver_ur.library_calls import explain
 from crtk_drivers.errors import CrtkError
 
-__all__ = ["RequestWorker"]
+__all__ = ["Controller", "RequestWorker"]
+
+
+class Controller(NamedTuple):
+    """Whom requests go to.
+
+    Attributes:
+        host: address or name.
+        version: major and minor version of its software.
+        robot_api_port: of its Robot API, if it is PolyScope X.
+    """
+
+    host: str
+    version: tuple[int, int]
+    robot_api_port: int
 
 
 class RequestWorker(ABC):
     """Carries out requests one after the other and hands back their replies.
 
     Args:
-        host: of the controller.
+        controller: whom they go to.
     """
 
-    def __init__(self, host: str) -> None:
-        self.host = host
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
+        self.host = controller.host
         self._requests: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
         self._replies: queue.SimpleQueue[Reply] = queue.SimpleQueue()
         self._stopped = False

@@ -120,6 +120,17 @@ class Robot:
         if found.allows is OperatingState.FAULT:
             raise DeviceFault(found.reason, where=self._where)
 
+    def require_hands_off(self, command: str) -> None:
+        """Refuse `command` while our control program runs or is about to. From any thread."""
+        if self.is_claimed or self._link.program_runs:
+            raise CommandRefused(
+                command,
+                Reason.INVALID_TRANSITION,
+                "the driver has control of the arm, or is taking it",
+                where=self._where,
+                remedy="Send disable first (with power_off_on_disable: false the arm keeps its power).",
+            )
+
     def require_remote(self, command: str, detail: str = "") -> Steps:
         """Refuse `command` while the teach pendant has control; `detail` comes before the reason."""
         if not self._link.has_local_control:

@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from crtk_driver_ur.frames import Transform, compose, inverse
+from crtk_driver_ur.frames import IDENTITY, Transform, compose, inverse
 from crtk_driver_ur.models import JOINT_NAMES
 from crtk_driver_ur.rtde.stream import StateSample
 from crtk_drivers.samples import (
@@ -29,6 +29,9 @@ BASE_FRAME = "base"
 """The controller's base frame, in whose axes it reports poses, speeds and forces."""
 
 TOOL_FRAME = "tool0"
+
+SAME_TOOL = 1e-4
+"""m and rad by which a tool may differ from what the controller makes of it."""
 
 
 def pose_of(transform: Transform) -> Pose:
@@ -85,6 +88,11 @@ class SampleMaker:
         values["measured_cv"] = Twist(vector(linear), vector(angular), BASE_FRAME)
         values["measured_cf"] = Wrench(vector(forces), vector(torques), BASE_FRAME)
         return Sample(Stamp(wall, state.received), values)
+
+    @property
+    def has_tool_of_controller(self) -> bool:
+        """Whether the tool centre point is the one that the controller reported last, if it did."""
+        return self._shift is None or np.allclose(self._shift, IDENTITY, atol=SAME_TOOL)
 
     def _shift_to_tool(self, state: StateSample) -> Transform | None:
         """Return the transform from the controller's tool point to ours, None if they are one."""

@@ -1,7 +1,7 @@
 """What an arm does beyond CRTK when it is asked to: dashboard commands, and zeroing its force sensor.
 
-None of them moves the arm, and none takes the control program away from the driver: what would is
-refused while the arm is under control.
+None of them takes the control program away from the driver: what would is refused while the arm is under
+control. None moves the arm but `play_program`, which starts what somebody has loaded.
 """
 
 from __future__ import annotations
@@ -75,6 +75,16 @@ class UrServices:
                 "close the safety pop-up on the teach pendant",
                 partial(self._close, "close_safety_popup"),
             ),
+            "play_program": Service(
+                "start the loaded program, or go on with it where it was paused; it may move the arm",
+                self._play,
+            ),
+            "pause_program": Service(
+                "pause the program that runs", partial(self._end, "pause_program")
+            ),
+            "stop_program": Service("stop the program", partial(self._end, "stop_program")),
+            "shut_down": Service("shut the controller down", self._shut_down),
+            "save_log": Service("save the log of the controller", partial(self._tell, "save_log")),
             "zero_force_sensor": Service(
                 "make the present load zero, in the arm's force sensor", self._zero_force_sensor
             ),
@@ -85,6 +95,16 @@ class UrServices:
             ),
             "loaded_program": Service(
                 "tell which program is loaded", partial(self._tell, "loaded_program")
+            ),
+            "operational_mode": Service(
+                "tell the operational mode", partial(self._tell, "operational_mode")
+            ),
+            "polyscope_version": Service(
+                "tell the version of the software", partial(self._tell, "polyscope_version")
+            ),
+            "robot_model": Service("tell the model", partial(self._tell, "robot_model")),
+            "serial_number": Service(
+                "tell the serial number", partial(self._tell, "serial_number")
             ),
         }
 
@@ -141,6 +161,27 @@ class UrServices:
         yield from self._robot.require_remote(service)
         yield from self._link.ask(service)
         return "closed"
+
+    # ------------------------------------------------------------------------------------- programs
+
+    def _play(self) -> Answer:
+        service = "play_program"
+        self._robot.require_hands_off(service)
+        self._robot.require_safe()
+        yield from self._robot.require_remote(service)
+        request = "resume_program" if self._robot.paused else service
+        return str((yield from self._link.ask(request)))
+
+    def _end(self, service: str) -> Answer:
+        self._robot.require_hands_off(service)
+        yield from self._robot.require_remote(service)
+        return str((yield from self._link.ask(service)))
+
+    def _shut_down(self) -> Answer:
+        service = "shut_down"
+        self._robot.require_hands_off(service)
+        yield from self._robot.require_remote(service)
+        return str((yield from self._link.ask(service)))
 
     # --------------------------------------------------------------------------------- force sensor
 
