@@ -417,6 +417,32 @@ def test_force_mode_gives_way_along_axes_of_the_tool(bench):
     choose(bench, "force", *AXES)
 
 
+def test_force_mode_is_tuned_at_run_time(bench):
+    """The arm gives way no faster than it may, and stops at once with full damping."""
+    choose(bench, "force", "z")
+    bench.arm.force_limits([0.02, 0.1])
+    bench.arm.force_gain(1.0)
+    eventually(lambda: not bench.device._inputs.is_changing("force_gain"), "they are sent")
+    before, fastest = tool(bench), 0.0
+
+    def there() -> bool:
+        nonlocal fastest
+        fastest = max(fastest, abs(bench.outputs("actual_TCP_speed")[2]))
+        return bool(tool(bench)[2] > before[2] + 0.01)
+
+    press(bench, [0.0, 0.0, 40.0, 0.0, 0.0, 0.0], there, "it gives way")
+    assert fastest < 0.025
+    bench.arm.hold()
+    bench.until_still()
+    for name, value in (("force_limits", [0.1]), ("force_limits", [0.0, 0.5]), ("force_gain", 2.1)):
+        with bench.refused("out_of_range", name):
+            getattr(bench.arm, name)(value)
+    bench.arm.force_limits([0.1, 0.5])
+    bench.arm.force_damping(0.025)
+    bench.arm.force_gain(0.5)
+    choose(bench, "force", *AXES)
+
+
 def test_freedrive_lets_go_of_axes_of_the_tool(bench):
     axes = turned(bench)
     bench.arm.free_of_tool(True)

@@ -59,12 +59,6 @@ def test_power_goes_up_and_down_and_the_arm_moves(bench):
     bench.go_home()
 
 
-def test_a_protective_stop_is_unlocked(bench):
-    bench.sim.control.inject("protective_stop")
-    bench.until_state("FAULT", "protective stop")
-    assert "NORMAL" in bench.arm.unlock_protective_stop(timeout=LONG)
-
-
 def test_programs(bench):
     bench.arm.disable(timeout=LONG)
     bench.arm.load_program("wait")
@@ -136,10 +130,14 @@ def test_older_software_is_not_even_asked(version, name, words):
         RobotApiClient("127.0.0.1", 1, version).ask(name, {"text": "x"})
 
 
-def test_a_load_of_the_first_version_has_another_path():
+def test_the_first_version_loads_by_another_path_and_unlocks_when_five_seconds_are_over():
     with SIM.spawn(version="10.11", robot_api=True, robot_api_port=0) as sim:
         client = RobotApiClient(sim.host, sim.ports["robot_api"], (10, 11))
         assert client.ask("load_program", {"text": "simulation"}) == "OK"
+        sim.control.inject("protective_stop")
+        eventually(lambda: sim.control.outputs("safety_mode")["safety_mode"] == 3, "the stop")
+        assert client.ask("unlock_protective_stop") == "OK"
+        assert sim.control.outputs("safety_mode")["safety_mode"] == 1
 
 
 def test_nobody_there():

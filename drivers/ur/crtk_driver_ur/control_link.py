@@ -124,6 +124,10 @@ class ControlLink(ABC):
             self._program_asked_at = now
             self._program_asked = self._try_request("loaded_program")
 
+    def program_may_differ(self) -> None:
+        """Ask at once which program is loaded."""
+        self._program_asked_at = -math.inf
+
     # Motion. Each raises DeviceFault if it cannot be sent.
 
     @abstractmethod

@@ -205,6 +205,8 @@ class UrInputs:
                 self._problem(name, f"{error.message}. {error.remedy}")
             else:
                 self._checking[name] = value, time.monotonic() + TAKEN_WITHIN
+                if by_dashboard:
+                    self._link.program_may_differ()
             del self._underway[name]
 
     def _check(self, now: float) -> None:

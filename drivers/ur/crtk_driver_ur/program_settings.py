@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -25,6 +26,9 @@ PAYLOAD_MASS: Final = "payload_mass"
 PAYLOAD: Final = "payload"
 TCP: Final = "tcp"
 GRAVITY: Final = "gravity"
+FORCE_LIMITS: Final = "force_limits"
+FORCE_DAMPING: Final = "force_damping"
+FORCE_GAIN: Final = "force_gain"
 
 AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 """Axes of a frame, and those about them."""
@@ -36,6 +40,8 @@ LARGEST_PAYLOAD: Final = 100.0
 """kg; each controller knows its own limit."""
 LARGEST_GRAVITY: Final = 20.0
 """m/s²."""
+LARGEST_FORCE_LIMITS: Final = (1.0, 3.0)
+"""m/s and rad/s, as in the configuration."""
 LONGEST_TOOL: Final = 5.0
 """m from the flange, along each axis."""
 PAYLOAD_SIZES: Final = (1, 4, 10)
@@ -85,10 +91,10 @@ class ProgramSettings:
             force = config.force
             yield self._chosen_axes("free")
             yield self._chosen_axes("force")
-            linear, angular = force.linear_velocity, force.angular_velocity
-            yield "set_force_limits", {"linear": linear, "angular": angular}
-            yield "set_force_damping", {"damping": force.damping}
-            yield "set_force_gain", {"gain": force.gain}
+            limits = force.linear_velocity, force.angular_velocity
+            yield _force_limits(self._kept.get(FORCE_LIMITS, limits))
+            yield _force_damping(self._kept.get(FORCE_DAMPING, force.damping))
+            yield _force_gain(self._kept.get(FORCE_GAIN, force.gain))
 
     def waiting(self) -> Iterator[Note]:
         """Yield what the next program will be told. From any thread."""
@@ -153,6 +159,7 @@ class ProgramSettings:
             ),
         )
         if self._config.control == "native":
+            yield from _force_settings()
             for kind in COMPLIANT:
                 summary = f"whether the axes along which {COMPLIANT[kind]} are those of the tool"
                 yield f"{kind}_of_tool", self._choice(kind, summary)
@@ -206,6 +213,60 @@ class ProgramSettings:
         if inertia is None:
             return "set_payload", arguments
         return "set_target_payload", {**arguments, "inertia": list(inertia)}
+
+
+def _force_settings() -> Iterator[tuple[str, Setting]]:
+    fastest, turning = LARGEST_FORCE_LIMITS
+    yield (
+        FORCE_LIMITS,
+        Setting(
+            "with which the tool gives way in force mode at most, m/s and rad/s (2)",
+            Payload.NUMBERS,
+            lambda value: (
+                len(value) == 2 and 0.0 < value[0] <= fastest and 0.0 < value[1] <= turning
+            ),
+            f"two numbers above 0, up to {fastest:g} m/s and {turning:g} rad/s",
+            _force_limits,
+            by_program=True,
+        ),
+    )
+    for name, summary, largest, request in (
+        (
+            FORCE_DAMPING,
+            "of force mode: 0 goes on when the force ends, 1 stops",
+            1.0,
+            _force_damping,
+        ),
+        (FORCE_GAIN, "of the controller's own loop in force mode", 2.0, _force_gain),
+    ):
+        yield (
+            name,
+            Setting(
+                summary,
+                Payload.NUMBER,
+                partial(_is_share, largest),
+                f"a number from 0 to {largest:g}",
+                request,
+                by_program=True,
+            ),
+        )
+
+
+def _is_share(largest: float, value: float) -> bool:
+    return 0.0 <= value <= largest
+
+
+def _force_limits(value: tuple[float, ...]) -> Request:
+    linear, angular = value
+    return "set_force_limits", {"linear": linear, "angular": angular}
+
+
+def _force_damping(value: float) -> Request:
+    return "set_force_damping", {"damping": value}
+
+
+def _force_gain(value: float) -> Request:
+    return "set_force_gain", {"gain": value}
 
 
 def _gravity(value: tuple[float, ...]) -> Request:
