@@ -202,6 +202,12 @@ def test_a_function_of_newer_software_is_not_found() -> None:
     assert error.text == "compile_error_name_not_found:make_list:"
 
 
+def test_cb3_compiles_the_gain_scaling_that_it_has_no_use_for() -> None:
+    """UR's external control program names it on every software, and runs on 3.14 and later."""
+    body = "\n  if get_steptime() < 0.008:\n    force_mode_set_gain_scaling(1)\n  end\n  textmsg(1)"
+    assert texts(body, version=(3, 14, 3, 0)) == ["1"]
+
+
 RESIZED = (
     "q = [1, 2]\nq = [3, 4]\nq = [1, 2, 3]",
     "q = [1, 2]\ndef g():\n q = get_actual_joint_positions()\nend\ng()",

@@ -33,7 +33,6 @@ class Since(NamedTuple):
 SINCE: Final[Mapping[str, Since]] = {
     # ur_rtde's control script, which keeps or drops its lines by version.
     "force_mode_set_damping": Since((3, 5), (5, 0)),
-    "force_mode_set_gain_scaling": Since(NEVER, (5, 0)),
     "get_actual_joint_positions_history": Since((3, 0), (5, 4)),
     "get_freedrive_status": Since(NEVER, (5, 10)),
     "get_tcp_offset": Since((3, 6), (5, 0)),
@@ -42,6 +41,8 @@ SINCE: Final[Mapping[str, Since]] = {
     "tool_contact": Since((3, 0), (5, 4)),
     # The same, and for 5.x URSim 5.8.2 and 5.9.4.
     "get_inverse_kin_has_solution": Since((3, 15), (5, 9)),
+    # ur_rtde keeps it from 5.0 on, but UR's external control program names it from 3.14 on.
+    "force_mode_set_gain_scaling": Since((3, 14), (5, 0)),
     # UR's external control program, which asks for the version.
     "direct_torque": Since(NEVER, (5, 23), (10, 11)),
     "ft_rtde_input_enable": Since((3, 14), (5, 9)),
