@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from math import cos, sin
 from random import Random
 from typing import Final
@@ -28,7 +29,7 @@ EXACT: Final = 1e-10
 """m and rad by which a solution may miss its pose."""
 ITERATIONS: Final = 8
 NEAR: Final = 0.2
-"""rad by which calibrated joint angles may differ from nominal ones."""
+"""rad by which joint angles may differ from those that the correction begins with."""
 POSTURES: Final = 200
 """Over which the calibration is compared with the model."""
 
@@ -66,7 +67,9 @@ class Calibration(Settings):
 class CalibratedKinematics(ArmKinematics):
     """As `ArmKinematics`, with the arm's own calibration instead of the model's numbers.
 
-    The inverse begins with the closed form and corrects it: the two differ by millimetres.
+    The inverse begins with the closed form and corrects it: the two differ by millimetres. Where the elbow
+    is nearly straight the closed form may have no solution near the reference though the arm has one; the
+    correction then begins with the reference.
 
     Args:
         model: the arm.
@@ -88,7 +91,22 @@ class CalibratedKinematics(ArmKinematics):
 
     def inverse(self, pose: Transform, reference: Sequence[float]) -> Vector6:
         """See the base class."""
-        nominal = q = np.array(super().inverse(pose, reference))
+        found: list[Vector6] = []
+        failure: InverseKinematicsError | None = None
+        try:
+            found.append(self._corrected(pose, super().inverse(pose, reference)))
+        except InverseKinematicsError as error:
+            failure = error
+        if failure or np.abs(np.subtract(found[0], reference)).max() > NEAR:
+            with suppress(InverseKinematicsError):
+                found.append(self._corrected(pose, reference))
+        if failure and not found:
+            raise failure
+        return min(found, key=lambda q: math.dist(q, reference))
+
+    def _corrected(self, pose: Transform, start: Sequence[float]) -> Vector6:
+        """Return the joint angles for `pose` in the neighbourhood of `start`."""
+        q = np.array(start)
         for _ in range(ITERATIONS):
             error = _difference(self.forward(q.tolist()), pose)
             if np.abs(error).max() < EXACT:
@@ -98,7 +116,7 @@ class CalibratedKinematics(ArmKinematics):
             q = q + np.linalg.solve(damped, jacobian.T @ error)
         limits = self.model.position_limits
         missed = np.abs(_difference(self.forward(q.tolist()), pose)).max() > 100.0 * EXACT
-        if missed or np.abs(q - nominal).max() > NEAR:
+        if missed or np.abs(q - start).max() > NEAR:
             raise self._no_solution(IkFailure.OUT_OF_REACH, pose)
         if (q < limits.lower).any() or (q > limits.upper).any():
             raise self._no_solution(IkFailure.JOINT_LIMITS, pose)
