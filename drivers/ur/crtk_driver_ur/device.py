@@ -13,6 +13,7 @@ import math
 import time
 from collections.abc import Mapping
 
+from crtk_driver_ur.abilities import capabilities_of
 from crtk_driver_ur.calibration import CalibratedKinematics
 from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.control import ControlOptions
@@ -20,7 +21,7 @@ from crtk_driver_ur.control_link import ControlLink
 from crtk_driver_ur.frames import IDENTITY, Transform
 from crtk_driver_ur.inputs import UrInputs
 from crtk_driver_ur.kinematics import ArmKinematics
-from crtk_driver_ur.models import CB3, JOINT_NAMES, RobotModel, model_named
+from crtk_driver_ur.models import CB3, RobotModel, model_named
 from crtk_driver_ur.motion_sequencer import MotionOptions
 from crtk_driver_ur.native_link import NativeLink
 from crtk_driver_ur.outputs import output_settings
@@ -33,17 +34,15 @@ from crtk_driver_ur.robot import Robot
 from crtk_driver_ur.robot_api import POLYSCOPE_X, REMOTE_SINCE
 from crtk_driver_ur.rtde.stream import RTDE_PORT, RtdeStream, StateSample
 from crtk_driver_ur.safety import PROGRAM_PAUSED, RobotMode
-from crtk_driver_ur.samples import BASE_FRAME, TOOL_FRAME, SampleMaker, pose_of
+from crtk_driver_ur.samples import SampleMaker, pose_of
 from crtk_driver_ur.services import UrServices
 from crtk_driver_ur.servo_lag import ServoLag
 from crtk_drivers.device import (
     Capabilities,
-    CartesianLimits,
     Condition,
     Device,
     Goal,
     Input,
-    JointLimits,
     Mode,
     MoveProgress,
     Note,
@@ -52,7 +51,6 @@ from crtk_drivers.device import (
     Setpoint,
     Severity,
     Steps,
-    StopPolicy,
 )
 from crtk_drivers.errors import (
     CommandRefused,
@@ -68,10 +66,6 @@ from crtk_drivers.samples import Array, Pose, Sample, Vector, vector
 from crtk_drivers.state import OperatingState
 
 logger = logging.getLogger(__name__)
-
-ACCELERATION_RISE_TIME = 0.1
-"""Seconds in which setpoints made here reach the acceleration limit: the controller publishes no jerk
-limit."""
 
 STOP_TIMEOUT = 5.0
 """Seconds that disable waits for the arm to stand, before it goes on to switch the power off."""
@@ -90,8 +84,6 @@ MODEL_TOLERANCE = 0.05
 
 REMOTE_CONTROL_SINCE = (5, 6)
 """PolyScope version from which on there is remote and local control (Dashboard Server manual)."""
-
-_MODES = frozenset({Mode.JOINT_POSITION, Mode.JOINT_VELOCITY, Mode.CARTESIAN_VELOCITY})
 
 _PROGRAM_STOPPED = Condition(
     OperatingState.PAUSED,
@@ -114,7 +106,6 @@ class UrDevice(Device):
         self._kinematics = self._kinematics_of(self._tool or IDENTITY)
         self._kinematics_tool: tuple[float, ...] | None = None
         self._samples = SampleMaker(self._tool)
-        self._frequency = config.frequency or self._model.frequency
         link = NativeLink if config.control == "native" else ProcessLink
         options = _control_options(config, self._model)
         self._link: ControlLink = link(config.host, options, f"ur {self.address}")
@@ -147,63 +138,7 @@ class UrDevice(Device):
     @property
     def capabilities(self) -> Capabilities:
         """See the base class."""
-        model, servo, move = self._model, self._config.servo, self._config.move
-        force = self._config.force
-        limits = tuple(
-            JointLimits(
-                lower,
-                upper,
-                velocity,
-                servo.joint_acceleration,
-                servo.joint_acceleration / ACCELERATION_RISE_TIME,
-                effort,
-            )
-            for lower, upper, velocity, effort in zip(
-                model.position_limits.lower,
-                model.position_limits.upper,
-                model.velocity_limits,
-                model.torque_limits,
-                strict=True,
-            )
-        )
-        timeout = 1.0 / self._config.watchdog_frequency
-        return Capabilities(
-            joints=JOINT_NAMES,
-            limits=limits,
-            cartesian_limits=CartesianLimits(
-                servo.max_linear_velocity,
-                servo.max_angular_velocity,
-                servo.linear_acceleration,
-                servo.joint_acceleration,
-                *((force.max_force, force.max_torque) if self._has_force_mode else ()),
-            ),
-            modes=_MODES | {Mode.CARTESIAN_EFFORT} if self._has_force_mode else _MODES,
-            measured=("measured_js", "measured_cp", "measured_cv", "measured_cf"),
-            native_moves=frozenset({"move_jp", "move_cp"}),
-            line_limits=CartesianLimits(
-                move.linear_velocity,
-                servo.max_angular_velocity,
-                move.linear_acceleration,
-                servo.joint_acceleration,
-            ),
-            stops_between_modes=True,
-            has_kinematics=True,
-            has_free=True,
-            rate=self._frequency,
-            paced_by_stream=True,
-            base_frame=BASE_FRAME,
-            tool_frame=TOOL_FRAME,
-            transition_timeout=60.0,
-            stop=StopPolicy(
-                timeout,
-                f"holds its position; the controller stops the arm {timeout:g} s after this "
-                "process or the link died",
-            ),
-        )
-
-    @property
-    def _has_force_mode(self) -> bool:
-        return self._config.control == "native"
+        return capabilities_of(self._config, self._model)
 
     @property
     def address(self) -> str:

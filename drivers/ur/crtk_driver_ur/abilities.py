@@ -1,0 +1,71 @@
+"""What a UR arm offers, from its model and its configuration."""
+
+from __future__ import annotations
+
+from crtk_driver_ur.config import UrConfig
+from crtk_driver_ur.models import JOINT_NAMES, RobotModel
+from crtk_driver_ur.samples import BASE_FRAME, TOOL_FRAME
+from crtk_drivers.device import Capabilities, CartesianLimits, JointLimits, Mode, StopPolicy
+
+ACCELERATION_RISE_TIME = 0.1
+"""Seconds in which setpoints made here reach the acceleration limit: the controller publishes no jerk
+limit."""
+
+_MODES = frozenset({Mode.JOINT_POSITION, Mode.JOINT_VELOCITY, Mode.CARTESIAN_VELOCITY})
+
+
+def capabilities_of(config: UrConfig, model: RobotModel) -> Capabilities:
+    """Return what the arm offers; force mode is carried out by the native control only."""
+    servo, move = config.servo, config.move
+    force = config.force if config.control == "native" else None
+    limits = tuple(
+        JointLimits(
+            lower,
+            upper,
+            velocity,
+            servo.joint_acceleration,
+            servo.joint_acceleration / ACCELERATION_RISE_TIME,
+            effort,
+        )
+        for lower, upper, velocity, effort in zip(
+            model.position_limits.lower,
+            model.position_limits.upper,
+            model.velocity_limits,
+            model.torque_limits,
+            strict=True,
+        )
+    )
+    timeout = 1.0 / config.watchdog_frequency
+    return Capabilities(
+        joints=JOINT_NAMES,
+        limits=limits,
+        cartesian_limits=CartesianLimits(
+            servo.max_linear_velocity,
+            servo.max_angular_velocity,
+            servo.linear_acceleration,
+            servo.joint_acceleration,
+            *((force.max_force, force.max_torque) if force else ()),
+        ),
+        modes=_MODES | {Mode.CARTESIAN_EFFORT} if force else _MODES,
+        measured=("measured_js", "measured_cp", "measured_cv", "measured_cf"),
+        native_moves=frozenset({"move_jp", "move_cp"}),
+        line_limits=CartesianLimits(
+            move.linear_velocity,
+            servo.max_angular_velocity,
+            move.linear_acceleration,
+            servo.joint_acceleration,
+        ),
+        stops_between_modes=True,
+        has_kinematics=True,
+        has_free=True,
+        rate=config.frequency or model.frequency,
+        paced_by_stream=True,
+        base_frame=BASE_FRAME,
+        tool_frame=TOOL_FRAME,
+        transition_timeout=60.0,
+        stop=StopPolicy(
+            timeout,
+            f"holds its position; the controller stops the arm {timeout:g} s after this "
+            "process or the link died",
+        ),
+    )
