@@ -166,6 +166,36 @@ def test_a_plain_socket_needs_no_library(sim, at):
         assert plain.recv(4096) == bytes.fromhex("67452381 03 000000") + b"xyz" + bytes(5)
 
 
+def test_a_bus_is_readable_as_long_as_frames_of_one_packet_are_left(sim, at):
+    bus = at("crtk")
+    with (
+        socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as plain,
+        socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as other,
+    ):
+        for each in (plain, other):
+            each.connect(sim.paths["crtk"])
+            each.settimeout(WAIT)
+        until(lambda: listening(sim, "crtk") == 3)
+        one = bytes.fromhex("23010000 01 000000") + bytes(8)
+        plain.send(one * 256)
+        for _ in range(256):
+            assert select.select([bus], [], [], WAIT)[0]
+            assert bus.recv(0.0) is not None
+            assert other.recv(4096) == one  # who has not asked for more gets one frame a packet
+        assert not select.select([bus], [], [], 0.0)[0]
+        assert bus.recv(0.0) is None
+
+
+def test_threads_that_receive_at_one_bus_share_its_frames(at):
+    sender, bus = at("crtk"), at("crtk")
+    with ThreadPoolExecutor(4) as pool:
+        found = [pool.submit(receive, bus, 100) for _ in range(4)]
+        for number in range(400):
+            sender.send(frame(number))
+        received = [each for future in found for each in ids(future.result(WAIT))]
+    assert sorted(received) == list(range(400))
+
+
 def test_a_client_has_the_name_that_it_asks_for(sim, at):
     at("crtk", name="native-driver")
     assert "native-driver" in sim.control.status()["nodes"]

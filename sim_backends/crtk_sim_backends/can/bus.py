@@ -12,6 +12,7 @@ import errno
 import os
 import select
 import socket
+import threading
 import time
 from typing import Any, Final
 
@@ -55,9 +56,12 @@ class HubBus(can.BusABC):  # type: ignore[misc]
         self._sent = 0  # frames
         self._poll = select.poll()
         self._page: Page | None = None
+        self._lock = threading.Lock()
+        self._frames: list[bytes] = []  # of a packet that has been looked at, the last one first
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        flags = native.BATCHES | (native.ECHO if receive_own_messages else 0)
         try:
-            self._connect(path, native.hello(name, native.ECHO if receive_own_messages else 0))
+            self._connect(path, native.hello(name, flags))
             super().__init__(channel=channel, can_filters=can_filters, **options)
         except OSError as error:
             self._release()
@@ -101,23 +105,45 @@ class HubBus(can.BusABC):  # type: ignore[misc]
         """
         deadline = None if timeout is None else time.monotonic() + timeout
         while True:
-            packet = self._next_packet()
-            if packet is None:
+            raw = self._next()
+            if raw is None:
                 if not self._wait(deadline):
                     return None
-            elif len(packet) == frames.SIZE:
-                message = self._message(packet)
+            elif len(raw) == frames.SIZE:
+                message = self._message(raw)
                 if self._matches_filters(message):
                     return message
-            elif State(*native.STATE_PACKET.unpack(packet)) & State.DOWN:
+            elif State(*native.STATE_PACKET.unpack(raw)) & State.DOWN:
                 raise can.CanOperationError(
                     f"{self.channel_info}: the interface went down", errno.ENETDOWN
                 )
 
-    def _next_packet(self) -> bytes | None:
+    def _next(self) -> bytes | None:
+        """Return the next frame or state, None when there is none.
+
+        A packet with several frames stays in the socket until the last of them is taken: `fileno` is
+        readable for as long.
+        """
+        with self._lock:
+            if not self._frames:
+                packet = self._receive(socket.MSG_PEEK)
+                if packet is None:
+                    return None
+                if len(packet) <= frames.SIZE:
+                    return self._receive()
+                last = len(packet) - frames.SIZE
+                self._frames = [
+                    packet[at : at + frames.SIZE] for at in range(last, -1, -frames.SIZE)
+                ]
+            raw = self._frames.pop()
+            if not self._frames:
+                self._receive()
+            return raw
+
+    def _receive(self, flags: int = 0) -> bytes | None:
         """Return the next packet, None when there is none."""
         try:
-            packet = self._socket.recv(native.MAX_PACKET)
+            packet = self._socket.recv(native.MAX_PACKET, flags)
         except BlockingIOError:
             return None
         except OSError as error:
@@ -181,21 +207,22 @@ class HubBus(can.BusABC):  # type: ignore[misc]
             can_id |= frames.EXTENDED
         if msg.is_remote_frame:
             can_id |= frames.REMOTE
-        self._send(frames.LAYOUT.pack(can_id, msg.dlc, bytes(msg.data)), timeout)
+        self._send(frames.LAYOUT.pack(can_id, msg.dlc, msg.data), timeout)
 
     def _send(self, raw: bytes, timeout: float | None) -> None:
         page = self._page
         if page is None:
             raise can.CanOperationError(f"the {self.channel_info} is shut down", errno.EBADF)
-        now = time.monotonic()
-        deadline = now + (timeout or 0.0)
-        while (reason := self._refusal(page)) is not None:
-            if time.monotonic() >= deadline:
-                raise reason
-            time.sleep(_QUEUE_POLL)
+        began = time.monotonic()
+        numbers = page.numbers
+        if numbers[Page.STATE] or numbers[Page.LIMIT]:
+            while (reason := self._refusal(page)) is not None:
+                if time.monotonic() >= began + (timeout or 0.0):
+                    raise reason
+                time.sleep(_QUEUE_POLL)
         self._sent += 1  # before the hub can count it, for what other threads make of both
         try:
-            self._put(raw, max(deadline, now + _HUB_TIMEOUT))
+            self._put(raw, began + max(timeout or 0.0, _HUB_TIMEOUT))
         except can.CanOperationError:
             self._sent -= 1
             raise
@@ -257,6 +284,7 @@ class HubBus(can.BusABC):  # type: ignore[misc]
 
     def _release(self) -> None:
         self._socket.close()
+        self._frames = []
         if self._page is not None:
             self._page.close()
             self._page = None

@@ -73,6 +73,8 @@ def fault_of(raw: bytes) -> str | None:
     if len(raw) != SIZE:
         return f"a frame has {SIZE} bytes, not {len(raw)}"
     can_id, length, _ = LAYOUT.unpack(raw)
+    if can_id <= STANDARD_MASK and length <= MAX_DATA:
+        return None
     if length > MAX_DATA:
         return f"a frame has at most {MAX_DATA} data bytes, not {length}"
     if can_id & ERROR:

@@ -37,10 +37,10 @@ import logging
 import os
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from functools import partial
 from types import TracebackType
-from typing import Any, Final, Self, TypeVar
+from typing import Any, Final, NamedTuple, Self, TypeVar
 
 from crtk_sim_backends.can import frames
 from crtk_sim_backends.can.candump import LogWriter
@@ -57,6 +57,7 @@ DEFAULT_QUEUE: Final = 128
 """Frames of one node that may wait for the bus, as `txqueuelen` of a network interface."""
 
 _FRAMES_PER_ROUND: Final = 1000  # then sockets and timers have their turn
+_MOST_ROUTES: Final = 4096  # that are remembered
 
 log = logging.getLogger(__name__)
 
@@ -72,11 +73,42 @@ class Node:
     def __init__(self, hub: Hub, name: str, port: Port) -> None:
         self.name = name
         self.port = port
-        self.echo = hub.echo
-        self.listening = True  # False: the client has not opened its channel
         self.state = State(0)  # `Hub.set_state` changes it
         self.counters = Counters()
         self._hub = hub
+        self._echo = hub.echo
+        self._listening = True
+        self._interests: Container[int] | None = None
+
+    @property
+    def echo(self) -> bool:
+        """Whether it gets its own frames back."""
+        return self._echo
+
+    @echo.setter
+    def echo(self, echo: bool) -> None:
+        self._echo = echo
+        self._hub.forget_routes()
+
+    @property
+    def listening(self) -> bool:
+        """Whether it hears the bus; a client may not have opened its channel."""
+        return self._listening
+
+    @listening.setter
+    def listening(self, listening: bool) -> None:
+        self._listening = listening
+        self._hub.forget_routes()
+
+    @property
+    def interests(self) -> Container[int] | None:
+        """Identifiers with flags that its port is given, as by an acceptance filter; None: all."""
+        return self._interests
+
+    @interests.setter
+    def interests(self, interests: Container[int] | None) -> None:
+        self._interests = interests
+        self._hub.forget_routes()
 
     def send(self, can_id: int, data: bytes = b"", length: int | None = None) -> int:
         """Queue a frame; 0 when it was taken, else an errno (ENOBUFS, ENETDOWN).
@@ -92,14 +124,29 @@ class Node:
         if len(data) > frames.MAX_DATA:
             raise ValueError(f"{self.name}: a frame has at most 8 data bytes, not {len(data)}")
         raw = frames.pack(can_id, data, length)
-        fault = frames.fault_of(raw)
-        if fault is not None:
-            raise ValueError(f"{self.name}: {fault}")
+        if can_id > frames.STANDARD_MASK or length is not None:
+            fault = frames.fault_of(raw)
+            if fault is not None:
+                raise ValueError(f"{self.name}: {fault}")
         return self._hub.transmit(self, raw)
 
     def detach(self) -> None:
         """Leave the bus; what waits in the queue is still sent. Safe to repeat."""
         self._hub.remove(self)
+
+
+class _Route(NamedTuple):
+    """Where a frame goes that has a certain sender and identifier.
+
+    Attributes:
+        heard: counters of all nodes that hear it.
+        given: ports that are given it.
+        returned: whether it comes back to its sender.
+    """
+
+    heard: tuple[Counters, ...]
+    given: tuple[Port, ...]
+    returned: bool
 
 
 class _Local:
@@ -148,6 +195,8 @@ class Hub:
         self.happened: Callable[[str], object] = lambda event: None  # one of `injection.EVENTS`
         self._medium = Medium[Node](bitrate, stuffing) if bitrate else None
         self._pending: deque[tuple[Node, bytes]] = deque()  # at bit rate 0
+        self._routes: dict[tuple[Node, bytes], _Route] = {}
+        self._unsent: list[Callable[[], object]] = []
         self._doors: list[SocketDoor | SocketcandDoor | SlcanDoor | KernelDoor] = []
         self._errors = Node(self, "errors", _Local(lambda can_id, data: None))
         self._numbers: dict[str, int] = {}
@@ -167,7 +216,8 @@ class Hub:
         """Add a node with a port of its own kind; a name that is taken gets a number."""
         node = Node(self, self._free_name(name), port)
         node.state = self.state_of(node.name)
-        self.nodes = [*self.nodes, node]  # a new list: a delivery may be going through the old one
+        self.nodes = [*self.nodes, node]  # a new list: somebody may be going through the old one
+        self.forget_routes()
         return node
 
     def _free_name(self, name: str) -> str:
@@ -187,6 +237,7 @@ class Hub:
     def remove(self, node: Node) -> None:
         """Take a node off the bus; what waits in its queue is still sent."""
         self.nodes = [other for other in self.nodes if other is not node]
+        self.forget_routes()
 
     def waiting(self, node: Node) -> int:
         """How many frames of a node wait for the bus."""
@@ -200,6 +251,7 @@ class Hub:
             node.counters.lost += self._medium.forget(node)
             node.port.waiting(0)
         node.state = state
+        self.forget_routes()
         node.port.state_changed(state)
 
     # Frames
@@ -254,14 +306,19 @@ class Hub:
         """Deliver what has gone over the bus."""
         if self._medium is None:
             pending = self._pending
-            for _ in range(min(len(pending), _FRAMES_PER_ROUND)):
+            for _ in range(_FRAMES_PER_ROUND):
+                if not pending:
+                    break
                 sender, raw = pending.popleft()
                 self._deliver(sender, raw, time.monotonic())
-            return
-        now = time.monotonic()
-        for transfer in self._medium.due(now):
-            transfer.sender.port.waiting(self._medium.waiting(transfer.sender))
-            self._deliver(transfer.sender, transfer.raw, transfer.end)
+        else:
+            for transfer in self._medium.due(time.monotonic()):
+                transfer.sender.port.waiting(self._medium.waiting(transfer.sender))
+                self._deliver(transfer.sender, transfer.raw, transfer.end)
+        if self._unsent:
+            unsent, self._unsent = self._unsent, []
+            for flush in unsent:
+                flush()
 
     def _deliver(self, sender: Node, raw: bytes, at: float) -> None:
         self.frame_count += 1
@@ -270,13 +327,38 @@ class Hub:
         sender.counters.sent += 1
         if self.recorder is not None:
             self.recorder.write(at + time.time() - time.monotonic(), raw)
-        for node in self.nodes:
-            if not node.listening or (node is sender and not node.echo):
-                continue
-            if node.state and node.state & DEAF:
-                continue
-            node.counters.received += 1
-            node.port.deliver(frames.own(raw) if node is sender else raw)
+        route = self._routes.get((sender, raw[:4])) or self._find_route(sender, raw[:4])
+        for counters in route.heard:
+            counters.received += 1
+        for port in route.given:
+            port.deliver(raw)
+        if route.returned:
+            sender.counters.received += 1
+            sender.port.deliver(frames.own(raw))
+
+    def _find_route(self, sender: Node, identifier: bytes) -> _Route:
+        """Look up who hears a frame, and remember it until something changes."""
+        can_id = int.from_bytes(identifier, "little")
+        hearing = [node for node in self.nodes if node.listening and not node.state & DEAF]
+        others = [node for node in hearing if node is not sender]
+        given = (node.port for node in others if node.interests is None or can_id in node.interests)
+        route = _Route(
+            tuple(node.counters for node in others),
+            tuple(given),
+            sender.echo and sender in hearing,
+        )
+        if len(self._routes) >= _MOST_ROUTES:
+            self._routes.clear()
+        self._routes[sender, identifier] = route
+        return route
+
+    def forget_routes(self) -> None:
+        """Look up anew who hears what: a node has come, gone or changed."""
+        self._routes.clear()
+
+    def after_round(self, flush: Callable[[], object]) -> None:
+        """Call `flush` when all frames that are due have been delivered."""
+        self._unsent.append(flush)
 
     # Time
 
@@ -286,7 +368,7 @@ class Hub:
 
     def step(self, until: float | None = None) -> None:
         """Wait for something to do until `until` (monotonic, s; None: no limit), and do it."""
-        if self._pending:
+        if self._pending or self._unsent:
             until = 0.0
         elif self._medium is not None:
             due = self._medium.next_at

@@ -13,6 +13,8 @@ from typing import Final
 READ: Final = selectors.EVENT_READ
 WRITE: Final = selectors.EVENT_WRITE
 
+_TICK: Final = 0.001  # s; epoll rounds times up to it, select has microseconds
+
 
 class Timer:
     """A call that is scheduled; `cancel` prevents it."""
@@ -62,19 +64,24 @@ class Loop:
             heapq.heappop(self._timers)
         if self._timers and (until is None or self._timers[0][0] < until):
             until = self._timers[0][0]
-        if until is None:
-            ready = self._selector.select()
-        else:
-            seconds = until - time.monotonic()
-            if seconds > 0.0:  # select has microseconds, where epoll rounds up to milliseconds
-                select.select([self._selector], [], [], seconds)
-            ready = self._selector.select(0)
-        for key, events in ready:
+        for key, events in self._wait(until):
             handler = self._ready.get(key.fd)  # None: an earlier handler let it go
             if handler is not None:
                 handler(events)
         if self._timers:
             self._run_timers()
+
+    def _wait(self, until: float | None) -> list[tuple[selectors.SelectorKey, int]]:
+        """Return what is ready, at `until` at the latest; its last part is waited for with `select`."""
+        while until is not None:
+            seconds = until - time.monotonic()
+            if seconds < 2.0 * _TICK:
+                if seconds > 0.0:
+                    select.select([self._selector], [], [], seconds)
+                return self._selector.select(0)
+            if ready := self._selector.select(seconds - _TICK):
+                return ready
+        return self._selector.select()
 
     def _run_timers(self) -> None:
         now = time.monotonic()

@@ -4,7 +4,9 @@ A client that wants more than frames says hello with a packet whose length is no
 (`hello`) and gets, in a packet of four bytes, the state of its interface and the file descriptor
 of a page that both sides map. The hub writes there what the client has to know before it sends
 (`Page`): its state, how many frames may wait for the bus, how many do, how many frames have been
-read. From then on the hub sends such a packet of four bytes whenever the state has changed.
+read. From then on the hub sends such a packet of four bytes whenever the state has changed. A
+client that says in its hello that it takes batches (`BATCHES`) is sent what there is for it at one
+time in one packet, frame after frame.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 MAGIC: Final = b"CRTK-CAN"
 VERSION: Final = 1
 ECHO: Final = 1  # flag of a hello: send me my own frames too
+BATCHES: Final = 2  # flag of a hello: a packet to me may have several frames
 
 MAX_PACKET: Final = 4096  # bytes; 256 frames
 STATE_PACKET: Final = struct.Struct("<I")
@@ -98,6 +101,8 @@ class _Client:
         self._socket = sock
         self._fd = sock.fileno()
         self._page: Page | None = None
+        self._batches = False
+        self._batch = bytearray()  # frames that leave at the end of the hub's round
         self.node = hub.add("native", self)
         hub.loop.watch(self._fd, self._readable)
 
@@ -148,6 +153,7 @@ class _Client:
             if name:
                 hub.rename(self.node, name)
             self.node.echo = hub.echo or bool(flags & ECHO)
+            self._batches = bool(flags & BATCHES)
             packet = STATE_PACKET.pack(self.node.state)
             with contextlib.suppress(OSError):  # it is gone again: its next packet tells
                 socket.send_fds(self._socket, [packet], [fd])
@@ -155,16 +161,31 @@ class _Client:
             os.close(fd)
 
     def deliver(self, raw: bytes) -> None:
-        """Send a frame, or lose it when the client does not read."""
+        """Send a frame, or have it sent with the others of this round."""
+        if not self._batches:
+            self._hand_over(raw)
+            return
+        if not self._batch:
+            self._hub.after_round(self._flush)
+        self._batch += raw
+        if len(self._batch) == MAX_PACKET:
+            self._flush()
+
+    def _flush(self) -> None:
+        if self._batch:
+            packet, self._batch = self._batch, bytearray()
+            self._hand_over(packet)
+
+    def _hand_over(self, packet: bytes | bytearray) -> None:
+        """Send frames, or lose them when the client does not read."""
         try:
-            self._socket.send(raw)
-        except BlockingIOError:
-            self.node.counters.missed += 1
-        except OSError:
-            self.node.counters.missed += 1  # it has gone: the socket becomes readable
+            self._socket.send(packet)
+        except OSError:  # no room; or it has gone: the socket becomes readable
+            self.node.counters.missed += len(packet) // frames.SIZE
 
     def state_changed(self, state: State) -> None:
         """Tell the client, on the page and with a packet that wakes it."""
+        self._flush()
         if self._page is not None:
             self._page.numbers[Page.STATE] = state
             with contextlib.suppress(OSError):

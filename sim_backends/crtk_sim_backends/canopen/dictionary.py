@@ -6,6 +6,7 @@ import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 from typing import Final, TypeAlias
 
 from crtk_sim_backends.canopen.aborts import Abort, SdoAbort
@@ -147,6 +148,11 @@ class ObjectDictionary:
     def __setitem__(self, key: Key, value: int) -> None:
         self.values[key] = value
 
+    def reader(self, key: Key) -> Callable[[], int]:
+        """Make what reads a number as `[key]` does, for those who read it again and again."""
+        live = self.live.get(key)
+        return partial(self.values.__getitem__, key) if live is None else live  # type: ignore[return-value]
+
     def variable(self, index: int, sub: int) -> Variable:
         """Find an entry.
 
@@ -210,18 +216,29 @@ class ObjectDictionary:
         Raises:
             SdoAbort: it is out of range, or not permitted now.
         """
-        low, high = self._ranges[index, sub]
-        if value > high:
-            raise SdoAbort(Abort.VALUE_HIGH)
-        if value < low:
-            raise SdoAbort(Abort.VALUE_LOW)
-        if guard := self.guards.get(index):
-            guard(sub, value)
-        if index in self.ignored:
-            return
-        self.values[index, sub] = value
-        if written := self.written.get(index):
-            written(sub)
+        self.writer((index, sub))(value)
+
+    def writer(self, key: Key) -> Callable[[int], None]:
+        """Make what writes a number as `store` does, for those who write it again and again."""
+        index, sub = key
+        low, high = self._ranges[key]
+        guard, written = self.guards.get(index), self.written.get(index)
+        values, ignored = self.values, self.ignored
+
+        def write(value: int) -> None:
+            if value > high:
+                raise SdoAbort(Abort.VALUE_HIGH)
+            if value < low:
+                raise SdoAbort(Abort.VALUE_LOW)
+            if guard is not None:
+                guard(sub, value)
+            if index in ignored:
+                return
+            values[key] = value
+            if written is not None:
+                written(sub)
+
+        return write
 
 
 def _range(variable: Variable) -> tuple[int, int]:

@@ -248,9 +248,11 @@ class Drive:
     def _note_interests(self) -> None:
         """Collect the identifiers that mean something to this node."""
         self._sync = self.dictionary[0x1005, 0] & 0x7FF
-        self.interests = frozenset((0, self._sync, 0x600 + self.node_id)).union(
+        interests = frozenset((0, self._sync, 0x600 + self.node_id)).union(
             self.pdos.receiving, self.heartbeats.monitored
         )
+        if interests != self.interests:
+            self.interests = interests
 
     # Network management
 
@@ -383,19 +385,25 @@ class Drive:
         if now - max(self.next_timer, self._last_call) > _STALL:
             self._forgive(now - self._last_call)
         self._last_call = now
-        self._time = max(self._time, now - _LONGEST_GAP)
-        if all(unit.idle for unit in self.axes):
-            self._time = max(self._time, now - _CONTROL_PERIOD)
-        while self._time + _CONTROL_PERIOD <= now + 1e-9:
-            self._time += _CONTROL_PERIOD
-            for unit in self.axes:
-                if not unit.idle:
-                    unit.step(_CONTROL_PERIOD)
+        if self._time + _CONTROL_PERIOD <= now + 1e-9:
+            self._time = self._compute(self._time, now)
         self._check_sync(now)
         if self.state is NmtState.INITIALISING and now >= self._boot_at and not self.faults.off:
             self.state = NmtState.PRE_OPERATIONAL
             return [(0x700 + self.node_id, b"\0")]
         return []
+
+    def _compute(self, then: float, now: float) -> float:
+        """Compute the axes in control periods from `then` on; return until when."""
+        then = max(then, now - _LONGEST_GAP)
+        if all(unit.idle for unit in self.axes):
+            then = max(then, now - _CONTROL_PERIOD)
+        while then + _CONTROL_PERIOD <= now + 1e-9:
+            then += _CONTROL_PERIOD
+            for unit in self.axes:
+                if not unit.idle:
+                    unit.step(_CONTROL_PERIOD)
+        return then
 
     def _forgive(self, seconds: float) -> None:
         """Extend what the master has to keep: what it sent in time has not been heard yet."""

@@ -34,13 +34,16 @@ class Command(Enum):
     QUICK_STOP = (0x86, 0x02)
 
 
+def _command_in(low: int) -> Command | None:
+    return next((each for each in Command if low & each.value[0] == each.value[1]), None)
+
+
+_COMMANDS: Final = tuple(_command_in(low) for low in range(256))
+
+
 def command_in(controlword: int) -> Command | None:
-    """Decode the command of a controlword; None when it has none."""
-    for command in Command:
-        mask, value = command.value
-        if controlword & mask == value:
-            return command
-    return None
+    """Decode the command of a controlword, which is in its low byte; None when it has none."""
+    return _COMMANDS[controlword & 0xFF]
 
 
 class Ramp(Enum):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
@@ -19,7 +18,6 @@ from crtk_sim_backends.canopen.nmt import NmtState
 from crtk_sim_backends.control import Handlers
 from crtk_sim_backends.faults import Fault, KindTable
 
-_CAN_ID: Final = struct.Struct("<I")  # at the beginning of a struct can_frame
 _MAILBOXES: Final = 2  # frames of a drive that wait for the bus when SDO answers have to wait
 _SOON: Final = 1e-4  # s that a timer may be later than asked for before it is set anew
 
@@ -52,19 +50,16 @@ class BusDrive:
         self._timer = None
         self._send(self.drive.on_timer(now))
         self._note()
-        self._set_timer()
+        self._settle()
 
     def deliver(self, raw: bytes) -> None:
         """Hear a frame of the bus."""
-        drive = self.drive
-        (can_id,) = _CAN_ID.unpack_from(raw)
-        if can_id not in drive.interests:  # remote, error and extended frames among them
-            return
-        answers = drive.on_frame(can_id, frames.unpack(raw)[1], time.monotonic())
+        can_id, data = frames.unpack(raw)
+        answers = self.drive.on_frame(can_id, data, time.monotonic())
         if answers:
             self._send(answers)
             self._note()
-        self._set_timer()
+        self._settle()
 
     def state_changed(self, state: State) -> None:
         """Take note of what the bus does to the drive's controller."""
@@ -98,8 +93,13 @@ class BusDrive:
             if self._node.send(*self._answers.popleft()):
                 self.lost += 1
 
-    def _set_timer(self) -> None:
-        """Be woken in time; a timer that comes too early is left as it is."""
+    def _settle(self) -> None:
+        """Hear what the drive is interested in (no remote, error and extended frames), and be woken in time.
+
+        A timer that comes too early is left as it is.
+        """
+        if self._node.interests is not self.drive.interests:
+            self._node.interests = self.drive.interests
         due = self.drive.next_timer
         if self._timer is not None:
             if self._timer.at <= due + _SOON:
@@ -112,13 +112,13 @@ class BusDrive:
     def _note(self) -> None:
         """Tell what has happened since the last call."""
         drive, before = self.drive, self._seen
-        states = [axis.machine.state for axis in drive.axes]
-        now = (
-            drive.state,
-            machine.State.OPERATION_ENABLED in states,
-            any(axis.setpoint.velocity for axis in drive.axes),
-            machine.State.FAULT in states,
-        )
+        enabled = moving = faulted = False
+        for axis in drive.axes:
+            state = axis.machine.state
+            enabled = enabled or state is machine.State.OPERATION_ENABLED
+            moving = moving or axis.setpoint.velocity != 0.0
+            faulted = faulted or state is machine.State.FAULT
+        now = drive.state, enabled, moving, faulted
         if now == before:
             return
         self._seen = now

@@ -40,6 +40,8 @@ class Pdo:
     kind: int  # transmission type
     keys: list[Key | None]  # None for a dummy
     layout: struct.Struct
+    readers: list[Callable[[], int]]  # of its values
+    writers: list[Callable[[int], None]]  # of those of an RPDO
     inhibit: float  # s
     event: float  # s, 0 for none
     start: int  # SYNC counter with which the cycle begins, 0 for any
@@ -176,6 +178,8 @@ class ProcessData:
             od[index, 2],
             keys,
             struct.Struct(layout),
+            [od.reader(key) for key in keys if key is not None],
+            [_ignore if key is None else od.writer(key) for key in keys],
             inhibit=od[index, 3] * 1e-4,
             event=od[index, 5] * 1e-3,
             start=od[index, 6] if index >= TRANSMIT else 0,
@@ -204,12 +208,12 @@ class ProcessData:
         return True
 
     def _apply(self, pdo: Pdo, data: bytes) -> None:
-        for key, value in zip(pdo.keys, pdo.layout.unpack_from(data), strict=True):
-            if key is None:
-                continue
+        for number, value in enumerate(pdo.layout.unpack_from(data)):
             try:
-                self._dictionary.store(*key, value)
+                pdo.writers[number](value)
             except SdoAbort:
+                key = pdo.keys[number]
+                assert key is not None  # a dummy takes everything
                 self._emergency.once(PARAMETER, struct.pack("<HB", *key))
 
     def apply_received(self) -> bool:
@@ -287,8 +291,7 @@ class ProcessData:
                 self._emergency.begin(RPDO_TIMEOUT, struct.pack("<H", pdo.index), pdo.index)
 
     def _pack(self, pdo: Pdo) -> bytes:
-        od = self._dictionary
-        return pdo.layout.pack(*[od[key] for key in pdo.keys if key is not None])
+        return pdo.layout.pack(*[read() for read in pdo.readers])
 
     @property
     def next_timer(self) -> float | None:
@@ -300,6 +303,10 @@ class ProcessData:
             if pdo.held:
                 times.append(pdo.allowed)
         return min(times, default=None)
+
+
+def _ignore(value: int) -> None:
+    """Take the value of a dummy."""
 
 
 def _may_carry_pdo(identifier: int) -> bool:
