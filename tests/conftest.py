@@ -50,7 +50,7 @@ def forbid_traffic_beyond_this_machine(event: str, args: tuple[object, ...]) -> 
     if event not in ("socket.connect", "socket.sendto"):
         return
     address = args[1]
-    if not isinstance(address, tuple) or not isinstance(address[0], str):
+    if not isinstance(address, tuple) or len(address) < 2 or not isinstance(address[0], str):
         return  # a Unix or CAN socket, or one that is connected already
     host = address[0]
     if host in ("", "localhost"):

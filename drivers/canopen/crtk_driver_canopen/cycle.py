@@ -23,6 +23,15 @@ __all__ = ["SYNC", "Cycle", "CycleCounters", "KernelSync", "SentSync"]
 
 SYNC: Final = 0x080
 
+_SPARE: Final = 3
+"""SYNCs of the kernel that may come beyond one in each period: the one at the begin, and for rounding."""
+
+_COUNTED: Final = 5.0
+"""Seconds in which SYNCs are counted; the kernel's are a little rarer than asked for, which adds up."""
+
+_WAITED: Final = 0.0005
+"""Seconds after which a frame has been waited for: there was nothing left to be received."""
+
 _DRAINED: Final = 512
 """Frames that are taken from before a SYNC at most: a bus that never rests does not hold a cycle up."""
 
@@ -55,6 +64,10 @@ class SyncSource(Protocol):
 
     own: bool
     """Whether our own SYNC is received as well (`is_rx` is false), and marks the begin of a cycle."""
+
+    def is_ours(self, message: can.Message, now: float, awaited: bool) -> bool:
+        """Take note of a SYNC that was received at monotonic seconds; return whether it can be ours."""
+        ...
 
     def start(self) -> None:
         """Begin."""
@@ -90,6 +103,10 @@ class SentSync:
         self._frames = _sync_frames(overflow)
         self._next = 0
 
+    def is_ours(self, message: can.Message, now: float, awaited: bool) -> bool:
+        """Return False: ours does not come back."""
+        return False
+
     def start(self) -> None:
         """Begin with the counter at 1."""
         self._next = 0
@@ -122,6 +139,28 @@ class KernelSync:
         self._period = period
         self._frames = _sync_frames(overflow)
         self._task: can.broadcastmanager.CyclicSendTaskABC | None = None
+        self._began = 0.0
+        self._received = 0
+
+    def is_ours(self, message: can.Message, now: float, awaited: bool) -> bool:
+        """Take note of a SYNC; return whether it can be ours.
+
+        SocketCAN does not tell which program on this computer sent a frame. But the kernel sends at most one
+        SYNC in a period: what comes beyond that, however late it is read, is somebody else's.
+
+        Args:
+            message: the SYNC.
+            now: monotonic seconds at which it was received.
+            awaited: nothing that had come before was still to be received.
+        """
+        if message.is_rx:
+            return False
+        if awaited and now - self._began > _COUNTED:
+            self._began, self._received = now, 0
+        if self._received >= (now - self._began) / self._period + _SPARE:
+            return False
+        self._received += 1
+        return True
 
     def start(self) -> None:
         """Begin.
@@ -130,6 +169,7 @@ class KernelSync:
             BusLost: the kernel refuses.
         """
         self.stop()
+        self._began, self._received = time.monotonic(), 0
         try:
             self._task = self._link.bus.send_periodic(self._frames, self._period, store_task=False)
         except (can.CanError, OSError) as error:
@@ -287,10 +327,17 @@ class Cycle:
             message = self._link.receive(deadline - now)
             if message is None:
                 continue
-            if message.arbitration_id == SYNC and not message.is_rx:
+            then, now = now, time.monotonic()
+            if message.arbitration_id != SYNC:
+                self._take(message, now, late=True)
+            elif self._is_our_sync(message, now, awaited=now - then > _WAITED):
                 return True
-            self._take(message, time.monotonic(), late=True)
         return False
+
+    def _is_our_sync(self, message: can.Message, now: float, *, awaited: bool = False) -> bool:
+        ours = self.sync.is_ours(message, now, awaited)
+        self.counters.foreign_syncs += not ours
+        return ours
 
     def _drain(self) -> None:
         """Take what came since the last cycle."""
@@ -304,9 +351,7 @@ class Cycle:
         slot = self.tpdos.slots.get(message.arbitration_id)
         if slot is None:
             if message.arbitration_id == SYNC:
-                ours = self.sync.own and not message.is_rx
-                self.counters.overruns += ours
-                self.counters.foreign_syncs += not ours
+                self.counters.overruns += self._is_our_sync(message, now)
             else:
                 self._link.dispatch(message, now)
             return
