@@ -110,6 +110,22 @@ def test_a_move_takes_over_from_one_that_runs(sim: RunningSim) -> None:
         assert near(arm, [-0.5, 0.5])
 
 
+def test_joints_that_a_move_finds_in_motion_arrive_together(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT, PP)) as arm:
+        arm.enable(SOON)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        arm.move_jp([2.0, 2.0])
+        until(lambda: moves(sim), "it moves")
+        seen: list[np.ndarray] = []
+        arm.engine.on_sample = lambda: seen.append(arm.measured_js().position)
+        goal = np.array([-2.5, 1.2])
+        arm.move_jp(goal).wait(SOON)
+        left = np.abs(np.array(seen) - goal)
+        there = int(np.argmax(left[:, 1] < 0.02))
+        # With the velocity of its limit the second joint is there when the first has 1.7 rad to go.
+        assert left[there, 0] < 0.9
+
+
 def test_hold_stops_a_move_and_nothing_goes_on_after_it(sim: RunningSim) -> None:
     with arm_of(arm_on(sim, COUNT, PP)) as arm:
         arm.enable(SOON)

@@ -22,7 +22,7 @@ from crtk_driver_canopen.axis import Axis
 from crtk_driver_canopen.config import CanopenConfig
 from crtk_driver_canopen.jobs import NodeJobs
 from crtk_driver_canopen.modes import HandshakePhase, OpMode, Way
-from crtk_driver_canopen.profiles import ProfileRates, shared_rates
+from crtk_driver_canopen.profiles import ProfileRates, shared_rates, velocities_from_motion
 from crtk_driver_canopen.sdo import Sdo
 from crtk_drivers.device import Goal, Mode, MoveProgress, Setpoint
 from crtk_drivers.errors import CrtkError, MotionAborted
@@ -41,6 +41,9 @@ _STEP: Final = 4.0
 
 _STOOD: Final = 3
 """Samples without motion after which joints stand that were told to halt."""
+
+_TAKEN_OVER: Final = 5
+"""Cycles, about, until a drive has a new set-point: those of its SDOs and of the handshake."""
 
 _STILL: Final = 0.01
 """Part of the greatest velocity of a joint below which it counts as standing."""
@@ -119,6 +122,7 @@ class Motion:
         self._stands_since = 0.0
         self._held: Vector | None = None
         self._speed = np.zeros(len(self._velocities))
+        self._measured_speed = np.zeros(len(self._velocities))
         self._still = np.zeros(len(self._velocities))
         self._step = np.zeros(len(self._velocities))
         self._before: Vector = vector(())
@@ -166,8 +170,9 @@ class Motion:
     def note(self, positions: Vector, now: float) -> None:
         """Take where all joints are (n,)."""
         if positions.size == self._before.size:
-            moved = np.abs(positions - self._before)
-            self.moving = bool((moved > self._still).any())
+            moved = positions - self._before
+            self.moving = bool((np.abs(moved) > self._still).any())
+            self._measured_speed = moved / self._config.period
         self._stood = 0 if self.moving else self._stood + 1
         there = self._stands_at
         if there.size != positions.size or (np.abs(positions - there) > self._step).any():
@@ -381,12 +386,16 @@ class Motion:
         assert goal.joints is not None
         self._held = None
         self._target = self._link.units.position_counts(goal.joints)
+        ways = goal.joints - self._link.units.positions(self._link.positions)
         velocities = self._velocities * goal.ratios.velocity
         accelerations = self._accelerations
-        if not self.moving:  # a joint that moves needs all it has, so as not to go beyond its goal
-            here = self._link.units.positions(self._link.positions)
+        if self.moving:
+            speeds = self._measured_speed
+            ways = ways - speeds * _TAKEN_OVER * self._config.period
+            velocities = velocities_from_motion(ways, speeds, velocities, accelerations)
+        else:
             velocities, accelerations = shared_rates(
-                goal.joints - here, velocities, accelerations * goal.ratios.acceleration
+                ways, velocities, accelerations * goal.ratios.acceleration
             )
         self._wanted = self._rates(velocities, accelerations)
         self._phase = _Phase.PREPARE

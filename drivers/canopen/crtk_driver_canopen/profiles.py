@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -10,12 +11,17 @@ from numpy.typing import NDArray
 from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.sdo import Sdo
 
-__all__ = ["ProfileRates", "shared_rates"]
+__all__ = ["ProfileRates", "arrival", "shared_rates", "velocities_from_motion"]
 
 _U32: Final = 0xFFFFFFFF
 
 _LEAST: Final = 1e-9
 """Share of the longest way below which a joint counts as being there."""
+
+_SLOWEST: Final = 0.01
+"""Part of its velocity that a joint keeps at least, so that it does not creep over its last counts."""
+
+_HALVINGS: Final = 30
 
 
 class ProfileRates(NamedTuple):
@@ -79,3 +85,56 @@ def shared_rates(
     velocity = (velocities[moving] / shares[moving]).min()
     acceleration = (accelerations[moving] / shares[moving]).min()
     return velocity * shares, acceleration * shares
+
+
+def arrival(distance: float, speed: float, velocity: float, acceleration: float) -> float:
+    """Return the seconds in which a joint in motion comes to rest at its goal, on a trapezoidal profile.
+
+    Args:
+        distance: to the goal, in rad (m).
+        speed: at which it moves now, in rad/s (m/s).
+        velocity: at which it goes on, in rad/s (m/s), above 0.
+        acceleration: up and down, in rad/s² (m/s²), above 0.
+    """
+    if distance < 0.0:
+        distance, speed = -distance, -speed
+    stopping = speed * abs(speed) / (2.0 * acceleration)
+    if speed < 0.0 or stopping > distance:  # it comes to rest first, and goes from there
+        rest = abs(speed) / acceleration
+        return rest + arrival(abs(distance - stopping), 0.0, velocity, acceleration)
+    peak = min(math.sqrt(acceleration * distance + 0.5 * speed * speed), velocity)
+    ramps = abs(peak * peak - speed * speed) / (2.0 * acceleration)
+    ramps += peak * peak / (2.0 * acceleration)
+    at_peak = max(0.0, distance - ramps) / peak if peak else 0.0
+    return (abs(peak - speed) + peak) / acceleration + at_peak
+
+
+def velocities_from_motion(
+    distances: NDArray[np.float64],
+    speeds: NDArray[np.float64],
+    velocities: NDArray[np.float64],
+    accelerations: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return velocities (n,) with which joints in motion arrive with the one that takes longest.
+
+    Args:
+        distances: (n,) from here to the goal, in rad (m).
+        speeds: (n,) at which they move now, in rad/s (m/s).
+        velocities: (n,) limits, in rad/s (m/s).
+        accelerations: (n,) that all of them keep, in rad/s² (m/s²); with less, one could go beyond its goal.
+    """
+    joints = list(
+        zip(*(a.tolist() for a in (distances, speeds, velocities, accelerations)), strict=True)
+    )
+    longest = max((arrival(*joint) for joint in joints), default=0.0)
+    found = []
+    for distance, speed, limit, acceleration in joints:
+        low, high = _SLOWEST * limit, limit
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            if arrival(distance, speed, middle, acceleration) > longest:
+                low = middle
+            else:
+                high = middle
+        found.append(high)
+    return np.array(found)
