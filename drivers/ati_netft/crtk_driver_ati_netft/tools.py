@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import logging
 import math
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from types import FrameType
 from typing import Final
 
 import numpy as np
@@ -198,27 +200,42 @@ class RecordOptions(Settings):
 def record(config: NetFtConfig, options: RecordOptions) -> int:
     """Write every measurement to a file until the time is over or somebody presses Ctrl-C."""
     path = Path(options.out or Path(config.recordings, default_name(config)))
-    with _opened(config) as device:
+    with _opened(config) as device, _interrupts() as interrupts:
         recorder = device.start_recording(path)
-        try:
-            with Progress(*_RECORDING, console=_OUT) as progress:
-                task = progress.add_task(path.name, total=options.seconds, figures="")
-                for elapsed in _keep_reading(device, options.seconds):
-                    progress.update(task, completed=elapsed, figures=_figures(device, recorder))
-                    if recorder.error:
-                        break
-        except KeyboardInterrupt:
-            pass
+        with Progress(*_RECORDING, console=_OUT) as progress:
+            task = progress.add_task(path.name, total=options.seconds, figures="")
+            for elapsed in _keep_reading(device, options.seconds, interrupts):
+                progress.update(task, completed=elapsed, figures=_figures(device, recorder))
+                if recorder.error:
+                    break
         device.stop_recording()
         _OUT.print(f"{path}: {_figures(device, recorder)}", markup=False, soft_wrap=True)
     return 1 if recorder.error else 0
 
 
-def _keep_reading(device: NetFtDevice, seconds: float | None) -> Iterator[float]:
+@contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """Put a first Ctrl-C into a list; as an exception it could come while the progress bar has its lock."""
+    came: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield came
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _keep_reading(
+    device: NetFtDevice, seconds: float | None, interrupts: list[int]
+) -> Iterator[float]:
     """Read, yielding the time that has passed, for so long; connect again when the link is lost."""
     begin = told = heard = time.monotonic()
     end = math.inf if seconds is None else begin + seconds
-    while (now := time.monotonic()) < end:
+    while (now := time.monotonic()) < end and not interrupts:
         try:
             if device.read(min(end, now + TOLD)) is not None:
                 heard = time.monotonic()
@@ -227,15 +244,15 @@ def _keep_reading(device: NetFtDevice, seconds: float | None) -> Iterator[float]
         except ConnectionLost as error:
             logger.warning("%s Connecting again.", error)
             device.close()
-            _open_again(device, end)
+            _open_again(device, end, interrupts)
             heard = time.monotonic()
         if now >= told + TOLD:
             told = now
             yield now - begin
 
 
-def _open_again(device: NetFtDevice, end: float) -> None:
-    while (now := time.monotonic()) < end:
+def _open_again(device: NetFtDevice, end: float, interrupts: list[int]) -> None:
+    while (now := time.monotonic()) < end and not interrupts:
         try:
             device.open(min(end, now + device.config.open_timeout))
             return
