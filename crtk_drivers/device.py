@@ -138,7 +138,8 @@ class Capabilities:
         estimates: those of `modes` whose values the hardware reaches only roughly, by a model of itself.
         measured: CRTK names of the feedback in each sample, sub-namespaces included.
         native_moves: those of ``move_jp`` and ``move_cp`` that the hardware plans itself.
-        line_limits: of the tool in the hardware's own ``move_cp``, if they are lower than its others.
+        move_limits: of the joints in ``move_jp``, if they are lower than `limits`; one for each.
+        line_limits: of the tool in ``move_cp``, if they are lower than `cartesian_limits`.
         has_kinematics: `forward_kinematics`, `inverse_kinematics` and `jacobian` are implemented.
         has_free: `free` is implemented.
         has_gravity_compensation: `use_gravity_compensation` is implemented.
@@ -161,6 +162,7 @@ class Capabilities:
     estimates: frozenset[Mode] = frozenset()
     measured: tuple[str, ...] = ("measured_js",)
     native_moves: frozenset[str] = frozenset()
+    move_limits: tuple[JointLimits, ...] = ()
     line_limits: CartesianLimits | None = None
     has_kinematics: bool = False
     has_free: bool = False
@@ -180,6 +182,8 @@ class Capabilities:
     def __post_init__(self) -> None:
         if len(self.limits) != len(self.joints):
             raise ValueError(f"{len(self.limits)} limits for {len(self.joints)} joints")
+        if len(self.move_limits) not in (0, len(self.joints)):
+            raise ValueError(f"{len(self.move_limits)} move_limits for {len(self.joints)} joints")
         if len(set(self.joints)) != len(self.joints) or not all(self.joints):
             raise ValueError(f"joints need names of their own: {', '.join(map(repr, self.joints))}")
         for name, value in (("rate", self.rate), ("transition_timeout", self.transition_timeout)):
@@ -416,6 +420,22 @@ class Device(ABC):
         """Whether a setpoint written now takes effect at once.
 
         False after `stop`, while the hardware comes to rest: the core begins a stream after that.
+        """
+        return True
+
+    @property
+    def pace(self) -> float:
+        """How fast the hardware goes along a trajectory of ours, of real time: 0 (stands) to 1.
+
+        Below 1 where somebody slows it down, as with the speed slider of a teach pendant.
+        """
+        return 1.0
+
+    @property
+    def has_arrived(self) -> bool:
+        """Whether it rests where the last position setpoint is, as far as it can tell.
+
+        False while hardware that smooths setpoints is still on its way: a move ends after that.
         """
         return True
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import Final
 
 from crtk_drivers.device import Device, Goal, Mode, MoveProgress, Setpoint
 from crtk_drivers.errors import MotionAborted
@@ -12,6 +13,9 @@ from crtk_drivers.moves import Move
 from crtk_drivers.outputs import PoseOutput
 from crtk_drivers.profiles import JointProfile, LineProfile
 from crtk_drivers.samples import JointState
+
+ARRIVAL_TIMEOUT: Final = 3.0
+"""Seconds in which hardware that smooths setpoints must be where a trajectory of ours ends."""
 
 
 class MoveExecution(ABC):
@@ -49,24 +53,36 @@ class _Streamed(MoveExecution):
     """A trajectory of our own, sent point by point.
 
     After a late cycle the profile goes on from where it was, at most two periods further: no burst and
-    no jump, the motion just takes longer.
+    no jump, the motion just takes longer. So it does where the hardware is slowed down.
     """
 
     def __init__(
-        self, move: Move, send: Callable[[str, Point, float], None], now: float, period: float
+        self,
+        move: Move,
+        device: Device,
+        send: Callable[[str, Point, float], None],
+        now: float,
+        period: float,
     ) -> None:
         super().__init__(move)
+        self._device = device
         self._send = send
         self._last = now - period  # when the setpoint went out from which it starts
         self._longest = 2.0 * period
         self._time = 0.0
 
     def step(self, now: float) -> bool:
-        """Send the next point."""
-        self._time += min(now - self._last, self._longest)
+        """Send the next point; at the end the last one, until the hardware is there."""
+        self._time += self._device.pace * min(now - self._last, self._longest)
         self._last = now
         self._send(self.move.name, self._point(self._time, now), now)
-        return self._time >= self._duration
+        late = self._time - self._duration
+        if late > ARRIVAL_TIMEOUT:
+            raise MotionAborted(
+                f"the hardware has not come to rest where {self.move.name} ends in {ARRIVAL_TIMEOUT:g} s",
+                remedy="Look at what holds it.",
+            )
+        return late >= 0.0 and self._device.has_arrived
 
     @property
     @abstractmethod
@@ -84,12 +100,13 @@ class ProfileMove(_Streamed):
     def __init__(
         self,
         move: Move,
+        device: Device,
         profile: JointProfile,
         send: Callable[[str, Point, float], None],
         now: float,
         period: float,
     ) -> None:
-        super().__init__(move, send, now, period)
+        super().__init__(move, device, send, now, period)
         self._profile = profile
 
     @property
@@ -108,13 +125,14 @@ class LineMove(_Streamed):
     def __init__(
         self,
         move: Move,
+        device: Device,
         profile: LineProfile,
         output: PoseOutput,
         send: Callable[[str, Point, float], None],
         now: float,
         period: float,
     ) -> None:
-        super().__init__(move, send, now, period)
+        super().__init__(move, device, send, now, period)
         self._profile = profile
         self._output = output
 

@@ -380,12 +380,13 @@ class MotionExecutor:
             return
         period = 1.0 / self._capabilities.rate
         if goal.pose is None:
-            limits = self._capabilities.limits
+            limits = self._capabilities.move_limits or self._capabilities.limits
             motion = self._feedback.motion(now)
             profile = JointProfile(*motion, order.joints, limits, goal.ratios)
-            self._move = ProfileMove(move, profile, self._send_point, now, period)
+            self._move = ProfileMove(move, self._device, profile, self._send_point, now, period)
             return
-        command, tool = find(order.name), self._capabilities.cartesian_limits
+        command = find(order.name)
+        tool = self._capabilities.line_limits or self._capabilities.cartesian_limits
         assert tool is not None
         line = LineProfile(
             self._reach.pose(command),
@@ -396,7 +397,7 @@ class MotionExecutor:
             self._feedback.reference_twist_change(now),
         )
         output = PoseOutput(command, self._device, self._feedback, self._reach, now)
-        self._move = LineMove(move, line, output, self._send_point, now, period)
+        self._move = LineMove(move, self._device, line, output, self._send_point, now, period)
 
     def _step_move(self, move: MoveExecution, now: float) -> None:
         if move.step(now):

@@ -263,9 +263,7 @@ class OrderMaker:
     def _move_pose(self, command: Command, value: Pose, now: float) -> Order:
         if command.is_relative:
             value = self._reach.moved(command, value, native=self._moves_poses)
-        limits = self._capabilities.cartesian_limits
-        if self._moves_poses and self._capabilities.line_limits is not None:
-            limits = self._capabilities.line_limits
+        limits = self._capabilities.line_limits or self._capabilities.cartesian_limits
         if not self._has_kinematics:
             return self._order_to(command, Goal(pose=value, ratios=self.ratios), EMPTY, value)
         joints = self._reach.joints(command, value)

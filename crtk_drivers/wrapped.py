@@ -45,6 +45,16 @@ class WrappedDevice(Device):
         return self.inner.takes_setpoints
 
     @property
+    def pace(self) -> float:
+        """See the base class."""
+        return self.inner.pace
+
+    @property
+    def has_arrived(self) -> bool:
+        """See the base class."""
+        return self.inner.has_arrived
+
+    @property
     def condition(self) -> Condition:
         return self.inner.condition
 

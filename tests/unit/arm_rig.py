@@ -76,6 +76,8 @@ class ArmDevice(ScriptedDevice):
         twist: (6,) of the tool, the same.
         extra: further values of each sample.
         ready: what `takes_setpoints` says after `stop`.
+        slider: what `pace` says.
+        arrived: what `has_arrived` says.
         gravity: what `use_gravity_compensation` was told.
     """
 
@@ -86,6 +88,8 @@ class ArmDevice(ScriptedDevice):
         self.twist = np.zeros(6)
         self.extra: dict[str, Value] = {}
         self.ready = True
+        self.slider = 1.0
+        self.arrived = True
         self.gravity: list[bool] = []
         self._read_at = clock()
 
@@ -129,6 +133,14 @@ class ArmDevice(ScriptedDevice):
     @property
     def takes_setpoints(self) -> bool:
         return self.ready
+
+    @property
+    def pace(self) -> float:
+        return self.slider
+
+    @property
+    def has_arrived(self) -> bool:
+        return self.arrived
 
     def move(self, goal: Goal) -> None:
         self._stand()

@@ -1,0 +1,136 @@
+"""Where the tool of one arm is: lengths and angles of its links, and its tool centre point."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from typing import Final
+
+from crtk_driver_ur.calibration import NOMINAL, CalibratedKinematics, Calibration, displacements
+from crtk_driver_ur.config import UrConfig
+from crtk_driver_ur.frames import IDENTITY, Transform
+from crtk_driver_ur.kinematics import ArmKinematics
+from crtk_driver_ur.models import RobotModel
+from crtk_driver_ur.primary import read_robot_info
+from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.samples import SampleMaker
+from crtk_drivers.device import Note, Severity
+from crtk_drivers.errors import DeviceError, TransitionFailed
+
+__all__ = ["ArmGeometry"]
+
+CALIBRATION_TIMEOUT: Final = 2.0
+"""Seconds for the controller to tell its calibration."""
+
+MODEL_TOLERANCE: Final = 0.05
+"""m between the tool as the controller and as the model places it; calibration accounts for a few mm."""
+
+logger = logging.getLogger(__name__)
+
+
+class ArmGeometry:
+    """The kinematics of one arm, as the configuration and the controller have them.
+
+    Args:
+        config: of the arm.
+        model: the arm.
+        where: the device, for messages.
+
+    Attributes:
+        kinematics: with the tool centre point that counts now.
+        samples: makes them, for the same point.
+        note: what people should know of the calibration.
+    """
+
+    def __init__(self, config: UrConfig, model: RobotModel, where: str) -> None:
+        self._config = config
+        self._model = model
+        self._where = where
+        self._tool = None if config.tcp is None else Transform.from_pose_vector(config.tcp)
+        given = config.calibration
+        self._calibration = given if isinstance(given, Calibration) else None
+        self._reported: tuple[float, ...] | None = None
+        self.kinematics = self._with(self._tool or IDENTITY)
+        self.samples = SampleMaker(self._tool)
+        self.note: Note | None = None
+
+    def _with(self, tool: Transform) -> ArmKinematics:
+        if self._calibration is None:
+            return ArmKinematics(self._model, tool)
+        return CalibratedKinematics(self._model, self._calibration, tool)
+
+    # The tool
+
+    def use_tool(self, tool: Transform) -> None:
+        """Compute with another tool from now on. From any thread, at rest."""
+        self._tool = tool
+        self.kinematics = self._with(tool)
+        self.samples = SampleMaker(tool)
+
+    def follow_tool(self, state: StateSample) -> None:
+        """Compute with the controller's tool where the configuration names none."""
+        reported = state.tcp_offset
+        if self._tool is None and reported is not None and reported != self._reported:
+            self._reported = reported
+            self.kinematics = self._with(Transform.from_pose_vector(reported))
+
+    # The links
+
+    def check_model(self, state: StateSample | None) -> None:
+        """Compare where the controller and the configured model have the tool.
+
+        Raises:
+            TransitionFailed: they are far apart.
+        """
+        if state is None or state.tcp_offset is None:
+            return
+        kinematics = ArmKinematics(self._model, Transform.from_pose_vector(state.tcp_offset))
+        expected = kinematics.forward(list(state.actual_q)).position
+        distance = math.dist(expected, state.actual_TCP_pose[:3])
+        if distance > MODEL_TOLERANCE:
+            raise TransitionFailed(
+                f"this is no {self._model.name}: the controller has the tool {distance:.3f} m from "
+                "where that model has it",
+                where=self._where,
+                remedy="Set `model` to the arm that is connected.",
+            )
+
+    def learn_calibration(self, deadline: float) -> None:
+        """Ask the controller for its calibration: compute with it, or compare it with the configured one."""
+        configured = self._config.calibration
+        self.note = None
+        if configured == "nominal":
+            return
+        try:
+            soon = min(deadline, time.monotonic() + CALIBRATION_TIMEOUT)
+            found = read_robot_info(self._config.host, soon).calibration
+        except DeviceError as error:
+            self._warn(f"the controller's is not known: {error}")
+            return
+        if not isinstance(configured, Calibration):
+            self._adopt(found)
+        elif found is None or found.checksum != configured.checksum:
+            self._warn(
+                "the controller has another one than is configured. Make it anew with "
+                "`crtk-driver ur info --output`, or leave it out."
+            )
+
+    def _adopt(self, found: Calibration | None) -> None:
+        """Compute with what the controller told, unless that is no calibration of this model."""
+        self._calibration = None
+        away = 0.0 if found is None else max(displacements(self._model, found))
+        if away > MODEL_TOLERANCE:
+            self._warn(f"the controller's is none of a {self._model.name}, and not used")
+        elif away > NOMINAL:
+            self._calibration = found
+            text = (
+                f"the controller's: up to {1e3 * away:.2f} mm from the nominal {self._model.name}"
+            )
+            self.note = Note(Severity.INFO, "calibration", text)
+        self._reported = None
+        self.kinematics = self._with(self._tool or IDENTITY)
+
+    def _warn(self, text: str) -> None:
+        logger.warning("%s: calibration: %s", self._where, text)
+        self.note = Note(Severity.WARNING, "calibration", text)
