@@ -145,6 +145,10 @@ class UrBench:
 
     def go_home(self) -> None:
         assert self.arm.move_jp(HOME).wait(LONG)
+        eventually(lambda: np.allclose(self.q(), HOME, rtol=0.0, atol=1e-7), "home")
+        self.arm.hold()  # or its last setpoint goes on being held
+        self.cycles(3)  # in which that is carried out
+        eventually(lambda: self.device.takes_setpoints, "it has stopped")
         self.until_still()
 
     # The arm
@@ -166,6 +170,11 @@ class UrBench:
 
     def q(self) -> np.ndarray:
         return np.array(self.outputs("actual_q"))
+
+    def cycles(self, count: int) -> None:
+        """Wait for so many new samples."""
+        goal = self.engine.health().samples + count
+        eventually(lambda: self.engine.health().samples >= goal, f"{count} samples")
 
     def stands(self) -> bool:
         found = self.sim.control.outputs("target_qd", "actual_qd")

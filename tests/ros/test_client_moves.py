@@ -63,7 +63,7 @@ def test_relative_and_cartesian_moves(far: Far) -> None:
     far.arm.enable()
     assert far.arm.move_jr([0.02, 0.0, 0.0, 0.0]).wait(TIMEOUT)
     assert far.arm.move_jr([0.02, 0.0, 0.0, 0.0]).wait(TIMEOUT)
-    assert np.allclose(far.arm.setpoint_jp(age=0), [0.04, 0.0, 0.0, 0.0], atol=1e-6)
+    until(lambda: np.allclose(far.arm.setpoint_jp(), [0.04, 0.0, 0.0, 0.0], atol=1e-6), "the end")
     pose = far.arm.setpoint_cp()
     goal = Pose(pose.position + np.array([0.0, 0.0, 0.05]), pose.orientation, pose.frame_id)
     assert far.arm.move_cp(goal).wait(TIMEOUT)

@@ -79,7 +79,7 @@ def test_signals_and_modes_are_topics(ur):
 
 
 def test_tool_and_programs_are_topics(ur):
-    session, client = ur
+    _, client = ur
     tool = heard(client, "tcp", PoseStamped)
     program = heard(client, "loaded_program", StringStamped)
     pose = PoseStamped()
@@ -87,9 +87,13 @@ def test_tool_and_programs_are_topics(ur):
     until(lambda: len(tool) == 1, "the tool")
     inbox = client["measured_cp"]
     before = inbox.wait(lambda m: m.header.stamp.sec > 0).pose.position.z
-    publish_until(client, "tcp", pose, lambda: session.engine.device._tool is not None)
-    # It points down.
-    inbox.wait(lambda m: abs(m.pose.position.z - before + 0.15) < 1e-3, inbox.mark())
+    publish_until(
+        client,
+        "tcp",
+        pose,
+        # It points down.
+        lambda: abs(inbox.messages[-1].pose.position.z - before + 0.15) < 1e-3,
+    )
     publish_until(
         client,
         "load_program",

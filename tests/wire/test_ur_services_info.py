@@ -17,7 +17,13 @@ from crtk_driver_ur import PLUGIN, tools
 from crtk_driver_ur.primary import read_robot_info
 from crtk_driver_ur.tools import InfoOptions, ask_dashboard, info
 from crtk_drivers.config import from_file, from_values, load
-from crtk_drivers.errors import ConfigError, ConnectionFailed, ProtocolError
+from crtk_drivers.device import Severity
+from crtk_drivers.errors import (
+    ConfigError,
+    ConnectionFailed,
+    ProtocolError,
+    TransitionFailed,
+)
 from crtk_drivers.samples import Pose, vector
 from crtk_sim_backends.ur import SIM
 
@@ -115,8 +121,60 @@ def test_a_calibration_of_another_arm_is_a_warning(sim):
     values = {**calibration.model_dump(), "checksum": [1, 2, 3, 4, 5, 6]}
     with driver_at(sim, {"model": "ur10e", "calibration": values}) as bench:
         found = {note.key: note.text for note in bench.engine.health().notes}
-        assert "another calibration" in found["calibration"]
+        assert "has another one than is configured" in found["calibration"]
         assert "crtk-driver ur info" in found["calibration"]
+
+
+def notes(bench):
+    return {n.key: (n.severity, n.text) for n in bench.engine.health().notes}
+
+
+@pytest.mark.parametrize("serial", ["20205512345", "20205512346"])
+def test_an_arm_of_its_own_moves_by_the_calibration_that_it_tells(serial, said):
+    with SIM.spawn(model="ur10e", calibration=2.0, serial_number=serial) as sim:
+        assert info(config(sim.host), InfoOptions()) == 0
+        rows = {line[:38].strip(): line[38:].strip() for line in said.getvalue().splitlines()}
+        assert "from where the nominal ur10e has it" in rows["compared"]
+        assert rows["checked"].startswith("0.000 mm")
+        with driver_at(sim, {"model": "ur10e", "calibration": "nominal"}) as bench:
+            arm, state = bench.arm, bench.device.robot_state
+            away = arm.forward_kinematics(arm.measured_jp()).position - state.actual_TCP_pose[:3]
+            assert np.abs(away).max() > 2e-4
+            assert "calibration" not in notes(bench)
+        with driver_at(sim, {"model": "ur10e"}) as bench:
+            arm = bench.arm
+            severity, text = notes(bench)["calibration"]
+            assert severity == Severity.INFO
+            assert "mm from the nominal ur10e" in text
+            arm.enable(timeout=LONG)
+            start = arm.measured_cp()
+            here = arm.forward_kinematics(arm.measured_jp())
+            np.testing.assert_allclose(here.position, start.position, atol=1e-9)
+            position = start.position + np.array([0.0, 0.08, 0.08])
+            goal = Pose(vector(position), start.orientation, start.frame_id)
+            assert arm.move_cp(goal).wait(LONG)
+            np.testing.assert_allclose(arm.measured_cp().position, goal.position, atol=2e-4)
+            eventually(
+                lambda: np.abs(arm.measured_cp().position - goal.position).max() < 1e-6,
+                "it is there",
+            )
+            assert abs(arm.measured_cp().orientation @ goal.orientation) > 1.0 - 1e-9
+
+
+def test_a_calibration_that_is_not_told_or_of_another_model_is_a_warning():
+    with SIM.spawn(model="ur10e", calibration=1.0) as sim:
+        sim.control.inject("silence", port="primary_read_only")
+        with driver_at(sim, {"model": "ur10e"}) as bench:
+            severity, text = notes(bench)["calibration"]
+            assert severity == Severity.WARNING
+            assert "not known" in text
+        sim.control.clear()
+        with driver_at(sim, {"model": "ur5e"}) as bench:
+            severity, text = notes(bench)["calibration"]
+            assert severity == Severity.WARNING
+            assert "none of a ur5e" in text
+            with pytest.raises(TransitionFailed, match="this is no ur5e"):
+                bench.arm.enable(timeout=LONG)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.models import JOINT_NAMES, RobotModel
 from crtk_driver_ur.samples import BASE_FRAME, TOOL_FRAME
@@ -11,6 +13,8 @@ ACCELERATION_RISE_TIME = 0.1
 """Seconds in which setpoints made here reach the acceleration limit: the controller publishes no jerk
 limit."""
 
+NATIVE_MOVES = frozenset({"move_jp", "move_cp"})
+
 _MODES = frozenset({Mode.JOINT_POSITION, Mode.JOINT_VELOCITY, Mode.CARTESIAN_VELOCITY})
 
 
@@ -18,27 +22,10 @@ def capabilities_of(config: UrConfig, model: RobotModel) -> Capabilities:
     """Return what the arm offers; force mode is carried out by the native control only."""
     servo, move = config.servo, config.move
     force = config.force if config.control == "native" else None
-    limits = tuple(
-        JointLimits(
-            lower,
-            upper,
-            velocity,
-            servo.joint_acceleration,
-            servo.joint_acceleration / ACCELERATION_RISE_TIME,
-            effort,
-        )
-        for lower, upper, velocity, effort in zip(
-            model.position_limits.lower,
-            model.position_limits.upper,
-            model.velocity_limits,
-            model.torque_limits,
-            strict=True,
-        )
-    )
     timeout = 1.0 / config.watchdog_frequency
     return Capabilities(
         joints=JOINT_NAMES,
-        limits=limits,
+        limits=_joint_limits(model, servo.joint_acceleration),
         cartesian_limits=CartesianLimits(
             servo.max_linear_velocity,
             servo.max_angular_velocity,
@@ -48,7 +35,8 @@ def capabilities_of(config: UrConfig, model: RobotModel) -> Capabilities:
         ),
         modes=_MODES | {Mode.CARTESIAN_EFFORT} if force else _MODES,
         measured=("measured_js", "measured_cp", "measured_cv", "measured_cf"),
-        native_moves=frozenset({"move_jp", "move_cp"}),
+        native_moves=NATIVE_MOVES if move.planned_by == "controller" else frozenset(),
+        move_limits=_joint_limits(model, move.joint_acceleration, move.joint_velocity),
         line_limits=CartesianLimits(
             move.linear_velocity,
             servo.max_angular_velocity,
@@ -68,4 +56,27 @@ def capabilities_of(config: UrConfig, model: RobotModel) -> Capabilities:
             f"holds its position; the controller stops the arm {timeout:g} s after this "
             "process or the link died",
         ),
+    )
+
+
+def _joint_limits(
+    model: RobotModel, acceleration: float, velocity: float = math.inf
+) -> tuple[JointLimits, ...]:
+    """Return the limits of the joints, which move with `velocity` at most."""
+    return tuple(
+        JointLimits(
+            lower,
+            upper,
+            min(velocity, most),
+            acceleration,
+            acceleration / ACCELERATION_RISE_TIME,
+            effort,
+        )
+        for lower, upper, most, effort in zip(
+            model.position_limits.lower,
+            model.position_limits.upper,
+            model.velocity_limits,
+            model.torque_limits,
+            strict=True,
+        )
     )

@@ -23,13 +23,18 @@ from crtk_driver_ur.models import RobotModel, Vector6
 from crtk_drivers.config import Settings
 from crtk_drivers.samples import Array
 
-__all__ = ["CalibratedKinematics", "Calibration", "displacements"]
+__all__ = ["NOMINAL", "CalibratedKinematics", "Calibration", "displacements"]
 
 EXACT: Final = 1e-10
 """m and rad by which a solution may miss its pose."""
 ITERATIONS: Final = 8
 NEAR: Final = 0.2
 """rad by which joint angles may differ from those that the correction begins with."""
+FOLLOWED: Final = 0.05
+"""rad within which a solution is taken for the nearest to the reference, as in a stream."""
+_DAMPING: Final = 1e-12 * np.eye(6)
+NOMINAL: Final = 1e-6
+"""m between flange and model below which an arm has the model's own lengths."""
 POSTURES: Final = 200
 """Over which the calibration is compared with the model."""
 
@@ -67,9 +72,9 @@ class Calibration(Settings):
 class CalibratedKinematics(ArmKinematics):
     """As `ArmKinematics`, with the arm's own calibration instead of the model's numbers.
 
-    The inverse begins with the closed form and corrects it: the two differ by millimetres. Where the elbow
-    is nearly straight the closed form may have no solution near the reference though the arm has one; the
-    correction then begins with the reference.
+    The inverse begins with the reference; where that is not near, with the closed form, and corrects it:
+    the two differ by millimetres. Where the elbow is nearly straight the closed form may have no solution
+    near the reference though the arm has one.
 
     Args:
         model: the arm.
@@ -86,18 +91,24 @@ class CalibratedKinematics(ArmKinematics):
 
     def forward(self, q: Sequence[float]) -> Transform:
         """See the base class."""
-        flange = self._calibration.flange(q)
-        return flange if self._tool_or_none is None else compose(flange, self._tool_or_none)
+        return self._tool_behind(self._calibration.flange(q))
 
     def inverse(self, pose: Transform, reference: Sequence[float]) -> Vector6:
         """See the base class."""
+        with suppress(InverseKinematicsError):
+            found = self._corrected(pose, reference)
+            if _farthest(found, reference) < FOLLOWED:
+                return found
+        return self._nearest(pose, reference)
+
+    def _nearest(self, pose: Transform, reference: Sequence[float]) -> Vector6:
         found: list[Vector6] = []
         failure: InverseKinematicsError | None = None
         try:
             found.append(self._corrected(pose, super().inverse(pose, reference)))
         except InverseKinematicsError as error:
             failure = error
-        if failure or np.abs(np.subtract(found[0], reference)).max() > NEAR:
+        if failure or _farthest(found[0], reference) > NEAR:
             with suppress(InverseKinematicsError):
                 found.append(self._corrected(pose, reference))
         if failure and not found:
@@ -105,35 +116,37 @@ class CalibratedKinematics(ArmKinematics):
         return min(found, key=lambda q: math.dist(q, reference))
 
     def _corrected(self, pose: Transform, start: Sequence[float]) -> Vector6:
-        """Return the joint angles for `pose` in the neighbourhood of `start`."""
-        q = np.array(start)
+        """Return the joint angles for `pose` in the neighbourhood of `start`, by Newton's method."""
+        q: list[float] = list(start)
         for _ in range(ITERATIONS):
-            error = _difference(self.forward(q.tolist()), pose)
-            if np.abs(error).max() < EXACT:
+            *joints, flange = self._calibration.frames(q)
+            tool = self._tool_behind(flange)
+            error = _difference(tool, pose)
+            missed = max(map(abs, error))
+            if missed < EXACT:
                 break
-            jacobian = self.jacobian(q.tolist())
-            damped = jacobian.T @ jacobian + 1e-12 * np.eye(6)
-            q = q + np.linalg.solve(damped, jacobian.T @ error)
-        limits = self.model.position_limits
-        missed = np.abs(_difference(self.forward(q.tolist()), pose)).max() > 100.0 * EXACT
-        if missed or np.abs(q - start).max() > NEAR:
+            jacobian = _jacobian(joints, tool)
+            damped = jacobian.T @ jacobian + _DAMPING
+            step = np.linalg.solve(damped, jacobian.T @ np.array(error))
+            q = [angle + change for angle, change in zip(q, step.tolist(), strict=True)]
+        if missed > 100.0 * EXACT or _farthest(q, start) > NEAR:
             raise self._no_solution(IkFailure.OUT_OF_REACH, pose)
-        if (q < limits.lower).any() or (q > limits.upper).any():
+        limits = self.model.position_limits
+        if any(
+            not lower <= angle <= upper
+            for angle, lower, upper in zip(q, limits.lower, limits.upper, strict=True)
+        ):
             raise self._no_solution(IkFailure.JOINT_LIMITS, pose)
-        q1, q2, q3, q4, q5, q6 = q.tolist()
+        q1, q2, q3, q4, q5, q6 = q
         return q1, q2, q3, q4, q5, q6
 
     def jacobian(self, q: Sequence[float]) -> Array:
         """See the base class."""
         *joints, flange = self._calibration.frames(q)
-        tool = flange if self._tool_or_none is None else compose(flange, self._tool_or_none)
-        x, y, z = tool.position
-        columns = []
-        for frame in (IDENTITY, *joints):
-            ax, ay, az = frame.xz, frame.yz, frame.zz
-            dx, dy, dz = x - frame.x, y - frame.y, z - frame.z
-            columns.append((ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx, ax, ay, az))
-        return np.array(columns).T
+        return _jacobian(joints, self._tool_behind(flange))
+
+    def _tool_behind(self, flange: Transform) -> Transform:
+        return flange if self._tool_or_none is None else compose(flange, self._tool_or_none)
 
     def _no_solution(self, reason: IkFailure, pose: Transform) -> InverseKinematicsError:
         x, y, z = pose.position
@@ -145,11 +158,34 @@ class CalibratedKinematics(ArmKinematics):
         )
 
 
-def _difference(present: Transform, wanted: Transform) -> Array:
-    """Return the twist (6,) that takes `present` to `wanted` in unit time, in base axes."""
-    p, w = np.array(present[:9]).reshape(3, 3), np.array(wanted[:9]).reshape(3, 3)
-    turn = 0.5 * np.cross(p.T, w.T).sum(axis=0)
-    return np.array((*np.subtract(wanted.position, present.position), *turn))
+def _farthest(q: Sequence[float], reference: Sequence[float]) -> float:
+    """Return by how much one of the joints is away from its reference, rad."""
+    return max(abs(angle - other) for angle, other in zip(q, reference, strict=True))
+
+
+def _jacobian(joints: Sequence[Transform], tool: Transform) -> Array:
+    """Return the Jacobian (6, 6) at `tool`; each joint turns about z of the frame before its own."""
+    x, y, z = tool.position
+    columns = []
+    for frame in (IDENTITY, *joints):
+        ax, ay, az = frame.xz, frame.yz, frame.zz
+        dx, dy, dz = x - frame.x, y - frame.y, z - frame.z
+        columns.append((ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx, ax, ay, az))
+    return np.array(columns).T
+
+
+def _difference(present: Transform, wanted: Transform) -> Vector6:
+    """Return the twist that takes `present` to `wanted` in unit time, in base axes."""
+    p, w = present, wanted
+    return (
+        w.x - p.x,
+        w.y - p.y,
+        w.z - p.z,
+        # Half the sum of the cross products of the axes.
+        0.5 * (p.yx * w.zx - p.zx * w.yx + p.yy * w.zy - p.zy * w.yy + p.yz * w.zz - p.zz * w.yz),
+        0.5 * (p.zx * w.xx - p.xx * w.zx + p.zy * w.xy - p.xy * w.zy + p.zz * w.xz - p.xz * w.zz),
+        0.5 * (p.xx * w.yx - p.yx * w.xx + p.xy * w.yy - p.yy * w.xy + p.xz * w.yz - p.yz * w.xz),
+    )
 
 
 def displacements(model: RobotModel, calibration: Calibration) -> list[float]:

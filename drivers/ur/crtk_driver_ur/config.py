@@ -15,8 +15,13 @@ Flags6 = tuple[bool, bool, bool, bool, bool, bool]
 
 
 class MoveConfig(Settings):
-    """Speed and acceleration of move_jp, move_jr and move_cp (moveJ, moveL)."""
+    """How moves go (move_jp, move_jr, move_cp, move_cr), and how fast."""
 
+    planned_by: Literal["driver", "controller"] = Field(
+        default="driver",
+        description="Who plans them: the driver, so that a newer move takes over without a stop; or the "
+        "controller (moveJ, moveL), which brings the arm to rest first.",
+    )
     joint_velocity: float = Field(
         default=1.05, gt=0.0, le=3.14, description="Of the leading joint, in rad/s."
     )
@@ -160,10 +165,10 @@ class UrConfig(DeviceConfig):
         description="Acceleration opposite to gravity in base axes, in m/s²: 0, 0, 9.82 for an arm "
         "that stands upright. That of the controller's installation if null.",
     )
-    calibration: Calibration | None = Field(
-        default=None,
-        description="Of this very arm, as `crtk-driver ur info --output` writes it; the model's nominal "
-        "lengths if null.",
+    calibration: Calibration | Literal["controller", "nominal"] = Field(
+        default="controller",
+        description="Lengths and angles of this very arm: `controller`, as that tells them when it is "
+        "connected; a table, as `crtk-driver ur info --output` writes it; or `nominal`, those of the model.",
     )
     move: MoveConfig = Field(default=MoveConfig(), description="Point-to-point motion.")
     servo: ServoConfig = Field(default=ServoConfig(), description="Streamed motion.")

@@ -9,23 +9,20 @@ one. In both the controller's watchdog stops the arm when nothing is heard of th
 from __future__ import annotations
 
 import logging
-import math
 import time
 from collections.abc import Mapping
 
 from crtk_driver_ur.abilities import capabilities_of
-from crtk_driver_ur.calibration import CalibratedKinematics
+from crtk_driver_ur.arm_geometry import ArmGeometry
 from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.control import ControlOptions
 from crtk_driver_ur.control_link import ControlLink
-from crtk_driver_ur.frames import IDENTITY, Transform
+from crtk_driver_ur.frames import Transform
 from crtk_driver_ur.inputs import UrInputs
-from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import CB3, RobotModel, model_named
 from crtk_driver_ur.motion_sequencer import MotionOptions
 from crtk_driver_ur.native_link import NativeLink
 from crtk_driver_ur.outputs import output_settings
-from crtk_driver_ur.primary import read_robot_info
 from crtk_driver_ur.process_link import ProcessLink
 from crtk_driver_ur.program_settings import TCP, ProgramSettings
 from crtk_driver_ur.readings import UrReadings
@@ -34,7 +31,7 @@ from crtk_driver_ur.robot import Robot
 from crtk_driver_ur.robot_api import POLYSCOPE_X, REMOTE_SINCE
 from crtk_driver_ur.rtde.stream import RTDE_PORT, RtdeStream, StateSample
 from crtk_driver_ur.safety import PROGRAM_PAUSED, RobotMode
-from crtk_driver_ur.samples import SampleMaker, pose_of
+from crtk_driver_ur.samples import pose_of
 from crtk_driver_ur.services import UrServices
 from crtk_driver_ur.servo_lag import ServoLag
 from crtk_drivers.device import (
@@ -49,7 +46,6 @@ from crtk_drivers.device import (
     Reading,
     Service,
     Setpoint,
-    Severity,
     Steps,
 )
 from crtk_drivers.errors import (
@@ -59,7 +55,6 @@ from crtk_drivers.errors import (
     DeviceError,
     MotionAborted,
     Reason,
-    TransitionFailed,
 )
 from crtk_drivers.geometry import rotvec_from_pose
 from crtk_drivers.samples import Array, Pose, Sample, Vector, vector
@@ -73,14 +68,8 @@ STOP_TIMEOUT = 5.0
 DEAD_AFTER = 0.1
 """Seconds without a sample after which the controller counts as silent."""
 
-CALIBRATION_TIMEOUT = 2.0
-"""Seconds for the controller to tell its calibration."""
-
 OTHER_PROGRAM_TIMEOUT = 1.0
 """Seconds in which a program that is not ours must end: the watchdog ends one of a driver that died."""
-
-MODEL_TOLERANCE = 0.05
-"""m between the tool as the controller and as the model places it; calibration accounts for a few mm."""
 
 REMOTE_CONTROL_SINCE = (5, 6)
 """PolyScope version from which on there is remote and local control (Dashboard Server manual)."""
@@ -102,10 +91,7 @@ class UrDevice(Device):
     def __init__(self, config: UrConfig) -> None:
         self._config = config
         self._model: RobotModel = model_named(config.model)
-        self._tool = None if config.tcp is None else Transform.from_pose_vector(config.tcp)
-        self._kinematics = self._kinematics_of(self._tool or IDENTITY)
-        self._kinematics_tool: tuple[float, ...] | None = None
-        self._samples = SampleMaker(self._tool)
+        self._geometry = ArmGeometry(config, self._model, f"ur {self.address}")
         link = NativeLink if config.control == "native" else ProcessLink
         options = _control_options(config, self._model)
         self._link: ControlLink = link(config.host, options, f"ur {self.address}")
@@ -117,11 +103,10 @@ class UrDevice(Device):
         self._lag = ServoLag()
         self._in_control = False
         self._why_stopped = _PROGRAM_STOPPED
-        self._calibration_note = ""
         self._services = UrServices(
             self._robot, self._link, self._model, self._controls, f"ur {self.address}"
         )
-        self._settings = ProgramSettings(self._robot, config, self._use_tool)
+        self._settings = ProgramSettings(self._robot, config, self._geometry.use_tool)
         self._inputs = UrInputs(
             self._robot,
             self._link,
@@ -149,6 +134,18 @@ class UrDevice(Device):
     def takes_setpoints(self) -> bool:
         """See the base class."""
         return not (self._link.stopping or self._tool_is_changing)
+
+    @property
+    def pace(self) -> float:
+        """See the base class: by the speed slider, and what the controller itself slows down."""
+        state = self._robot.state
+        return 1.0 if state is None else state.combined_speed_scaling
+
+    @property
+    def has_arrived(self) -> bool:
+        """See the base class: servoJ smooths, and is late by its lookahead."""
+        state = self._robot.state
+        return state is None or (self._robot.standing and self._lag.has_ended(state.target_q))
 
     @property
     def _tool_is_changing(self) -> bool:
@@ -205,10 +202,9 @@ class UrDevice(Device):
         """See the base class."""
         state = self._robot.state
         reports = () if state is None else reports_of(state)
-        calibration = self._calibration_note
-        wrong = (Note(Severity.WARNING, "calibration", calibration),) if calibration else ()
+        calibration = (self._geometry.note,) if self._geometry.note else ()
         waiting = () if self._controls() else self._settings.waiting()
-        return (*self._inputs.notes(), *waiting, *wrong, *reports)
+        return (*self._inputs.notes(), *waiting, *calibration, *reports)
 
     @property
     def robot_state(self) -> StateSample | None:
@@ -235,7 +231,7 @@ class UrDevice(Device):
             raise
         finally:
             self._opening = None
-        self._calibration_note = self._check_calibration(deadline)
+        self._geometry.learn_calibration(deadline)
         self._stream, self._stream_lost = stream, False
         self._robot.state, self._in_control = None, False
         self._inputs.reset()
@@ -246,25 +242,6 @@ class UrDevice(Device):
         opening = self._opening
         if opening is not None:
             opening.close()
-
-    def _check_calibration(self, deadline: float) -> str:
-        """Return what is wrong with the configured calibration; empty if nothing is, or there is none."""
-        configured = self._config.calibration
-        if configured is None:
-            return ""
-        try:
-            soon = min(deadline, time.monotonic() + CALIBRATION_TIMEOUT)
-            found = read_robot_info(self._config.host, soon).calibration
-        except DeviceError as error:
-            return f"not compared with the controller's: {error}"
-        if found is not None and found.checksum == configured.checksum:
-            return ""
-        text = (
-            "the controller has another calibration than is configured. "
-            "Make it anew with `crtk-driver ur info --output`."
-        )
-        logger.warning("ur %s: %s", self.address, text)
-        return text
 
     def _check_generation(self, stream: RtdeStream) -> None:
         cb3_controller = stream.controller_version.major < 5
@@ -305,23 +282,9 @@ class UrDevice(Device):
         if self._link.program_runs and self._robot.paused:
             self._link.end_paused_program()
             self._why_stopped = PROGRAM_PAUSED
-        self._follow_tool(state)
+        self._geometry.follow_tool(state)
         self._inputs.step()
-        return self._samples.make(state)
-
-    def _use_tool(self, tool: Transform) -> None:
-        """Compute with another tool from now on. From any thread, at rest."""
-        self._tool = tool
-        self._kinematics = self._kinematics_of(tool)
-        self._samples = SampleMaker(tool)
-
-    def _follow_tool(self, state: StateSample) -> None:
-        """Compute with the controller's tool where the configuration names none."""
-        if self._tool is None and state.tcp_offset not in (None, self._kinematics_tool):
-            assert state.tcp_offset is not None
-            self._kinematics_tool = state.tcp_offset
-            tool = Transform.from_pose_vector(state.tcp_offset)
-            self._kinematics = self._kinematics_of(tool)
+        return self._geometry.samples.make(state)
 
     # ----------------------------------------------------------------------------------------- motion
 
@@ -366,7 +329,7 @@ class UrDevice(Device):
             )
             return
         assert goal.pose is not None
-        if not self._samples.has_tool_of_controller:
+        if not self._geometry.samples.has_tool_of_controller:
             raise MotionAborted(
                 "the controller has another tool centre point than the driver",
                 where=f"ur {self.address}",
@@ -408,7 +371,7 @@ class UrDevice(Device):
             yield from self._robot.unlock()
             self._require_free("enable")
             yield from self._robot.release_brakes()
-            self._check_model()
+            self._geometry.check_model(self._robot.state)
             yield from self._start_program("enable")
 
     def resume(self) -> Steps:
@@ -466,22 +429,6 @@ class UrDevice(Device):
                 remedy="Stop that program, then send it again.",
             )
 
-    def _check_model(self) -> None:
-        """Compare where the controller and the configured model have the tool."""
-        state = self._robot.state
-        if state is None or state.tcp_offset is None:
-            return
-        kinematics = self._kinematics_of(Transform.from_pose_vector(state.tcp_offset))
-        expected = kinematics.forward(list(state.actual_q)).position
-        distance = math.dist(expected, state.actual_TCP_pose[:3])
-        if distance > MODEL_TOLERANCE:
-            raise TransitionFailed(
-                f"this is no {self._model.name}: the controller has the tool {distance:.3f} m from "
-                "where that model has it",
-                where=f"ur {self.address}",
-                remedy="Set `model` to the arm that is connected.",
-            )
-
     def _configure(self) -> Steps:
         """Tell the control program what it does not keep."""
         for name, arguments in self._settings.requests():
@@ -501,24 +448,18 @@ class UrDevice(Device):
 
     # -------------------------------------------------------------------------------------- kinematics
 
-    def _kinematics_of(self, tool: Transform) -> ArmKinematics:
-        calibration = self._config.calibration
-        if calibration is None:
-            return ArmKinematics(self._model, tool)
-        return CalibratedKinematics(self._model, calibration, tool)
-
     def forward_kinematics(self, joints: Vector) -> Pose:
         """See the base class."""
-        return pose_of(self._kinematics.forward(joints.tolist()))
+        return pose_of(self._geometry.kinematics.forward(joints.tolist()))
 
     def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
         """See the base class."""
         target = Transform.from_quaternion(pose.position.tolist(), pose.orientation.tolist())
-        return vector(self._kinematics.inverse(target, reference.tolist()))
+        return vector(self._geometry.kinematics.inverse(target, reference.tolist()))
 
     def jacobian(self, joints: Vector) -> Array:
         """See the base class."""
-        return self._kinematics.jacobian(joints.tolist())
+        return self._geometry.kinematics.jacobian(joints.tolist())
 
 
 def _tells_who_has_control(version: tuple[int, int]) -> bool:

@@ -367,7 +367,7 @@ class NativeLink(ControlLink):
             return self._channel.command(kind, values, first, second)
         except ConnectionLost as error:
             self._lost(error)
-            raise DeviceFault(error.message, where=self._where, remedy=remedy) from error
+            raise DeviceFault(self.loss, where=self._where, remedy=remedy) from error
 
     def _begin_move(
         self, kind: Kind, values: Sequence[float], speed: float = 0.0, acceleration: float = 0.0

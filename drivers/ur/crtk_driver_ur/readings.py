@@ -39,7 +39,10 @@ STOPS: Final = {
 
 NUMBERS: Final = {
     "speed_slider": ("of the speed slider, 0 to 1", "target_speed_fraction"),
-    "speed_scaling": ("share of its speed at which the program runs, 0 to 1", "speed_scaling"),
+    "speed_scaling": (
+        "share of its speed at which the program runs, 0 to 1",
+        "combined_speed_scaling",
+    ),
     "payload_mass": ("of the payload, kg", "payload"),
     "tool_voltage": ("supply of the tool connector, V", "tool_output_voltage"),
     "tool_current": ("that the tool takes, A", "tool_output_current"),

@@ -40,7 +40,7 @@ _JOINTS = {"temperature (°C)": "joint_temperatures", "current (A)": "actual_cur
 def numbers_of(state: StateSample) -> Mapping[str, float]:
     """Return what the controller measures, by name with its unit; without what it does not report."""
     numbers = {
-        "speed scaling": state.speed_scaling,
+        "speed scaling": state.combined_speed_scaling,
         "speed slider": state.target_speed_fraction,
     }
     for name, field in _SINGLE.items():
@@ -67,8 +67,9 @@ def reports_of(state: StateSample) -> Iterator[Note]:
     ):
         if bits is not None:
             yield _note(key, signals_text(bits))
-    if state.speed_scaling < 1.0 and not math.isclose(state.speed_scaling, 1.0, abs_tol=1e-3):
-        text = f"programs run at {state.speed_scaling:.0%} of their speed"
+    speed = state.combined_speed_scaling
+    if not math.isclose(speed, 1.0, abs_tol=1e-3):
+        text = f"programs run at {speed:.0%} of their speed"
         yield _note("speed", text)
 
 

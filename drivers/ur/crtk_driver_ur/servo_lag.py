@@ -15,6 +15,10 @@ SMOOTHING: Final = 0.02
 """Weight of each sample: the figure is a mean over about fifty."""
 
 
+THERE: Final = 5e-3
+"""rad to the last position below which an arm that stands has no way left to go."""
+
+
 class ServoLag:
     """The way from the measured to the commanded position, over the speed: a mean while the arm moves.
 
@@ -35,6 +39,11 @@ class ServoLag:
     def end(self) -> None:
         """Nothing is streamed any more."""
         self._commanded = ()
+
+    def has_ended(self, q: Sequence[float]) -> bool:
+        """Whether the positions `q` (n, rad) are those that were sent last."""
+        sent = self._commanded
+        return not sent or max(abs(c - x) for c, x in zip(sent, q, strict=True)) < THERE
 
     def measure(self, q: Sequence[float], qd: Sequence[float]) -> None:
         """Take note of measured positions and speeds (n each, rad and rad/s)."""

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from crtk_driver_ur.calibration import Calibration, displacements
+from crtk_driver_ur.calibration import NOMINAL, Calibration, displacements
 from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.frames import Transform, compose, inverse
 from crtk_driver_ur.models import RobotModel, model_named
@@ -40,8 +40,6 @@ QUESTIONS: Final = {
 }
 """What the dashboard server is asked; older software does not know every question."""
 
-NOMINAL: Final = 1e-6
-"""m below which an arm is said to have the model's own lengths."""
 AGREES: Final = 1e-3
 """m that a calibration and the controller's tool pose may differ by."""
 

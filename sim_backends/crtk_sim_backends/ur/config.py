@@ -17,6 +17,7 @@ from crtk_sim_backends.options import (
     option,
 )
 from crtk_sim_backends.process import AUTO
+from crtk_sim_backends.ur.calibration import calibrated
 from crtk_sim_backends.ur.contact import Surface, parse
 from crtk_sim_backends.ur.limits import SafetyLimits
 from crtk_sim_backends.ur.models import MODELS, RobotModel
@@ -62,6 +63,11 @@ class SimConfig(Options):
     model: str = option("ur5e", "arm to simulate", tuple(MODELS))
     version: str = option(
         AUTO, "controller software, such as 5.12.4; 'auto': 5.12.4, or 3.15.8 for a CB3 arm"
+    )
+    calibration: float = option(
+        0.0,
+        "have an arm of its own, each link up to so many mm and mrad off the model's; another one for "
+        "each serial number; 0: as the model",
     )
     boot_seconds: float = option(0.0, "time that the controller boots at its start, s")
     programs: str = option(
@@ -120,6 +126,7 @@ class SimConfig(Options):
         check_choice("model", self.model, MODELS, "arm")
         if not re.fullmatch(r"\d{4,20}", self.serial_number):
             raise ConfigError(f"serial_number must be 4 to 20 digits, not {self.serial_number!r}")
+        check_range("calibration", self.calibration, 0.0, 10.0)
         check_range("boot_seconds", self.boot_seconds, 0.0, 3600.0)
         if self.programs and not Path(self.programs).is_dir():
             raise ConfigError(f"programs: there is no folder {self.programs}")
@@ -162,7 +169,10 @@ class SimConfig(Options):
     @property
     def robot(self) -> RobotModel:
         """The arm."""
-        return MODELS[self.model]
+        model = MODELS[self.model]
+        if not self.calibration:
+            return model
+        return calibrated(model, self.calibration, int(self.serial_number))
 
     @property
     def surfaces(self) -> list[Surface]:

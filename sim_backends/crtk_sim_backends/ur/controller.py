@@ -11,6 +11,7 @@ from typing import Any, Final
 from crtk_sim_backends.ur import variables
 from crtk_sim_backends.ur.arguments import LARGEST
 from crtk_sim_backends.ur.arm import Arm
+from crtk_sim_backends.ur.calibration import kinematics_of
 from crtk_sim_backends.ur.compliance import Compliance
 from crtk_sim_backends.ur.contact import Surface, Surroundings
 from crtk_sim_backends.ur.dynamics import Dynamics
@@ -20,7 +21,6 @@ from crtk_sim_backends.ur.io_library import io_builtins
 from crtk_sim_backends.ur.kinematics import (
     IDENTITY,
     Floats,
-    Kinematics,
     Matrix,
     to_transform,
 )
@@ -140,7 +140,7 @@ class Controller:
         self.state_signals = StateSignals(self)
         self.tool_communication = LineSettings()
         self.arm = Arm(model, self.dt)
-        self.kinematics = Kinematics(model)
+        self.kinematics = kinematics_of(model)
         self.dynamics = Dynamics(self.kinematics)
         self.compliance = Compliance(self.arm, self.kinematics)
         self.force_sensor = ForceSensor()
@@ -219,6 +219,15 @@ class Controller:
         self._speed_slider = ramp(self._speed_slider, slider, self.dt / RAMP_SECONDS)
         self.player.ramp()
         self.arm.scale = self._speed_slider * self.player.pause_factor
+
+    @property
+    def speed_scaling(self) -> float:
+        """What slows programs down beside the speed slider, 0 to 1: pause, reduced mode.
+
+        Times `target_speed_fraction` it is how fast they go, as clients of the robot reckon.
+        """
+        fraction = self.outputs["target_speed_fraction"]
+        return min(1.0, self.arm.scale / fraction) if fraction else self.player.pause_factor
 
     def _settle(self) -> None:
         """Finish transitions that wait for the arm."""

@@ -10,13 +10,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, pi, radians
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 Vector3: TypeAlias = tuple[float, float, float]
 Vector6: TypeAlias = tuple[float, float, float, float, float, float]
 
 ALPHA: Final[Vector6] = (pi / 2, 0.0, 0.0, pi / 2, -pi / 2, 0.0)
 """DH link twists, rad; the same for every arm."""
+
+
+class Calibration(NamedTuple):
+    """The lengths, m, and angles, rad, of one arm's own links (Denavit-Hartenberg), and their checksum."""
+
+    theta: Vector6
+    a: Vector6
+    d: Vector6
+    alpha: Vector6
+    checksum: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -36,6 +46,7 @@ class RobotModel:
         cog: centres of mass in the DH frame at the end of each link, m.
         position: joint position limit to both sides, rad.
         acceleration: joint acceleration limit, rad/s^2.
+        calibration: of an arm that is not quite as the model says.
         reach: longest distance of the wrist from the shoulder, m (derived).
     """
 
@@ -51,6 +62,7 @@ class RobotModel:
     cog: tuple[Vector3, Vector3, Vector3, Vector3, Vector3, Vector3]
     position: Vector6 = (2 * pi,) * 6
     acceleration: float = 40.0
+    calibration: Calibration | None = None
 
     @property
     def reach(self) -> float:

@@ -220,8 +220,10 @@ def _tool(source: _Source) -> tuple[Any, ...]:
 
 
 def _kinematics(source: _Source) -> tuple[Any, ...]:
-    model = source.model
-    return (*(0xFFFFFFFF,) * 6, *_ZERO6, *model.a, *model.d, *ALPHA, 0)
+    model, own = source.model, source.model.calibration
+    if own is None:
+        return (*(0xFFFFFFFF,) * 6, *_ZERO6, *model.a, *model.d, *ALPHA, 0)
+    return (*own.checksum, *own.theta, *own.a, *own.d, *own.alpha, 0)
 
 
 def _configuration(source: _Source) -> tuple[Any, ...]:

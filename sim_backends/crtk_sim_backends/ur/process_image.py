@@ -64,7 +64,7 @@ class ProcessImage:
         for direction in ("input", "output"):
             bits = out[f"actual_digital_{direction}_bits"]
             out[f"actual_configurable_digital_{direction}_bits"] = bits >> 8 & 0xFF
-        out["speed_scaling"] = c.arm.scale
+        out["speed_scaling"] = c.speed_scaling
         modes = (c.robot_mode, c.safety_mode, c.runtime_state)
         if modes != self._modes:
             self._modes = modes

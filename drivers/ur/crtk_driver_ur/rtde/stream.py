@@ -123,6 +123,15 @@ class StateSample(NamedTuple):
     output_int_register_27: int | None
     output_int_register_28: int | None
 
+    @property
+    def combined_speed_scaling(self) -> float:
+        """Share of its speed at which the arm follows a program, 0 to 1.
+
+        `speed_scaling` is without the speed slider, which is `target_speed_fraction` (as UR's own client
+        library and ur-rtde combine them).
+        """
+        return min(1.0, max(0.0, self.speed_scaling * self.target_speed_fraction))
+
     def control_registers(self, first: int) -> tuple[int, int, int, int, int] | None:
         """Return the five integer output registers from `first` (0 or 24) on; None if there are none."""
         if first == 0:
