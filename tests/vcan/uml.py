@@ -1,7 +1,7 @@
 """Run tests over a real SocketCAN where the kernel has none: ``python tests/vcan/uml.py [pytest arguments]``.
 
 Starts user-mode Linux, a kernel with CAN that is an ordinary process, on the files of this machine; in it
-`vcan0` is up and pytest runs, tests/vcan when no arguments are given. Needs Debian's apt (for the packages
+`vcan0` is up and pytest runs, tests/vcan when no files are given. Needs Debian's apt (for the packages
 user-mode-linux and can-utils, unpacked in a folder of their own and not installed), iproute2, and root.
 Ends with pytest's exit code.
 """
@@ -13,6 +13,7 @@ import json
 import os
 import platform
 import shlex
+import signal
 import subprocess
 import sys
 import tempfile
@@ -29,6 +30,7 @@ TIMEOUT = 300.0
 # x86_64, as user-mode-linux is: linux/arch/x86/entry/syscalls/syscall_64.tbl, linux/reboot.h
 SYS_REBOOT, SYS_FINIT_MODULE = 169, 313
 REBOOT = (0xFEE1DEAD, 0x28121969, 0x4321FEDC, 0)
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def unpack(cache: Path) -> Path:
@@ -75,11 +77,22 @@ def start(root: Path, arguments: list[str]) -> int:
             f"init={sys.executable}",
             *("--", __file__, str(job)),
         ]
-        subprocess.run(command, stdin=subprocess.DEVNULL, timeout=TIMEOUT, check=False)
+        subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            timeout=TIMEOUT,
+            check=False,
+            preexec_fn=end_with_parent,
+        )
         code = Path(folder, "code")
         if not code.exists():
             raise SystemExit(f"it ended early: {shlex.join(command)}")
         return int(code.read_text())
+
+
+def end_with_parent() -> None:
+    """Have the kernel halt when the process that started it is killed."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def be_init(job: Path) -> None:
@@ -119,4 +132,6 @@ def be_init(job: Path) -> None:
 if __name__ == "__main__":
     if os.getpid() == 1:
         be_init(Path(sys.argv[1]))
-    sys.exit(start(unpack(CACHE), sys.argv[1:] or [str(TESTS)]))
+    given = sys.argv[1:]
+    names_files = any(Path(argument.partition("::")[0]).exists() for argument in given)
+    sys.exit(start(unpack(CACHE), given if names_files else [*given, str(TESTS)]))
