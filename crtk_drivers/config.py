@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import difflib
 import math
-import types
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, is_dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import (
     Annotated,
@@ -20,10 +19,6 @@ from typing import (
     Literal,
     Self,
     TypeVar,
-    Union,
-    get_args,
-    get_origin,
-    get_type_hints,
 )
 
 from pydantic import (
@@ -38,6 +33,14 @@ from pydantic import (
 from pydantic_core import ErrorDetails
 
 from crtk_drivers.config_file import Key, Values, dotted, parse_value, read_file
+from crtk_drivers.config_keys import (
+    all_keys,
+    annotation_of,
+    choices_of,
+    description_of,
+    setting_names,
+    takes_text,
+)
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.geometry import QUATERNION_TOLERANCE, quaternion_from_rpy
 from crtk_drivers.samples import Pose, vector
@@ -490,7 +493,7 @@ def _closest(word: str, words: Iterable[str]) -> str:
 def _suggested_key(model: type, key: Key) -> str:
     """Return the key that was probably meant: that name elsewhere, or one like it here, or there."""
     last = str(key[-1])
-    elsewhere = {str(path[-1]): dotted(path) for path in _all_keys(model)}
+    elsewhere = {str(path[-1]): dotted(path) for path in all_keys(model)}
     if last in elsewhere:
         return elsewhere[last]
     if meant := _closest(last, setting_names(annotation_of(model, key[:-1]))):
@@ -501,77 +504,3 @@ def _suggested_key(model: type, key: Key) -> str:
 def _known_keys(model: type, key: Key) -> str:
     names = setting_names(annotation_of(model, key[:-1]))
     return f"Known keys: {', '.join(names)}." if names else ""
-
-
-def _all_keys(model: type, prefix: Key = ()) -> Iterator[Key]:
-    for name in setting_names(model):
-        yield (*prefix, name)
-        inner = annotation_of(model, (name,))
-        if isinstance(inner, type) and inner is not model:
-            yield from _all_keys(inner, (*prefix, name))
-
-
-def setting_names(model: Any) -> tuple[str, ...]:
-    """Return the keys of a `Settings` class or dataclass, none for anything else."""
-    if isinstance(model, type) and issubclass(model, BaseModel):
-        return tuple(model.model_fields)
-    if isinstance(model, type) and is_dataclass(model):
-        return tuple(model.__dataclass_fields__)
-    return ()
-
-
-def annotation_of(model: Any, key: Key) -> Any:
-    """Return the type that `key` has in `model`; None if there is no such key.
-
-    ``X | None`` counts as X, and a position in a list as the list's element.
-    """
-    for part in key:
-        if isinstance(part, int):
-            model = next(iter(get_args(model)), None)
-        elif part in setting_names(model):
-            model = _plain(get_type_hints(model)[part])
-        elif get_origin(model) in (dict, Mapping) or _is_mapping(get_origin(model)):
-            model = _plain(get_args(model)[1])
-        else:
-            return None
-    return model
-
-
-def _is_mapping(origin: Any) -> bool:
-    return isinstance(origin, type) and issubclass(origin, Mapping)
-
-
-def _plain(annotation: Any) -> Any:
-    if get_origin(annotation) in (Union, types.UnionType):
-        inner = [arg for arg in get_args(annotation) if arg is not types.NoneType]
-        return inner[0] if len(inner) == 1 else annotation
-    return annotation
-
-
-def takes_text(annotation: Any) -> bool:
-    """Whether a value of this type may be text: str, a Literal of texts, or a union with one."""
-    if annotation is str or isinstance(annotation, str):
-        return True
-    if isinstance(annotation, type):
-        return issubclass(annotation, str)
-    if get_origin(annotation) in (Literal, Union, types.UnionType):
-        return any(takes_text(argument) for argument in get_args(annotation))
-    return False
-
-
-def choices_of(annotation: Any) -> tuple[Any, ...]:
-    """Return the values of a Literal, none for any other type."""
-    return get_args(annotation) if get_origin(annotation) is Literal else ()
-
-
-def description_of(model: Any, key: Key) -> str:
-    """Return the description of `key`, empty if it has none."""
-    if not key or isinstance(key[-1], int):
-        return ""
-    table = annotation_of(model, key[:-1])
-    if key[-1] not in setting_names(table):
-        return ""
-    if issubclass(table, BaseModel):
-        return table.model_fields[key[-1]].description or ""
-    metadata = table.__dataclass_fields__[key[-1]].metadata
-    return str(metadata.get("help", ""))

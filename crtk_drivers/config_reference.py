@@ -16,7 +16,8 @@ from typing import Any
 from pydantic import BaseModel, TypeAdapter
 
 from crtk_drivers import plugins
-from crtk_drivers.config import DeviceConfig, NodeConfig, description_of
+from crtk_drivers.config import DeviceConfig, NodeConfig
+from crtk_drivers.config_keys import description_of
 from crtk_drivers.plugins import DevicePlugin, PluginEntry
 from crtk_drivers.sims import SimPlugin
 

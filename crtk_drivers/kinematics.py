@@ -253,6 +253,8 @@ class SerialChain:
                     return self._checked(data, target, self._nearest_turns(descent.joints, start))
             short.append(descent)
             if time.monotonic() > deadline:
+                if outside is not None:
+                    break
                 raise self._not_converged(short, f"gave up after {self._time_limit} s")
         raise self._failure(outside, short)
 

@@ -17,9 +17,9 @@ from crtk_drivers.config import (
     from_assignments,
     from_file,
     load,
-    setting_names,
     with_node,
 )
+from crtk_drivers.config_keys import setting_names
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DevicePlugin
 

@@ -19,14 +19,8 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from crtk_drivers.cli.terminal import plain, sentence
-from crtk_drivers.config import (
-    Layer,
-    annotation_of,
-    choices_of,
-    description_of,
-    setting_names,
-    typed_value,
-)
+from crtk_drivers.config import Layer, typed_value
+from crtk_drivers.config_keys import annotation_of, choices_of, description_of, setting_names
 
 Parameters = Sequence[inspect.Parameter]
 

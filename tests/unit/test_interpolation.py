@@ -18,15 +18,13 @@ from crtk_drivers.geometry import (
     rotvec_from_quaternion,
 )
 from crtk_drivers.interpolation import (
-    FIRST_PERIOD,
     JointInterpolator,
     PoseInterpolator,
-    StreamClock,
     TwistInterpolator,
     VectorInterpolator,
     WrenchInterpolator,
-    stopping_distance,
 )
+from crtk_drivers.interpolator import FIRST_PERIOD, StreamClock, stopping_distance
 from crtk_drivers.rotation import turn
 from crtk_drivers.samples import Pose, vector
 
