@@ -187,6 +187,21 @@ def test_other_controllers(model, version, said):
     assert "not calibrated" in said.getvalue()
 
 
+def test_polyscope_x_is_asked_by_its_robot_api(said):
+    with SIM.spawn(version="10.14.0", robot_api=True, robot_api_port=0) as sim:
+        values = {"model": "ur5e", "robot_api_port": sim.ports["robot_api"]}
+        assert info(config(sim.host, **values), InfoOptions()) == 0
+        rows = {line[:38].strip(): line[38:].strip() for line in said.getvalue().splitlines()}
+        assert rows["serial number"] == "20235500001"
+        assert rows["model"] == "UR5e"
+        assert rows["software"].startswith("10.14")
+        assert rows["remote control"] == "true"
+        assert "dashboard" not in rows
+        said.truncate(0)
+        assert info(config(sim.host, model="ur5e", robot_api_port=9), InfoOptions()) == 0
+        assert "Robot API" in said.getvalue()
+
+
 def test_a_controller_without_dashboard_is_no_error(said, sim):
     sim.control.inject("disconnect", port="dashboard", duration=LONG)
     try:

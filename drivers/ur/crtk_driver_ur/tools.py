@@ -22,9 +22,10 @@ from crtk_driver_ur.frames import Transform, compose, inverse
 from crtk_driver_ur.models import RobotModel, model_named
 from crtk_driver_ur.primary import RobotInfo, read_robot_info
 from crtk_driver_ur.reports import numbers_of, reports_of
+from crtk_driver_ur.robot_api import POLYSCOPE_X, RobotApiClient
 from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
 from crtk_drivers.config import Settings
-from crtk_drivers.errors import ConfigError, ConnectionFailed
+from crtk_drivers.errors import ConfigError, ConnectionFailed, ConnectionLost, TransitionFailed
 from crtk_drivers.plugins import Tool
 
 __all__ = ["TOOLS"]
@@ -39,6 +40,14 @@ QUESTIONS: Final = {
     "remote control": "is in remote control",
 }
 """What the dashboard server is asked; older software does not know every question."""
+API_QUESTIONS: Final = {
+    "model": "robot_model",
+    "serial number": "serial_number",
+    "software": "polyscope_version",
+    "loaded program": "loaded_program",
+    "remote control": "is_in_remote_control",
+}
+"""What the Robot API of PolyScope X is asked; the same."""
 
 AGREES: Final = 1e-3
 """m that a calibration and the controller's tool pose may differ by."""
@@ -60,7 +69,7 @@ def info(config: UrConfig, options: InfoOptions) -> int:
     deadline = time.monotonic() + config.open_timeout
     found = read_robot_info(config.host, deadline)
     state = _state(config, deadline)
-    rows = [*_identity(config.host, found), *_calibrated(model, found, state), *_reports(state)]
+    rows = [*_identity(config, found), *_calibrated(model, found, state), *_reports(state)]
     _OUT.print(_table(rows))
     if options.output is not None and found.calibration is not None:
         _write(options.output, _as_configuration(config, found.calibration))
@@ -76,7 +85,7 @@ def ask_dashboard(host: str, questions: Sequence[str], port: int = DASHBOARD_POR
     """Return the answer to each question.
 
     Raises:
-        ConnectionFailed: there is no dashboard server (PolyScope X has none), or it is silent.
+        ConnectionFailed: there is no dashboard server, or it is silent.
     """
     try:
         with (
@@ -94,23 +103,46 @@ def ask_dashboard(host: str, questions: Sequence[str], port: int = DASHBOARD_POR
         raise ConnectionFailed(
             f"the dashboard server cannot be asked: {error}",
             where=f"{host}:{port}",
-            remedy="PolyScope X has none; otherwise check the network.",
+            remedy="Check the network, and that the controller has finished starting.",
         ) from error
     return [answer.strip() for answer in answers[1:]]
 
 
-def _identity(host: str, found: RobotInfo) -> Iterator[tuple[str, str]]:
-    yield "address", host
+def _identity(config: UrConfig, found: RobotInfo) -> Iterator[tuple[str, str]]:
+    yield "address", config.host
     yield "controller version", found.version or ""
+    major, minor, *_ = (int(part) for part in (found.version or "0.0").split("."))
+    if (major, minor) >= POLYSCOPE_X:
+        yield from _from_robot_api(
+            RobotApiClient(config.host, config.robot_api_port, (major, minor))
+        )
+    else:
+        yield from _from_dashboard(config.host)
+    yield "robot type", "" if found.robot_type is None else str(found.robot_type)
+
+
+def _from_dashboard(host: str) -> Iterator[tuple[str, str]]:
     try:
         answers = ask_dashboard(host, tuple(QUESTIONS.values()))
     except ConnectionFailed as error:
         yield "dashboard", str(error)
-    else:
-        for name, answer in zip(QUESTIONS, answers, strict=True):
-            if not answer.startswith("could not understand"):
-                yield name, answer
-    yield "robot type", "" if found.robot_type is None else str(found.robot_type)
+        return
+    for name, answer in zip(QUESTIONS, answers, strict=True):
+        if not answer.startswith("could not understand"):
+            yield name, answer
+
+
+def _from_robot_api(api: RobotApiClient) -> Iterator[tuple[str, str]]:
+    for name, question in API_QUESTIONS.items():
+        try:
+            answer = api.ask(question)
+        except TransitionFailed:
+            continue  # not in this version
+        except (ConnectionFailed, ConnectionLost) as error:
+            yield "Robot API", str(error)
+            return
+        text = str(answer).lower() if isinstance(answer, bool) else answer
+        yield name, text.removeprefix("Loaded program: ")
 
 
 def _calibrated(
