@@ -15,7 +15,10 @@ from crtk_drivers.profiles import JointProfile, LineProfile
 from crtk_drivers.samples import JointState
 
 ARRIVAL_TIMEOUT: Final = 3.0
-"""Seconds in which hardware that smooths setpoints must be where a trajectory of ours ends."""
+"""Seconds, at full pace, in which hardware that smooths setpoints must be where a trajectory of ours ends."""
+
+PACE_TIME: Final = 0.2
+"""Seconds in which a trajectory goes from rest to full pace, or back, where the hardware's own pace jumps."""
 
 
 class MoveExecution(ABC):
@@ -49,11 +52,22 @@ class NativeMove(MoveExecution):
         return progress is MoveProgress.DONE
 
 
-class _Streamed(MoveExecution):
+class StreamedMove(MoveExecution):
     """A trajectory of our own, sent point by point.
 
     After a late cycle the profile goes on from where it was, at most two periods further: no burst and
     no jump, the motion just takes longer. So it does where the hardware is slowed down.
+
+    Args:
+        move: the handle.
+        device: whose pace it follows.
+        send: takes the name of the command, a point, and monotonic seconds.
+        now: monotonic seconds.
+        period: of the I/O cycle, s.
+        pace: of the trajectory at its beginning, of real time.
+
+    Attributes:
+        pace: of the trajectory now; that of the hardware, not faster than `PACE_TIME`.
     """
 
     def __init__(
@@ -63,6 +77,7 @@ class _Streamed(MoveExecution):
         send: Callable[[str, Point, float], None],
         now: float,
         period: float,
+        pace: float,
     ) -> None:
         super().__init__(move)
         self._device = device
@@ -70,12 +85,17 @@ class _Streamed(MoveExecution):
         self._last = now - period  # when the setpoint went out from which it starts
         self._longest = 2.0 * period
         self._time = 0.0
+        self.pace = pace
 
     def step(self, now: float) -> bool:
         """Send the next point; at the end the last one, until the hardware is there."""
-        self._time += self._device.pace * min(now - self._last, self._longest)
+        passed = min(now - self._last, self._longest)
         self._last = now
-        self._send(self.move.name, self._point(self._time, now), now)
+        change = passed / PACE_TIME
+        self.pace = min(max(self._device.pace, self.pace - change), self.pace + change)
+        step = self.pace * passed
+        self._time += step
+        self._send(self.move.name, self._point(self._time, step).at_pace(self.pace), now)
         late = self._time - self._duration
         if late > ARRIVAL_TIMEOUT:
             raise MotionAborted(
@@ -90,11 +110,11 @@ class _Streamed(MoveExecution):
         """Seconds from start to rest."""
 
     @abstractmethod
-    def _point(self, time: float, now: float) -> Point:
-        """Return what to send `time` seconds after the start, at the monotonic time `now`."""
+    def _point(self, time: float, step: float) -> Point:
+        """Return what to send `time` seconds of the trajectory after its start, and `step` after the last."""
 
 
-class ProfileMove(_Streamed):
+class ProfileMove(StreamedMove):
     """A profile of the joints."""
 
     def __init__(
@@ -105,21 +125,22 @@ class ProfileMove(_Streamed):
         send: Callable[[str, Point, float], None],
         now: float,
         period: float,
+        pace: float,
     ) -> None:
-        super().__init__(move, device, send, now, period)
+        super().__init__(move, device, send, now, period, pace)
         self._profile = profile
 
     @property
     def _duration(self) -> float:
         return self._profile.duration
 
-    def _point(self, time: float, now: float) -> Point:
+    def _point(self, time: float, step: float) -> Point:
         position, velocity, acceleration = self._profile.state(time)
         state = JointState(position=position, velocity=velocity)
         return Point(Setpoint(Mode.JOINT_POSITION, position), state, acceleration)
 
 
-class LineMove(_Streamed):
+class LineMove(StreamedMove):
     """A straight line of the tool."""
 
     def __init__(
@@ -131,8 +152,9 @@ class LineMove(_Streamed):
         send: Callable[[str, Point, float], None],
         now: float,
         period: float,
+        pace: float,
     ) -> None:
-        super().__init__(move, device, send, now, period)
+        super().__init__(move, device, send, now, period, pace)
         self._profile = profile
         self._output = output
 
@@ -140,5 +162,5 @@ class LineMove(_Streamed):
     def _duration(self) -> float:
         return self._profile.duration
 
-    def _point(self, time: float, now: float) -> Point:
-        return self._output.point(*self._profile.at(time), now)
+    def _point(self, time: float, step: float) -> Point:
+        return self._output.point(*self._profile.at(time), step)

@@ -16,7 +16,13 @@ from crtk_drivers.board import StatusBoard
 from crtk_drivers.commands import Kind, Level, Space, find
 from crtk_drivers.device import Device, Goal, Mode, Setpoint, Steps
 from crtk_drivers.errors import CommandRefused, MotionAborted, Reason
-from crtk_drivers.executions import LineMove, MoveExecution, NativeMove, ProfileMove
+from crtk_drivers.executions import (
+    LineMove,
+    MoveExecution,
+    NativeMove,
+    ProfileMove,
+    StreamedMove,
+)
 from crtk_drivers.feedback import Feedback, Point
 from crtk_drivers.health import HealthRecorder
 from crtk_drivers.limits import SetpointLimiter
@@ -38,6 +44,9 @@ from crtk_drivers.streams import (
     Stream,
 )
 from crtk_drivers.watchdog import Deadman
+
+SLOWEST_PACE = 0.05
+"""Of real time, below which a trajectory counts as standing."""
 
 REST_TIMEOUT = 5.0
 """Seconds in which a motion of the hardware's own must have come to its end after `stop`."""
@@ -178,10 +187,10 @@ class MotionExecutor:
             return
         self._stamp_ns = order.stamp_ns
         self._forget_stream()
-        self._starting = order.move
+        self._starting, before = order.move, self._move
         self._supersede(order.name)
         if order.move is not None:
-            self._start_move(order, now)
+            self._start_move(order, now, before)
             self._starting = None
             if not isinstance(self._move, NativeMove) and self._move is not None:
                 self._step_move(self._move, now)
@@ -370,7 +379,13 @@ class MotionExecutor:
         self._send_point(stream.name, point, now, self._stamp_ns if is_servo else 0)
         return self._end_stream() if stream.is_over else ""
 
-    def _start_move(self, order: Order, now: float) -> None:
+    def _pace(self, velocity: Vector, before: MoveExecution | None) -> float:
+        """Return the pace at which a trajectory begins: that at which the joints move with `velocity`."""
+        if isinstance(before, StreamedMove):
+            return before.pace
+        return 1.0 if velocity.any() else self._device.pace
+
+    def _start_move(self, order: Order, now: float, before: MoveExecution | None) -> None:
         goal, move = order.goal, order.move
         assert goal is not None
         assert move is not None
@@ -379,11 +394,17 @@ class MotionExecutor:
             self._move = NativeMove(move, self._device, goal)
             return
         period = 1.0 / self._capabilities.rate
+        position, velocity, acceleration = self._feedback.motion(now)
+        pace = self._pace(velocity, before)
+        # In the time of the trajectory, in which the motion that it goes on from is as much faster.
+        share = 1.0 / pace if pace > SLOWEST_PACE else 0.0
         if goal.pose is None:
             limits = self._capabilities.move_limits or self._capabilities.limits
-            motion = self._feedback.motion(now)
-            profile = JointProfile(*motion, order.joints, limits, goal.ratios)
-            self._move = ProfileMove(move, self._device, profile, self._send_point, now, period)
+            speed, change = vector(velocity * share), vector(acceleration * share * share)
+            profile = JointProfile(position, speed, change, order.joints, limits, goal.ratios)
+            self._move = ProfileMove(
+                move, self._device, profile, self._send_point, now, period, pace
+            )
             return
         command = find(order.name)
         tool = self._capabilities.line_limits or self._capabilities.cartesian_limits
@@ -393,11 +414,11 @@ class MotionExecutor:
             goal.pose,
             tool,
             goal.ratios,
-            self._feedback.reference_twist(now),
-            self._feedback.reference_twist_change(now),
+            vector(self._feedback.reference_twist(now) * share),
+            vector(self._feedback.reference_twist_change(now) * share * share),
         )
-        output = PoseOutput(command, self._device, self._feedback, self._reach, now)
-        self._move = LineMove(move, self._device, line, output, self._send_point, now, period)
+        output = PoseOutput(command, self._device, self._feedback, self._reach, now, share)
+        self._move = LineMove(move, self._device, line, output, self._send_point, now, period, pace)
 
     def _step_move(self, move: MoveExecution, now: float) -> None:
         if move.step(now):

@@ -99,6 +99,16 @@ class Point:
     twist: Vector = field(default_factory=empty)
     wrench: Vector = field(default_factory=empty)
 
+    def at_pace(self, pace: float) -> Point:
+        """Return it as it is in real time, of which the time of its motion is a share."""
+        if pace == 1.0:
+            return self
+        joints = self.joints
+        if joints is not None:
+            joints = replace(joints, velocity=vector(joints.velocity * pace))
+        acceleration, twist = vector(self.acceleration * pace * pace), vector(self.twist * pace)
+        return replace(self, joints=joints, acceleration=acceleration, twist=twist)
+
     def limited_to(self, setpoint: Setpoint) -> Point:
         """Return it with the setpoint that the limits left: positions clamped, efforts scaled as a whole."""
         wanted = self.setpoint.values

@@ -71,7 +71,7 @@ _REFERENCE_SHARE = 0.95
 _ROUNDING = 1e-12
 """rad (m) and their derivatives that are nothing but rounding."""
 
-_LONGEST_STEP = 2.0
+LONGEST_STEP = 2.0
 """Cycles that one step may advance: after a late cycle the motion goes on where it was."""
 
 G = TypeVar("G")
@@ -327,7 +327,7 @@ class Interpolator(ABC, Generic[G]):
         """Move to `now`, and plan again if there is a reason."""
         step = now - self._now
         self._now = now
-        self._elapsed += min(max(0.0, step), _LONGEST_STEP * self._cycle)
+        self._elapsed += min(max(0.0, step), LONGEST_STEP * self._cycle)
         self._read(*self._approach.at(self._elapsed))
         if self._fresh:
             self._fresh = False

@@ -17,8 +17,8 @@ from crtk_drivers.samples import JointState, Pose, Vector, frozen, vector
 _STILL = 1e-6
 """rad/s (m/s) of a joint that stands: what rounding leaves over."""
 
-_LATE = 2.0
-"""Cycles that a stream goes on at most in one of them, after a late one."""
+_INSTANT = 1e-5
+"""Seconds of motion below which nothing can be said of velocities."""
 
 _TOLERANCE = 0.01
 """By how much a joint may exceed its velocity limit between two poses: rounding, and clocks that differ."""
@@ -33,42 +33,54 @@ class PoseOutput:
         feedback: where it begins.
         reach: what can be reached.
         now: monotonic seconds.
+        share: of real time in the motion's own time, at its beginning; 0: begin at rest.
     """
 
     def __init__(
-        self, command: Command, device: Device, feedback: Feedback, reach: Reach, now: float
+        self,
+        command: Command,
+        device: Device,
+        feedback: Feedback,
+        reach: Reach,
+        now: float,
+        share: float = 1.0,
     ) -> None:
         capabilities = device.capabilities
         self._command = command
         self._device = device
         self._reach = reach
         self._takes_poses = Mode.CARTESIAN_POSITION in capabilities.modes
-        self._cycle = 1.0 / capabilities.rate
-        self._joints, self._velocity, _ = feedback.motion(now)
-        self._now = now - self._cycle
+        self._joints, velocity, self._acceleration = feedback.motion(now)
+        self._velocity = frozen(velocity * share)
+        self._step = 1.0 / capabilities.rate
         self._fastest = [limit.velocity for limit in capabilities.limits]
 
-    def point(self, pose: Pose, twist: Vector, now: float) -> Point:
+    def point(self, pose: Pose, twist: Vector, step: float) -> Point:
         """Return what to send for a pose of the tool that moves with a twist (6,), base axes.
+
+        Args:
+            pose, twist: of this cycle.
+            step: seconds of the motion's own time since the pose before.
 
         Raises:
             CommandRefused: out of reach, or a joint would be too fast.
         """
         if self._takes_poses:
             return Point(self._reach.setpoint(self._command, pose), twist=twist)
-        step = min(max(now - self._now, self._cycle), _LATE * self._cycle)
-        self._now = now
         # Where the joints would go on to: inverse kinematics has the least to do from there.
         expected = frozen(self._joints + self._velocity * step)
         joints = self._reach.joints(self._command, pose, expected)
-        velocity = frozen((joints - self._joints) / step)
-        self._check_speed(velocity)
-        acceleration = frozen((velocity - self._velocity) / step)
-        self._joints, self._velocity = joints, velocity
+        if step > _INSTANT:
+            velocity = frozen((joints - self._joints) / step)
+            self._check_speed(velocity)
+            # Each is the mean of its step: they are as far apart as the middles of these.
+            apart = 0.5 * (step + self._step)
+            self._acceleration = frozen((velocity - self._velocity) / apart)
+            self._joints, self._velocity, self._step = joints, velocity, step
         return Point(
             Setpoint(Mode.JOINT_POSITION, joints),
-            JointState(position=joints, velocity=velocity),
-            acceleration,
+            JointState(position=joints, velocity=self._velocity),
+            self._acceleration,
             twist,
         )
 

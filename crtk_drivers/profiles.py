@@ -49,7 +49,8 @@ class JointProfile:
     Args:
         position, velocity, acceleration: (n,) where it starts, in rad (m) and their derivatives.
         goal: (n,) where it ends.
-        limits: one a joint. A start that exceeds them is slowed down into them first.
+        limits: one a joint. A start that is faster is slowed down into them first; an acceleration beyond
+            them begins at the limit.
         ratios: of the limits; jerk is not scaled.
 
     Raises:
@@ -338,8 +339,9 @@ def _stopping(
     problem = InputParameter(6)
     problem.control_interface = ControlInterface.Velocity
     problem.current_velocity = twist.tolist()
-    problem.current_acceleration = acceleration.tolist()
-    problem.max_acceleration = (most * share / math.sqrt(3.0)).tolist()
+    most_each = most * share / math.sqrt(3.0)
+    problem.current_acceleration = np.clip(acceleration, -most_each, most_each).tolist()
+    problem.max_acceleration = most_each.tolist()
     problem.max_jerk = (most / CARTESIAN_RISE_TIME).tolist()
     return _solved(problem, 6)
 
@@ -362,7 +364,8 @@ def _trajectory(
     problem = InputParameter(size)
     problem.current_position = state[0].tolist()
     problem.current_velocity = state[1].tolist()
-    problem.current_acceleration = state[2].tolist()
+    # Beyond its limit it would go on for as long as the jerk allows no better: far away, and too fast.
+    problem.current_acceleration = np.clip(state[2], -acceleration, acceleration).tolist()
     problem.target_position = goal.tolist()
     problem.max_velocity = velocity.tolist()
     problem.max_acceleration = acceleration.tolist()

@@ -33,6 +33,7 @@ from crtk_drivers.interpolation import (
     TwistInterpolator,
     WrenchInterpolator,
 )
+from crtk_drivers.interpolator import LONGEST_STEP
 from crtk_drivers.limits import SetpointLimiter
 from crtk_drivers.outputs import PoseOutput, Pursuit, TwistOutput, WrenchOutput
 from crtk_drivers.reach import Reach
@@ -211,6 +212,8 @@ class PoseStream(Stream):
             feedback.reference_twist_change(now),
         )
         self._output = PoseOutput(self._command, device, feedback, reach, now)
+        self._last = now - cycle
+        self._longest = LONGEST_STEP * cycle
 
     def feed(self, order: Order, now: float) -> None:
         """See the base class."""
@@ -226,7 +229,9 @@ class PoseStream(Stream):
     def step(self, now: float) -> Point:
         """See the base class."""
         pose, twist = self._interpolator.step(now)
-        return self._output.point(pose, vector(twist.vector), now)
+        step = min(max(0.0, now - self._last), self._longest)  # as far as that has gone on
+        self._last = now
+        return self._output.point(pose, vector(twist.vector), step)
 
     @property
     def is_over(self) -> bool:

@@ -9,11 +9,14 @@ from engine_rig import jp
 
 from crtk_drivers.device import CartesianLimits, JointLimits, Mode
 from crtk_drivers.errors import MotionAborted
-from crtk_drivers.executions import ARRIVAL_TIMEOUT
+from crtk_drivers.executions import ARRIVAL_TIMEOUT, PACE_TIME
 from crtk_drivers.moves import Move
-from crtk_drivers.samples import Value
+from crtk_drivers.profiles import JointProfile
+from crtk_drivers.samples import Value, vector
 
 SLOW = JointLimits(-6.0, 6.0, velocity=0.5, acceleration=2.0, jerk=40.0, effort=50.0)
+GENTLE = JointLimits(-6.0, 6.0, velocity=1.05, acceleration=1.4, jerk=14.0, effort=50.0)
+GENTLE_LINE = CartesianLimits(0.25, 3.0, 1.2, 5.0)
 GOAL = BENT + 0.2
 LINE = ARM.forward(BENT + 0.05)
 
@@ -62,11 +65,73 @@ def test_at_no_pace_a_move_waits_and_then_goes_on() -> None:
     rig.device.slider = 0.0
     rig.cycle(2000)
     assert move.is_busy()
-    np.testing.assert_array_equal(rig.path[-1], rig.path[19])
+    np.testing.assert_array_equal(rig.path[-1], rig.path[-1000])
+    assert abs(rig.path[-1] - GOAL).max() > 0.01
     rig.device.slider = 1.0
     rig.cycles_of(move)
     assert abs(rig.speeds).max() <= LIMIT.velocity + 1e-9
+    gains = abs(np.diff(rig.speeds, axis=0)).max() / PERIOD
+    assert gains <= LIMIT.acceleration + LIMIT.velocity / PACE_TIME, (
+        "the pace is not taken over in a jump"
+    )
     np.testing.assert_allclose(rig.path[-1], GOAL, atol=1e-12)
+
+
+WAYS = {
+    "move_jp": lambda: jp(*(BENT + 0.1)),
+    "move_cp": lambda: ARM.forward(BENT + 0.15),
+    "interpolate_jp": lambda: jp(*(BENT + 0.1)),
+}
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.0002, 0.001])
+@pytest.mark.parametrize("second", WAYS)
+@pytest.mark.parametrize("first", ["move_jp", "move_cp"])
+def test_a_motion_goes_on_from_a_move_whose_cycles_are_uneven(
+    first: str, second: str, jitter: float
+) -> None:
+    for seed in range(5):
+        rig = Hardware(move_limits=(GENTLE,) * 6, line_limits=GENTLE_LINE).enabled()
+        random = np.random.default_rng(seed)
+
+        def cycle(rig=rig, random=random) -> None:
+            rig.cycle(period=PERIOD + random.uniform(-jitter, jitter))
+
+        rig.moving(first, None if first == "move_jp" else ARM.forward(BENT + 0.3))
+        for _ in range(50):
+            cycle()
+        rig.engine.submit(second, WAYS[second]())
+        for _ in range(1500):
+            cycle()
+        offsets = rig.path - BENT
+        assert not rig.engine.status.is_busy
+        assert rig.told.refusals == []
+        assert np.abs(offsets).max() < 0.45, "no swing"
+        steps = np.abs(np.diff(rig.path, axis=0)).max()
+        assert steps <= LIMIT.velocity * (PERIOD + jitter) * 1.02
+
+
+@pytest.mark.parametrize("second", WAYS)
+@pytest.mark.parametrize("first", ["move_jp", "move_cp"])
+def test_a_motion_goes_on_from_a_move_that_is_slowed_down(first: str, second: str) -> None:
+    rig = Hardware().enabled()
+    rig.device.slider = 0.3
+    rig.moving(first, None if first == "move_jp" else ARM.forward(BENT + 0.3))
+    rig.cycle(150)
+    told = rig.setpoint()["velocity"]
+    np.testing.assert_allclose(told, rig.speeds[-1], rtol=0.05, atol=1e-3)
+    rig.engine.submit(second, WAYS[second]())
+    rig.cycle(3)
+    np.testing.assert_allclose(rig.speeds[-3:], [rig.speeds[-4]] * 3, atol=0.08)
+
+
+def test_an_acceleration_beyond_the_limits_is_no_run_up() -> None:
+    limits = [JointLimits(-6.0, 6.0, velocity=1.05, acceleration=1.4, jerk=14.0, effort=50.0)]
+    begin = (vector([0.0]), vector([0.5]), vector([-30.0]))
+    profile = JointProfile(*begin, vector([0.3]), limits)
+    way = [profile.at(time)[0][0] for time in np.linspace(0.0, profile.duration, 500)]
+    assert min(way) > -0.01
+    assert max(way) < 0.31
 
 
 def test_a_move_ends_when_the_hardware_has_arrived() -> None:
