@@ -8,7 +8,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from crtk_driver_ur.calibration import CalibratedKinematics, Calibration, displacements
-from crtk_driver_ur.frames import Transform
+from crtk_driver_ur.frames import Transform, compose
 from crtk_driver_ur.kinematics import ArmKinematics, InverseKinematicsError
 from crtk_driver_ur.models import MODELS, RobotModel
 
@@ -63,6 +63,21 @@ def test_inverse_reaches_the_pose_from_nearby(q):
     assume(np.linalg.cond(arm.jacobian(q)) < 100.0)
     found = arm.inverse(arm.forward(q), q)
     np.testing.assert_allclose(found, q, atol=1e-7)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_half_turn_of_the_tool_is_no_pose_that_is_there_already(axis):
+    model = MODELS["ur5e"]
+    arm = CalibratedKinematics(model, calibration(model, 0.002), TOOL)
+    q = (0.3, -1.2, 1.4, -0.8, 1.1, 0.5)
+    turn = [0.0] * 6
+    turn[3 + axis] = math.pi
+    pose = compose(arm.forward(q), Transform.from_pose_vector(turn))
+    try:
+        found = arm.inverse(pose, q)
+    except InverseKinematicsError:
+        return  # out of reach is an answer, too
+    np.testing.assert_allclose(arm.forward(found), pose, atol=1e-8)
 
 
 def test_a_pose_out_of_reach_is_refused():

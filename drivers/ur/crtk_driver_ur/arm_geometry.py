@@ -20,8 +20,11 @@ from crtk_drivers.errors import DeviceError, TransitionFailed
 
 __all__ = ["ArmGeometry"]
 
-CALIBRATION_TIMEOUT: Final = 2.0
+CALIBRATION_TIMEOUT: Final = 1.0
 """Seconds for the controller to tell its calibration."""
+
+LEAST_TIME: Final = 0.3
+"""Seconds of these that it gets where connecting has taken all the others."""
 
 MODEL_TOLERANCE: Final = 0.05
 """m between the tool as the controller and as the model places it; calibration accounts for a few mm."""
@@ -78,22 +81,26 @@ class ArmGeometry:
     # The links
 
     def check_model(self, state: StateSample | None) -> None:
-        """Compare where the controller and the configured model have the tool.
+        """Compare where the controller and the configured arm have the tool.
 
         Raises:
             TransitionFailed: they are far apart.
         """
         if state is None or state.tcp_offset is None:
             return
-        kinematics = ArmKinematics(self._model, Transform.from_pose_vector(state.tcp_offset))
+        # What the controller tells of itself fits it always: the model must, or the configured table.
+        tool = Transform.from_pose_vector(state.tcp_offset)
+        given = isinstance(self._config.calibration, Calibration)
+        kinematics = self._with(tool) if given else ArmKinematics(self._model, tool)
         expected = kinematics.forward(list(state.actual_q)).position
         distance = math.dist(expected, state.actual_TCP_pose[:3])
         if distance > MODEL_TOLERANCE:
             raise TransitionFailed(
                 f"this is no {self._model.name}: the controller has the tool {distance:.3f} m from "
-                "where that model has it",
+                f"where that {'calibration' if given else 'model'} has it",
                 where=self._where,
-                remedy="Set `model` to the arm that is connected.",
+                remedy="Set `model` to the arm that is connected"
+                + (", and `calibration` to its own." if given else "."),
             )
 
     def learn_calibration(self, deadline: float) -> None:
@@ -103,10 +110,11 @@ class ArmGeometry:
         if configured == "nominal":
             return
         try:
-            soon = min(deadline, time.monotonic() + CALIBRATION_TIMEOUT)
+            now = time.monotonic()
+            soon = max(now + LEAST_TIME, min(deadline, now + CALIBRATION_TIMEOUT))
             found = read_robot_info(self._config.host, soon).calibration
         except DeviceError as error:
-            self._warn(f"the controller's is not known: {error}")
+            self._not_told(error)
             return
         if not isinstance(configured, Calibration):
             self._adopt(found)
@@ -116,19 +124,28 @@ class ArmGeometry:
                 "`crtk-driver ur info --output`, or leave it out."
             )
 
+    def _not_told(self, error: DeviceError) -> None:
+        used = "the configured one is used"
+        if not isinstance(self._config.calibration, Calibration):
+            self._use(None)
+            used = f"the lengths of the nominal {self._model.name} are used"
+        self._warn(f"the controller's is not known, {used}: {error}")
+
     def _adopt(self, found: Calibration | None) -> None:
         """Compute with what the controller told, unless that is no calibration of this model."""
-        self._calibration = None
+        self._use(None)
         away = 0.0 if found is None else max(displacements(self._model, found))
         if away > MODEL_TOLERANCE:
             self._warn(f"the controller's is none of a {self._model.name}, and not used")
         elif away > NOMINAL:
-            self._calibration = found
+            self._use(found)
             text = (
                 f"the controller's: up to {1e3 * away:.2f} mm from the nominal {self._model.name}"
             )
             self.note = Note(Severity.INFO, "calibration", text)
-        self._reported = None
+
+    def _use(self, calibration: Calibration | None) -> None:
+        self._calibration, self._reported = calibration, None
         self.kinematics = self._with(self._tool or IDENTITY)
 
     def _warn(self, text: str) -> None:

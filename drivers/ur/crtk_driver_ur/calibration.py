@@ -121,6 +121,8 @@ class CalibratedKinematics(ArmKinematics):
         for _ in range(ITERATIONS):
             *joints, flange = self._calibration.frames(q)
             tool = self._tool_behind(flange)
+            if not _is_near(tool, pose):
+                raise self._no_solution(IkFailure.OUT_OF_REACH, pose)
             error = _difference(tool, pose)
             missed = max(map(abs, error))
             if missed < EXACT:
@@ -174,8 +176,13 @@ def _jacobian(joints: Sequence[Transform], tool: Transform) -> Array:
     return np.array(columns).T
 
 
+def _is_near(present: Transform, wanted: Transform) -> bool:
+    """Whether they are turned by less than about 75 degrees: a half turn has no `_difference`."""
+    return sum(p * w for p, w in zip(present[:9], wanted[:9], strict=True)) > 1.5
+
+
 def _difference(present: Transform, wanted: Transform) -> Vector6:
-    """Return the twist that takes `present` to `wanted` in unit time, in base axes."""
+    """Return the twist that takes `present` to `wanted`, a small turn away, in unit time, in base axes."""
     p, w = present, wanted
     return (
         w.x - p.x,

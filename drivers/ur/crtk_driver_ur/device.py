@@ -145,7 +145,10 @@ class UrDevice(Device):
     def has_arrived(self) -> bool:
         """See the base class: servoJ smooths, and is late by its lookahead."""
         state = self._robot.state
-        return state is None or (self._robot.standing and self._lag.has_ended(state.target_q))
+        if state is None:
+            return True
+        # An arm that is held up by the speed slider stands as well.
+        return self.pace > 0.0 and self._robot.standing and self._lag.has_ended(state.target_q)
 
     @property
     def _tool_is_changing(self) -> bool:
@@ -226,12 +229,13 @@ class UrDevice(Device):
             self._check_generation(stream)
             version = (stream.controller_version.major, stream.controller_version.minor)
             self._link.open(version, has_local_control=_tells_who_has_control(version))
+            if not self._aborted:
+                self._geometry.learn_calibration(deadline)
         except BaseException:
             stream.close()
             raise
         finally:
             self._opening = None
-        self._geometry.learn_calibration(deadline)
         self._stream, self._stream_lost = stream, False
         self._robot.state, self._in_control = None, False
         self._inputs.reset()

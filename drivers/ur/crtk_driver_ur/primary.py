@@ -229,9 +229,10 @@ def read_robot_info(host: str, deadline: float, ports: Sequence[int] = PORTS) ->
 
 def _connected(host: str, ports: Sequence[int], deadline: float) -> socket.socket:
     problem: OSError = ConnectionRefusedError("no port")
-    for port in ports:
+    for left, port in zip(range(len(ports), 0, -1), ports, strict=True):
+        share = (deadline - time.monotonic()) / left  # a firewall may keep the first from answering
         try:
-            return socket.create_connection((host, port), max(0.001, deadline - time.monotonic()))
+            return socket.create_connection((host, port), max(0.001, share))
         except OSError as error:
             problem = error
     raise problem

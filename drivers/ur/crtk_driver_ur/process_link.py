@@ -228,7 +228,9 @@ class ProcessLink(ControlLink):
             return command(*arguments)
         except ConnectionLost as error:
             raise DeviceFault(
-                error.message, where=self._where, remedy="Send enable to start again."
+                error.message,
+                where=self._where,
+                remedy="It is replaced; the arm has to be enabled again.",
             ) from error
 
     def _move(self, command: Callable[..., int], *arguments: Any) -> None:
