@@ -78,8 +78,18 @@ class ProgramRuntime:
         """Create the main thread; it runs at the next :meth:`step`."""
         if self._last_handle:
             raise RuntimeError(f"program {self.program.name!r} was already started")
-        main = self.program.start(self._run, self._kill, self._join, self._budget, self._check_use)
-        self._main = self._run(main)
+        self._main = self._run(self.program.start(self.namespace()))
+
+    def namespace(self) -> dict[str, Any]:
+        """Return what code of this execution finds by name, for code that joins it while it runs."""
+        return self.program.namespace(
+            self._run, self._kill, self._join, self._budget, self._check_use
+        )
+
+    @property
+    def in_main_thread(self) -> bool:
+        """Whether the main thread runs now."""
+        return self.current_thread == self._main and self._main != 0
 
     def step(self) -> None:
         """Let every thread run until it blocks.

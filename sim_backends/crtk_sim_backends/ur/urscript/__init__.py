@@ -13,6 +13,7 @@ from crtk_sim_backends.ur.urscript.errors import (
 )
 from crtk_sim_backends.ur.urscript.library import PURE_BUILTINS, timing_builtins
 from crtk_sim_backends.ur.urscript.manual import Dialect, available, dialect_of
+from crtk_sim_backends.ur.urscript.statements import Enclosing, Statement, Statements
 from crtk_sim_backends.ur.urscript.values import (
     Builtin,
     Handle,
@@ -28,6 +29,7 @@ __all__ = [
     "Builtin",
     "CompileError",
     "Dialect",
+    "Enclosing",
     "Halt",
     "Handle",
     "List",
@@ -35,6 +37,8 @@ __all__ = [
     "Program",
     "ScriptError",
     "ScriptRuntimeError",
+    "Statement",
+    "Statements",
     "Struct",
     "available",
     "compile_program",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import keyword
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import CodeType, TracebackType
 from typing import Any, Literal, NoReturn
@@ -18,7 +18,7 @@ from typing import Any, Literal, NoReturn
 from crtk_sim_backends.ur.urscript import syntax, values
 from crtk_sim_backends.ur.urscript.errors import CompileError, Halt, ScriptRuntimeError
 from crtk_sim_backends.ur.urscript.lexer import source_line
-from crtk_sim_backends.ur.urscript.manual import ARRAYS, OLD_KEYWORDS, Dialect
+from crtk_sim_backends.ur.urscript.manual import ARRAYS, ENCLOSED, OLD_KEYWORDS, Dialect
 from crtk_sim_backends.ur.urscript.methods import call_method
 from crtk_sim_backends.ur.urscript.parser import parse
 from crtk_sim_backends.ur.urscript.scopes import Scope, analyse
@@ -77,16 +77,18 @@ class Program:
     builtins: Mapping[str, Builtin]
     code: CodeType
     positions: Sequence[tuple[int, int]]
+    scopes: Sequence[Scope]
+    dialect: Dialect
 
-    def start(
+    def namespace(
         self,
         run: Callable[[Generator[None]], int],
         kill: Callable[[Any], None],
         join: Callable[[Any], Generator[None]],
         budget: list[int],
         overrun: Callable[[], None],
-    ) -> Generator[None]:
-        """Return the main thread of a new execution with variables of its own.
+    ) -> dict[str, Any]:
+        """Return what the code of one execution finds by name: all but its own variables.
 
         :param run: starts a thread and returns its handle.
         :param kill: ends the thread with a handle.
@@ -94,7 +96,7 @@ class Program:
         :param budget: its only item goes down by one for each call and each turn of a loop.
         :param overrun: called when that is below zero; raises to end the program, or fills it up.
         """
-        namespace: dict[str, Any] = {
+        return {
             **_HELPERS,
             **{f"b_{name}": builtin.call for name, builtin in self.builtins.items()},
             "run": run,
@@ -104,6 +106,9 @@ class Program:
             "overrun": overrun,
             "fail": _fail,
         }
+
+    def start(self, namespace: dict[str, Any]) -> Generator[None]:
+        """Return the main thread of a new execution with variables of its own."""
         exec(self.code, namespace)
         main: Generator[None] = namespace["f0"]()
         return main
@@ -129,14 +134,15 @@ def compile_program(
     :raises CompileError: with line, column and the controller's text.
     """
     signature = frozenset((name, builtin.blocking) for name, builtin in builtins.items())
-    compiled = _compile(text, signature, dialect or Dialect())
+    dialect = dialect or Dialect()
+    compiled = _compile(text, signature, dialect)
     if isinstance(compiled, CompileError):
         raise compiled.with_traceback(None)
-    name, kind, code, positions = compiled
-    return Program(name, kind, builtins, code, positions)
+    name, kind, code, positions, scopes = compiled
+    return Program(name, kind, builtins, code, positions, scopes, dialect)
 
 
-_Compiled = tuple[str, ProgramKind, CodeType, Sequence[tuple[int, int]]]
+_Compiled = tuple[str, ProgramKind, CodeType, Sequence[tuple[int, int]], Sequence[Scope]]
 
 
 @functools.lru_cache(CACHED_PROGRAMS)
@@ -153,15 +159,16 @@ def _compile(
 def _compiled(text: str, builtins: frozenset[tuple[str, bool]], dialect: Dialect) -> _Compiled:
     main, kind = _main_function(parse(text))
     blocking = frozenset(name for name, blocks in builtins if blocks)
-    root = analyse(main, blocking)
-    emitter = _Emitter(text, root, frozenset(name for name, _ in builtins), blocking, dialect)
+    scopes = analyse(main, blocking)
+    root = scopes[0]
+    emitter = Emitter(text, root, frozenset(name for name, _ in builtins), blocking, dialect)
     emitter.function(root, 0)
     try:
         code = compile("\n".join(emitter.lines), _FILE, "exec", dont_inherit=True)
     except (SyntaxError, RecursionError, MemoryError) as error:
         # The tree is well-formed, so only one of Python's limits (20 nested loops) is left.
         raise CompileError.syntax(source_line(text, main.line), main.line, main.column) from error
-    return main.name, kind, code, emitter.positions
+    return main.name, kind, code, emitter.positions, scopes
 
 
 def _main_function(block: syntax.Block) -> tuple[syntax.Function, ProgramKind]:
@@ -171,7 +178,7 @@ def _main_function(block: syntax.Block) -> tuple[syntax.Function, ProgramKind]:
     return syntax.Function("def", "", (), block, 1, 1), "statements"
 
 
-class _Emitter:
+class Emitter:
     """Writes Python source; ``positions[i]`` is the script position behind ``lines[i]``."""
 
     def __init__(
@@ -181,6 +188,7 @@ class _Emitter:
         builtins: frozenset[str],
         blocking: frozenset[str],
         dialect: Dialect,
+        defined: Iterable[Scope] = (),
     ) -> None:
         self.lines: list[str] = []
         self.positions: list[tuple[int, int]] = []
@@ -189,7 +197,7 @@ class _Emitter:
         self._blocking = blocking
         self._dialect = dialect
         self._scope = root
-        self._defined: set[Scope] = set()
+        self._defined: set[Scope] = set(defined)
         self._assigned: set[str] = set()  # variables that have a value wherever the writing is
         self._operations = 0  # written since the last check of the budget
 
@@ -198,6 +206,10 @@ class _Emitter:
         self.positions.append((node.line, node.column))
 
     # statements
+
+    def statements(self, block: syntax.Block, indent: int) -> None:
+        """Write statements of the scope that it was made for."""
+        self._block(block, indent)
 
     def function(self, scope: Scope, indent: int) -> None:
         """Write one function and everything inside it."""
@@ -394,7 +406,7 @@ class _Emitter:
                 known = node.name in self._dialect.known
                 refuse = CompileError.not_simulated if known else CompileError.name_not_found
                 raise refuse(node.name, node.line, node.column)
-            code = f"b_{node.name}({self._arguments(node, depth)})"
+            code = f"b_{node.name}({self._arguments(node, depth)}{self._enclosing(node)})"
             return f"(yield from {code})" if node.name in self._blocking else code
         here = self._scope.functions.get(node.name) is function
         if function.function.kind == "thread" or (here and function not in self._defined):
@@ -410,6 +422,17 @@ class _Emitter:
             python_name = f"{name}_" if keyword.iskeyword(name) else name
             codes.append(f"{python_name}={self._expression(value, depth)}")
         return ", ".join(codes)
+
+    def _enclosing(self, node: syntax.Call) -> str:
+        """Write by what a built-in reaches names of its caller: a function that only has a closure."""
+        if node.name not in ENCLOSED:
+            return ""
+        variables, functions = self._scope.in_reach()
+        names = [_variable(owner.depth, name) for owner, name in variables]
+        names += [f"f{function.number}" for function in functions]
+        separator = ", " if node.arguments or node.keywords else ""
+        cells = "".join(f"{name}, " for name in names)
+        return f"{separator}enclosing=({self._scope.number}, lambda: ({cells}))"
 
     def _struct(self, node: syntax.Call, depth: int) -> str:
         if node.arguments or not node.keywords:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+_SYNTAX_ERROR = "syntax_error_on_line"
+
 
 class ScriptError(Exception):
     """A script that cannot be compiled or that failed while it ran.
@@ -23,6 +25,11 @@ class ScriptError(Exception):
 class CompileError(ScriptError):
     """The text is no program: it was refused before anything ran."""
 
+    @property
+    def is_syntax(self) -> bool:
+        """Whether the text is not URScript at all."""
+        return self.text.startswith(_SYNTAX_ERROR)
+
     @classmethod
     def name_not_found(cls, name: str, line: int, column: int) -> CompileError:
         """Build the error for a name that is neither a function nor a variable in reach."""
@@ -37,7 +44,7 @@ class CompileError(ScriptError):
     @classmethod
     def syntax(cls, source_line: str, line: int, column: int) -> CompileError:
         """Build the error for text that is not URScript; the controller quotes the line."""
-        return cls(f"syntax_error_on_line:{line}:{source_line}:", line, column)
+        return cls(f"{_SYNTAX_ERROR}:{line}:{source_line}:", line, column)
 
 
 class ScriptRuntimeError(ScriptError):

@@ -55,6 +55,10 @@ SINCE: Final[Mapping[str, Since]] = {
     "get_mass_matrix": Since(NEVER, (5, 22)),
     "get_rtde_value": Since(NEVER, (5, 22)),
     "torque_command": Since(NEVER, (5, 22)),
+    # UR's article "Interpreter mode": e-Series, from 5.10 on.
+    "clear_interpreter": Since(NEVER, (5, 10)),
+    "end_interpreter": Since(NEVER, (5, 10)),
+    "interpreter_mode": Since(NEVER, (5, 10)),
     # Manual, "Motion Version": the behaviour up to 5.21 is version 1.
     "motion_version_get": Since(NEVER, (5, 22)),
     "motion_version_set": Since(NEVER, (5, 22)),
@@ -151,6 +155,9 @@ OLD_KEYWORDS: Final = {("speedj", "t_min"): "t", ("speedl", "t_min"): "t"}
 
 ARRAYS: Final = {"digital_out": "set_digital_out"}
 """Variables that are the controller's, with the function that assigns an item; urx uses it."""
+
+ENCLOSED: Final = frozenset({"interpreter_mode"})
+"""Functions that run code in the scope from which they are called (manual, "Interpreter Mode")."""
 
 _FIXED_LISTS: Final = ((5, 9), (5, 15))
 """First software in which "Resizing of 'List' is not supported", and first in which it is again:

@@ -49,23 +49,50 @@ class Scope:
             scope = scope.parent
         return scope.functions[name] if scope else None
 
+    def in_reach(self) -> tuple[list[tuple[Scope, str]], list[Scope]]:
+        """Return every variable, with its owner, and every function that a name can mean here."""
+        program = self.program
+        variables = [(self, name) for name in sorted(self.variables)]
+        if program is not self:
+            variables += [(program, name) for name in sorted(program.variables - self.variables)]
+        functions: dict[str, Scope] = {}
+        scope: Scope | None = self
+        while scope:
+            functions = {**scope.functions, **functions}
+            scope = scope.parent
+        return variables, list(functions.values())
+
     @property
     def program(self) -> Scope:
         """The outermost function."""
         return self.parent.program if self.parent else self
 
 
-def analyse(program: syntax.Function, blocking_builtins: frozenset[str]) -> Scope:
-    """Return the scope of a program, with every function in it analysed."""
+def analyse(program: syntax.Function, blocking_builtins: frozenset[str]) -> list[Scope]:
+    """Return the scopes of a program, its own first, then every function in it, by number."""
     scopes: list[Scope] = []
-    root = _declare(program, None, scopes)
+    _declare(program, None, scopes)
+    _spread_blocking(scopes, blocking_builtins)
+    return scopes
+
+
+def analyse_more(
+    block: syntax.Block, scope: Scope, scopes: list[Scope], blocking_builtins: frozenset[str]
+) -> None:
+    """Analyse statements that are added to a scope; their functions are appended to `scopes`."""
+    known = len(scopes)
+    _declare_block(block, scope, scopes)
+    _spread_blocking(scopes[known:], blocking_builtins)  # the others are compiled already
+
+
+def _spread_blocking(scopes: list[Scope], blocking_builtins: frozenset[str]) -> None:
+    """Mark the functions that block because of what they call."""
     waiting = True
     while waiting:
         waiting = False
         for scope in scopes:
             if not scope.blocking and _calls_blocking(scope, blocking_builtins):
                 scope.blocking = waiting = True
-    return root
 
 
 def _calls_blocking(scope: Scope, blocking_builtins: frozenset[str]) -> bool:

@@ -53,7 +53,11 @@ def arguments_taken(call: Callable[..., Any], own: int = 0) -> str:
 
     :param own: how many of its first parameters a script does not give.
     """
-    parameters = list(inspect.signature(call).parameters.values())[own:]
+    parameters = [
+        parameter
+        for parameter in list(inspect.signature(call).parameters.values())[own:]
+        if parameter.kind is not parameter.KEYWORD_ONLY  # which the compiler gives
+    ]
     needed = sum(parameter.default is parameter.empty for parameter in parameters)
     if needed == len(parameters):
         return f"takes exactly {needed} argument{'' if needed == 1 else 's'}"
