@@ -36,6 +36,9 @@ SKIPPED: Final = {
 }
 """Argument of error code 171, and text, by the move that is skipped."""
 
+ABORTABLE: Final = ("movej", "movel")
+"""Moves that `abort` of interpreter mode stops (manual: "currently only movej and movel")."""
+
 _NOWHERE = 1e-9  # rad or m
 
 
@@ -49,18 +52,19 @@ class Tail:
     radius: float  # m, of the blend
     constant: bool  # speed, through blends, too
     tick: int  # in which the next move must begin
-    waypoint: list[float]  # joint positions at the end of the path
+    end: float  # along the path, where the waypoint is
+    waypoint: list[float]  # joint positions there
 
     @property
     def duration(self) -> float:
         """Seconds in which it comes to rest at the waypoint, with constant deceleration."""
-        return 2.0 * (self.path.length - self.begin) / self.speed
+        return 2.0 * (self.end - self.begin) / self.speed
 
     def at(self, t: float) -> float:
         """Distance along its path after `t` seconds."""
         duration = self.duration
         if t >= duration:
-            return self.path.length
+            return self.end
         return self.begin + self.speed * t * (1.0 - 0.5 * t / duration)
 
 
@@ -72,6 +76,7 @@ class Pace:
     acceleration: float
     seconds: float = 0.0
     constant: bool = False  # through blends, too
+    abortable: bool = False  # by `abort`
 
 
 class Moves:
@@ -84,6 +89,9 @@ class Moves:
         self._tail: Tail | None = None
         self._waypoint: Floats = ()
         self._waypoint_tick = -2
+        self._abortable: Pace | None = None  # of the move that ran last
+        self._abortable_tick = -2
+        self._aborted: Pace | None = None
 
     def builtins(self) -> Iterator[Builtin]:
         """Every built-in of this class."""
@@ -102,6 +110,15 @@ class Moves:
     def waypoint(self) -> Floats | None:
         """Pose to which the running move goes (`get_target_waypoint`), None when none runs."""
         return self._waypoint if self._waypoint_tick >= self._control.tick - 1 else None
+
+    def abort(self) -> None:
+        """Stop the running `movej` or `movel`; with a blend radius, have its blend begin now.
+
+        Without effect when none runs, and with a blend radius on one that still blends with the move
+        before it. Source: script manual, "Interpreter Mode", `abort`.
+        """
+        fresh = self._abortable_tick >= self._control.tick
+        self._aborted = self._abortable if fresh else None
 
     # Built-ins, with the names and defaults of the URScript manual.
 
@@ -286,6 +303,8 @@ class Moves:
         while True:
             control.claim()
             self._waypoint_tick = control.tick
+            if pace.abortable:
+                self._abortable, self._abortable_tick = pace, control.tick
             h = arm.dt * arm.scale
             elapsed += h
             distance, speed = profile.at(elapsed)
@@ -307,13 +326,42 @@ class Moves:
             yield
             if arrived:
                 return
+            if self._aborted is pace:
+                self._aborted = None
+                if radius and tail is None:
+                    self._tail = self._early_tail(path, distance, speed, pace, radius)
+                    if self._tail is not None:
+                        return
+                elif not radius and tail is not None:
+                    yield from control.halt(pace.acceleration)
+                    return
+                elif not radius:
+                    braked = profile.braked(elapsed, pace.acceleration)
+                    profile = braked if braked.distance < path.length else profile
             if radius and elapsed + arm.dt * arm.scale > profile.duration:
                 waypoint = path.joints(path.length, arm.plan_q)
                 if waypoint is not None:
                     self._tail = Tail(
-                        path, distance, speed, radius, pace.constant, control.tick, waypoint
+                        path,
+                        distance,
+                        speed,
+                        radius,
+                        pace.constant,
+                        control.tick,
+                        path.length,
+                        waypoint,
                     )
                 return
+
+    def _early_tail(
+        self, path: Path, distance: float, speed: float, pace: Pace, radius: float
+    ) -> Tail | None:
+        """Tail of a move whose blend begins before its time; None where that cannot be."""
+        end = distance + max(path.near_end(radius), speed * speed / pace.acceleration)
+        waypoint = path.joints(end, self._arm.plan_q) if end < path.length else None
+        if waypoint is None or speed <= 0.0:
+            return None
+        return Tail(path, distance, speed, radius, False, self._control.tick, end, waypoint)
 
     def _point(
         self, path: Path, distance: float, tail: Tail | None, elapsed: float
@@ -336,7 +384,7 @@ class Moves:
 
 def _pace(name: str, v: Any, a: float, t: Any = 0, constant: bool = False) -> Pace:
     seconds = positive(f"{name} t", t) if t else 0.0
-    return Pace(positive(f"{name} v", v), a, seconds, constant)
+    return Pace(positive(f"{name} v", v), a, seconds, constant, name in ABORTABLE)
 
 
 def _fractions(name: str, a: float, v: float) -> tuple[float, float]:

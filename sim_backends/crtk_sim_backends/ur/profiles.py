@@ -27,6 +27,15 @@ class Profile:
             self.distance += (self.speed + 0.5 * acceleration * duration) * duration
             self.speed += acceleration * duration
 
+    def braked(self, t: float, deceleration: float) -> Profile:
+        """The same up to `t` seconds, then slowing down to rest."""
+        pieces = [
+            (min(end, t) - start, acceleration) for end, start, _, _, acceleration in self._pieces
+        ]
+        _, speed = self.at(t)
+        begin = self._pieces[0][3] if self._pieces else speed
+        return Profile([*pieces, (speed / deceleration, -deceleration)], begin)
+
     def at(self, t: float) -> tuple[float, float]:
         """Distance covered and speed after `t` seconds."""
         if t < self.duration - TIME_TOLERANCE:
