@@ -23,6 +23,7 @@ from crtk_sim_backends.ur.limits import SafetyLimits
 from crtk_sim_backends.ur.models import MODELS, RobotModel
 from crtk_sim_backends.ur.recording import USUAL, RecordingError, chosen_variables
 from crtk_sim_backends.ur.tool_device import parse_device
+from crtk_sim_backends.ur.urscript.manual import SINCE
 from crtk_sim_backends.ur.variables import Variable, Version
 from crtk_sim_backends.ur.wiring import Wire, WiringError, parse_wires
 
@@ -36,13 +37,14 @@ PORTS: Final = {
     "secondary_read_only": 30012,
     "realtime_read_only": 30013,
     "modbus": 502,
+    "interpreter": 30020,
     "tool": 54321,
     "robot_api": 80,
 }
 """TCP ports of the controller by name.
 
 PolyScope X (10.x) has the Robot API in place of the dashboard server, CB3 no serial line to the
-tool; Modbus server and Robot API are options.
+tool, and software before 5.10 no interpreter mode; Modbus server and Robot API are options.
 """
 
 SLOWEST: Final = 0.1
@@ -220,6 +222,8 @@ class SimConfig(Options):
             del ports["dashboard"]
         if self.robot.is_cb3:
             del ports["tool"]
+        if not SINCE["interpreter_mode"].reached_by(self.software):
+            del ports["interpreter"]
         if not self.modbus:
             del ports["modbus"]
         if not self.robot_api:

@@ -17,6 +17,7 @@ from crtk_sim_backends.ur.contact import Surface, Surroundings
 from crtk_sim_backends.ur.dynamics import Dynamics
 from crtk_sim_backends.ur.force_library import force_builtins
 from crtk_sim_backends.ur.force_sensor import ForceSensor
+from crtk_sim_backends.ur.interpreter import Interpreter
 from crtk_sim_backends.ur.io_library import io_builtins
 from crtk_sim_backends.ur.kinematics import (
     IDENTITY,
@@ -101,6 +102,7 @@ class Controller:
         safety: the safety system.
         log: time and content of the last messages, and of what clients added.
         player: runs the programs.
+        interpreter: adds statements to them, in interpreter mode.
         signals: digital and analog signals.
         port_map: registers and bits of its Modbus server.
         state_signals: outputs that follow the state, and inputs that act.
@@ -163,6 +165,7 @@ class Controller:
         motion = MotionControl(self)
         self._moves = Moves(motion)
         self.player: ProgramPlayer = ProgramPlayer(self, motion.release)
+        self.interpreter = Interpreter(self, self._moves.abort)
         self.player.set_builtins(
             {
                 **PURE_BUILTINS,
@@ -178,6 +181,7 @@ class Controller:
                         force_builtins(self),
                         io_builtins(self),
                         signal_builtins(self),
+                        self.interpreter.builtins(),
                         extra_builtins(self),
                     )
                     for builtin in group

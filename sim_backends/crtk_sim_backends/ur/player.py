@@ -54,7 +54,7 @@ class ProgramPlayer:
         state: of the program; a new one is STOPPED.
         name: of the running or last program, "" before the first.
         failed: whether a runtime error or the safety system has ended the last one.
-        ended: called when the running program ends.
+        ended: what is called when the running program ends.
         thread_ended: called with the owner (see `caller`) of motions when its thread ends.
         pause_factor: speed scaling by pause: 1 while playing, 0 when paused.
     """
@@ -71,7 +71,7 @@ class ProgramPlayer:
         self.state: RuntimeState = RuntimeState.STOPPED
         self.name = ""
         self.failed = False
-        self.ended: Callable[[], None] | None = None
+        self.ended: list[Callable[[], None]] = []
         self.thread_ended = thread_ended
         self.pause_factor = 1.0
 
@@ -79,6 +79,11 @@ class ProgramPlayer:
     def loaded(self) -> bool:
         """Whether a program plays or is paused, or is about to."""
         return self._program is not None or self._next is not None
+
+    @property
+    def running(self) -> ProgramRuntime | None:
+        """The program that plays or is paused."""
+        return self._program
 
     def set_builtins(self, builtins: Mapping[str, Builtin]) -> None:
         """Give the functions that programs can call, if the controller's software has them."""
@@ -229,8 +234,8 @@ class ProgramPlayer:
         self.pause_factor = 1.0
         self.state = RuntimeState.STOPPING if arm.moving else RuntimeState.STOPPED
         controller.post(KeyMessage("PROGRAM_XXX_STOPPED", self.name))
-        if self.ended is not None:
-            self.ended()
+        for tell in self.ended:
+            tell()
 
     def end_all(self) -> None:
         """Stop the program and the secondary ones."""

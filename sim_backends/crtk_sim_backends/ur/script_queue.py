@@ -3,39 +3,22 @@
 from __future__ import annotations
 
 import logging
-import threading
 from collections import deque
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
+from crtk_sim_backends.ur.compilation import LONG_SCRIPT, Compilation
 from crtk_sim_backends.ur.messages import ErrorMessage, ReportLevel
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller
 
-LONG_SCRIPT: Final = 1000  # characters; a shorter one is compiled within a period
 WAITING_LIMIT: Final = 100  # scripts; more are refused
 READ_ONLY_PORT: Final = 210  # error code: script on a port that is read-only
 
 _REMEMBERED: Final = 20
 
 log = logging.getLogger(__name__)
-
-
-class _Compilation(threading.Thread):
-    """Compiles one script beside the loop. A daemon: it must not hold up the end of the process."""
-
-    def __init__(self, controller: Controller, script: str) -> None:
-        super().__init__(name="script compiler", daemon=True)
-        self._controller = controller
-        self._script = script
-        self.error: Exception | None = None
-
-    def run(self) -> None:
-        """Compile; `run_script` finds the result in the cache of the compiler."""
-        try:
-            self._controller.prepare_script(self._script)
-        except Exception as error:
-            self.error = error
 
 
 class ScriptQueue:
@@ -48,7 +31,7 @@ class ScriptQueue:
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
         self._waiting: deque[str] = deque()
-        self._compilation: _Compilation | None = None
+        self._compilation: Compilation | None = None
         self.last: deque[dict[str, Any]] = deque(maxlen=_REMEMBERED)
 
     def put(self, script: str) -> None:
@@ -71,7 +54,10 @@ class ScriptQueue:
         """Run what is ready, and have the next long script compiled."""
         while self._waiting:
             if self._compilation is None and len(self._waiting[0]) > LONG_SCRIPT:
-                self._compilation = _Compilation(self._controller, self._waiting[0])
+                work = partial(self._controller.prepare_script, self._waiting[0])
+                self._compilation = Compilation(
+                    work
+                )  # `run_script` finds what it leaves in a cache
                 self._compilation.start()
             error = None
             if self._compilation is not None:

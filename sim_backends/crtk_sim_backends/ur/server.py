@@ -37,6 +37,7 @@ from crtk_sim_backends.ur.controller import Controller
 from crtk_sim_backends.ur.dashboard import GREETING, DashboardSession, Robot
 from crtk_sim_backends.ur.external import ExternalDevices
 from crtk_sim_backends.ur.injection import ALL_PORTS, BEGIN, END, EVENTS, KINDS
+from crtk_sim_backends.ur.interpreter_port import InterpreterSession
 from crtk_sim_backends.ur.messages import KeyMessage
 from crtk_sim_backends.ur.modbus_client import ModbusUnits
 from crtk_sim_backends.ur.modbus_library import modbus_builtins
@@ -115,7 +116,7 @@ class UrServer:
         self._rpc = ScriptRpc(self.host)
         self._modbus_units = ModbusUnits(self.host, self.ports.get("modbus"))
         self.controller = self._make_controller(recording)
-        self.controller.player.ended = self._sockets.close_all
+        self.controller.player.ended.append(self._sockets.close_all)
         try:
             self._external = ExternalDevices(config, self.controller)
         except SimStartError:
@@ -411,6 +412,8 @@ class UrServer:
                 return DashboardSession(self._robot, self._dashboard_commands.append)
             case "robot_api":
                 return RobotApiSession(self._robot)
+            case "interpreter":
+                return InterpreterSession(self.controller.interpreter)
             case "modbus":
                 return self._external.modbus_session()
             case "tool":
@@ -667,5 +670,7 @@ class UrServer:
 
 
 def _waits(client: Client) -> bool:
-    """Whether a client's command is not done yet."""
-    return isinstance(client.session, RobotApiSession) and client.session.waiting
+    """Whether a client's command is not answered yet."""
+    return (
+        isinstance(client.session, RobotApiSession | InterpreterSession) and client.session.waiting
+    )
