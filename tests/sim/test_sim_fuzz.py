@@ -10,12 +10,13 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from ur_clients import DashboardClient, RtdeClient, TcpClient, wait_until
-from ur_fuzz_corpus import CORPUS, DASHBOARD, ROBOT_API, RTDE, SCRIPT, rtde
+from ur_clients import DashboardClient, InterpreterClient, RtdeClient, TcpClient, wait_until
+from ur_fuzz_corpus import CORPUS, DASHBOARD, INTERPRETER, ROBOT_API, RTDE, SCRIPT, rtde
 
 from crtk_sim_backends.ur import SIM
 from crtk_sim_backends.ur.controller import Controller
 from crtk_sim_backends.ur.dashboard import COMMANDS, DashboardSession, Robot
+from crtk_sim_backends.ur.interpreter_port import InterpreterSession
 from crtk_sim_backends.ur.models import MODELS
 from crtk_sim_backends.ur.robot_api import (
     BASE,
@@ -51,6 +52,18 @@ def polyscope_x():
         yield running
 
 
+INTERPRETED = """def p():
+  a = 1
+  def g(x):
+    return x
+  end
+  while True:
+    interpreter_mode(clearQueueOnEnter=False)
+  end
+end
+"""
+
+
 def in_pieces(data: bytes, seed: int) -> list[bytes]:
     cuts = sorted(random.Random(seed).choices(range(len(data) + 1), k=3))
     return [data[a:b] for a, b in zip([0, *cuts], [*cuts, len(data)], strict=True)]
@@ -71,6 +84,26 @@ def test_the_corpus_harms_neither_the_simulator_nor_other_clients(sim, port):
         assert dashboard.ask("robotmode") == "Robotmode: RUNNING"
         status = sim.control.status()
         assert status["statistics"]["defects"] == 0
+        assert sim.running
+
+
+def test_the_corpus_harms_no_simulator_whose_program_is_in_interpreter_mode(sim):
+    with RtdeClient(sim.host) as bystander, TcpClient(sim.host, "primary") as script:
+        bystander.setup_outputs("timestamp", 50.0)
+        bystander.start()
+        before = bystander.data()[0]
+        for seed, data in enumerate(INTERPRETER.values()):
+            script.send(INTERPRETED.encode())
+            wait_until(lambda: sim.control.status()["runtime_state"] == "PLAYING", 20)
+            with TcpClient(sim.host, "interpreter") as client, contextlib.suppress(ConnectionError):
+                for piece in in_pieces(data, seed):
+                    client.send(piece)
+            with InterpreterClient(sim.host, 20) as client:
+                wait_until(lambda ask=client.ask: ask("stateunexecuted").startswith("state: 0"), 20)
+            script.send(b"stop program\n")
+            wait_until(lambda: sim.control.status()["runtime_state"] == "STOPPED", 20)
+        assert bystander.wait_for(lambda values: values[0] > before + 0.1, 20)
+        assert sim.control.status()["statistics"]["defects"] == 0
         assert sim.running
 
 
@@ -197,3 +230,34 @@ def test_script_ports_take_any_bytes(controller, data, seed):
     session.close()
     controller.player.end_all()
     controller.take_messages()
+
+
+interpreted_lines = st.one_of(
+    st.lists(
+        st.sampled_from(
+            b"def end if while else: thread f() a = 1 ( ) [ ] , 1 + run t() \n \n \n True sync() g(a) "
+            b"return abort skipbuffer stateunexecuted clear_interpreter() end_interpreter() "
+            b"global local sleep(0.01) movej([0,-1,1,0,0,0],r=0.1) x".split(b" ")
+        ),
+        max_size=40,
+    ).map(b" ".join),
+    st.binary(max_size=80),
+    st.sampled_from(list(INTERPRETER.values())),
+)
+
+
+@SEARCH
+@given(interpreted_lines, st.integers())
+def test_the_interpreter_takes_any_bytes(controller, data, seed):
+    controller.run_script(INTERPRETED)
+    session = InterpreterSession(controller.interpreter)
+    for piece in in_pieces(data + b"\n", seed):
+        answer = session.receive(piece)
+        assert not answer or answer.endswith(b"\n")
+        for _ in range(5):
+            controller.tick()
+            session.receive(b"")
+    session.close()
+    controller.player.end_all()
+    controller.tick()
+    assert not any("Internal error" in str(message) for message in controller.take_messages())

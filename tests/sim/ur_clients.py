@@ -26,6 +26,7 @@ PORTS = {
     "primary_read_only": 30011,
     "secondary_read_only": 30012,
     "realtime_read_only": 30013,
+    "interpreter": 30020,
 }
 
 
@@ -165,6 +166,23 @@ class DashboardClient(TcpClient):
 
     def ask(self, command):
         self.send(command.encode() + b"\n")
+        return self.line()
+
+
+class InterpreterClient(TcpClient):
+    """One line out, one line in."""
+
+    def __init__(self, host, timeout=5.0):
+        super().__init__(host, "interpreter", timeout)
+
+    def line(self):
+        text = b""
+        while not text.endswith(b"\n"):
+            text += self.read(1)
+        return text.decode().removesuffix("\n")
+
+    def ask(self, line):
+        self.send(line.encode() + b"\n")
         return self.line()
 
 

@@ -90,6 +90,34 @@ SCRIPT = TEXT | {
     "many programs": b"def p():\n  sync()\nend\n" * 200,
 }
 
+INTERPRETER = TEXT | {
+    "every command": b"abort\nskipbuffer\nstatelastexecuted\nstatelastinterpreted\nstatelastcleared\n"
+    b"stateunexecuted\n" * 20,
+    "commands that are none": b"abort abort\nABORT\nabort()\nstate: 1: statelastexecuted\nskipbuffer 1\n",
+    "blocks without their end": b"def p():\nif True:\nwhile True:\nthread t():\nend end\n",
+    "blocks in blocks": b"if True: " * 300 + b"end " * 300 + b"\n",
+    "loops in loops": b"while False: " * 25 + b"end " * 25 + b"\n",
+    "brackets in brackets": b"textmsg(" * 500 + b")" * 500 + b"\n",
+    "words that stand nowhere": b"return\nbreak\ncontinue\nend\nelse\nreturn 1\nlocal\nglobal\n",
+    "string without its end": b'textmsg("abc\ntextmsg(1)\n',
+    "names of the host language": b"f0()\nouter()\nstatements()\nbudget = 5\nv0_a = 1\nb_sync()\n"
+    b"x = __import__('os')\nrun sync()\nx = None\nyield = 1\nlambda = 2\n",
+    "arguments that only the compiler gives": b"interpreter_mode(enclosing=1)\n",
+    "definitions over definitions": b"def f(): return 1 end def f(): return f() end\n" * 100,
+    "a variable for each line": b"".join(b"x%d = [1, 2, 3]\n" % i for i in range(300)),
+    "one line of 60 kB": b"x = 1 " * 10_000 + b"\n",
+    "clear and end in one line": b"clear_interpreter() end_interpreter() clear_interpreter() x = 1\n"
+    * 20,
+    "clear in a function": b"def f(): clear_interpreter() end\nf() f()\n",
+    "threads that start threads": b"thread t(): run t() sync() end\nrun t()\n",
+    "a thread that clears": b"thread t(): clear_interpreter() end\nrun t()\n",
+    "loop without a pause": b"while True: x = 1 end\n",
+    "recursion": b"def f(x): return f(x) end f(1)\n",
+    "a function without its definition": b"def g(): return 1 end\nskipbuffer\ng()\n",
+    "motion to nowhere": b"movej([1e99,0,0,0,0,0]) movel(p[9,9,9,9,9,9]) speedj([0,0],0)\n",
+    "numbers beyond numbers": b"x = 1e999999\nx = 1e308 * 10 textmsg(to_str(x))\n",
+}
+
 API = b"/universal-robots/robot-api"
 ROBOT_API = {
     "no HTTP": b"\r\n\r\n" + TEXT["bytes that are no text"],
@@ -112,6 +140,7 @@ ROBOT_API = {
 CORPUS: dict[str, dict[str, bytes]] = {
     "rtde": RTDE,
     "dashboard": DASHBOARD,
+    "interpreter": INTERPRETER,
     **dict.fromkeys(("primary", "secondary", "realtime"), SCRIPT),
     **dict.fromkeys(("primary_read_only", "secondary_read_only", "realtime_read_only"), SCRIPT),
 }

@@ -87,9 +87,9 @@ class _Execution:
     def __init__(self, runtime: ProgramRuntime) -> None:
         self.runtime = runtime
         self.threads: set[int] = set()
-        self._run = runtime.namespace()["run"]
-        self.namespace = {**runtime.namespace(), "run": self._run_thread}
-        self.statements = Statements(runtime.program, self.namespace)
+        namespace = runtime.namespace()
+        self._run, self._kill = namespace["run"], namespace["kill"]
+        self.statements = Statements(runtime.program, {**namespace, "run": self._run_thread})
         self.mode: _Mode | None = None
         self.lines: deque[_Line] = deque()
         self.waiting_size = 0  # characters of these
@@ -108,6 +108,11 @@ class _Execution:
         """Whether nothing may be interpreted before the last line is executed."""
         last = self.accepted[-1] if self.accepted else self.executing
         return last is not None and last.holds
+
+    @property
+    def full(self) -> bool:
+        """Whether it must be cleared before more can be interpreted."""
+        return self.count >= STATEMENT_LIMIT or self.size >= SIZE_LIMIT
 
     @property
     def unexecuted(self) -> int:
@@ -163,7 +168,7 @@ class _Execution:
     def clear(self) -> None:
         """Forget what was interpreted, and end the threads that it started."""
         for handle in self.threads:
-            self.namespace["kill"](handle)
+            self._kill(handle)
         self.threads.clear()
         self.statements.clear()
         self.count = self.size = 0
@@ -230,6 +235,9 @@ class Interpreter:
             self._tick, self._left = self._controller.tick_count, LINES_PER_PERIOD
         while execution.lines and not execution.held and self._left > 0:
             self._left -= 1
+            if execution.full and not any(name in execution.lines[0].text for name in _HOLDING):
+                execution.take().discard(TOO_MANY)
+                continue
             outcome = execution.compiled(execution.lines[0])
             if outcome is None:
                 return
@@ -241,12 +249,8 @@ class Interpreter:
                 self._accept(execution, line, outcome)
 
     def _accept(self, execution: _Execution, line: _Line, statement: Statement) -> None:
-        full = execution.count >= STATEMENT_LIMIT or execution.size >= SIZE_LIMIT
         execution.count += 1
         execution.size += len(line.text)
-        if full and not statement.calls & _HOLDING:
-            line.discard(TOO_MANY)
-            return
         execution.last_interpreted += 1
         accepted = _Accepted(execution.last_interpreted, statement)
         execution.accepted.append(accepted)
@@ -321,10 +325,10 @@ class Interpreter:
 
     def _of_caller(self, name: str) -> _Execution:
         """The interpreter of the program that calls."""
-        execution = self._execution()
-        if execution is None or execution.runtime is not self._controller.player.caller()[0]:
+        runtime, _ = self._controller.player.caller()
+        if runtime.program.kind == "sec":
             raise ScriptRuntimeError(f"{name} cannot be called in a secondary program")
-        return execution
+        return self._execution() or _Execution(runtime)  # it runs on to where it blocks, once ended
 
     def _execution(self) -> _Execution | None:
         """That of the program that plays or is paused."""
@@ -338,4 +342,5 @@ class Interpreter:
     def _program_ended(self) -> None:
         execution, self._latest = self._latest, None
         if execution is not None:
+            execution.accepted.clear()  # the statement that ended it may be running still
             execution.discard_lines(NOT_RUNNING)

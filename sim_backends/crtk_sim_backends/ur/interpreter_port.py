@@ -32,8 +32,8 @@ class InterpreterSession:
 
     @property
     def waiting(self) -> bool:
-        """Whether an answer is due later."""
-        return self._unanswered > 0
+        """Whether an answer is there, or due later."""
+        return self._unanswered > 0 or bool(self._replies)
 
     def receive(self, data: bytes) -> bytes:
         """Take received bytes, or none, and return the answers that are there."""

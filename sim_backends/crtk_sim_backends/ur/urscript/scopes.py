@@ -50,11 +50,11 @@ class Scope:
         return scope.functions[name] if scope else None
 
     def in_reach(self) -> tuple[list[tuple[Scope, str]], list[Scope]]:
-        """Return every variable, with its owner, and every function that a name can mean here."""
+        """Return every variable, with its owner, and function that names here, or within, can mean."""
         program = self.program
         variables = [(self, name) for name in sorted(self.variables)]
         if program is not self:
-            variables += [(program, name) for name in sorted(program.variables - self.variables)]
+            variables += [(program, name) for name in sorted(program.variables)]
         functions: dict[str, Scope] = {}
         scope: Scope | None = self
         while scope:

@@ -137,7 +137,9 @@ class Statements:
         emitter.statements(block, 2)
         made = {f"v{_DEPTH}_{name}" for name in scope.variables}
         made |= {f"f{function.number}" for function in scope.functions.values()}
-        code = _code(emitter.lines, sorted({*reached, *made}), text)
+        # A name that is declared is a free variable, used or not: functions are, where they are used.
+        assigned = made | {name for name in reached if name.startswith("v")}
+        code = _code(emitter.lines, sorted({*reached, *made}), sorted(assigned), text)
         cells = []
         for name in code.co_freevars:
             if name in made:
@@ -159,13 +161,14 @@ class Statements:
             raise CompileError.name_not_found(function.name, 1, 1) from None
 
 
-def _code(body: list[str], names: list[str], text: str) -> CodeType:
-    """Compile a generator function whose free variables are among `names`."""
+def _code(body: list[str], names: list[str], assigned: list[str], text: str) -> CodeType:
+    """Compile a generator function whose free variables are among `names`; some may be assigned."""
     head = list(_HEAD)
     outer = "def outer():"
     if names:
         outer = f"def outer():\n {' = '.join(names)} = None"
-        head.insert(0, f"nonlocal {', '.join(names)}")
+    if assigned:
+        head.insert(0, f"nonlocal {', '.join(assigned)}")
     lines = [outer, f" def {_BODY}():", *(f"  {line}" for line in head), *body]
     try:
         module = compile("\n".join(lines), _FILE, "exec", dont_inherit=True)
