@@ -259,6 +259,18 @@ def test_a_long_line_that_is_skipped_meanwhile_never_runs(waiting):
 # Limits
 
 
+def test_long_statements_that_have_piled_up_are_no_infinite_loop_together(waiting):
+    waiting.send("sleep(1)")
+    waiting.send(*["i = 0 while i < 500: i = i + 1 end"] * 300)
+    while waiting.controller.time < 0.5:
+        waiting.ticks(1)
+        waiting.answers()
+    assert waiting.state("stateunexecuted") == 300
+    waiting.send("end_interpreter()")
+    waiting.until(lambda: waiting.stopped)
+    assert waiting.errors == []
+
+
 def test_too_many_lines_are_discarded_until_the_interpreter_is_cleared(waiting, monkeypatch):
     monkeypatch.setattr(interpreter, "STATEMENT_LIMIT", 2)
     assert [waiting.ask("b = 1") for _ in range(3)] == [
@@ -327,11 +339,15 @@ def test_halt_and_a_protective_stop_end_it_too(bench):
 
 
 def test_nothing_is_executed_after_the_statement_that_ends_the_program(waiting):
-    waiting.send("sleep(0.1)", "protective_stop() end_interpreter()", "textmsg(1)", "textmsg(2)")
-    waiting.until(lambda: waiting.stopped)
-    waiting.ticks(5)
-    assert waiting.texts == []
-    assert waiting.errors == []
+    for end in ("protective_stop()", "protective_stop() end_interpreter()"):
+        waiting.start(WAIT)
+        waiting.ticks(5)
+        assert len(waiting.send("sleep(0.1)", end, "textmsg(1)")) >= 2
+        waiting.until(lambda: waiting.stopped)
+        waiting.ticks(5)
+        assert waiting.texts == []
+        assert waiting.errors == []
+        waiting.controller.unlock_protective_stop(at_once=True)
 
 
 def test_a_runtime_error_has_the_place_where_the_program_waits_or_that_in_its_function(bench):

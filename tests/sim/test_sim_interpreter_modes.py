@@ -158,6 +158,14 @@ def test_clear_forgets_variables_functions_and_threads_before_the_next_line_is_t
     assert first == second != "0"
 
 
+def test_a_variable_that_was_cleared_has_no_value(waiting):
+    waiting.send("b = 1", "clear_interpreter()")
+    waiting.ticks(1)
+    waiting.send("if False: b = 2 end textmsg(b)")
+    waiting.ticks(2)
+    assert waiting.errors == ["Variable used before it has a value (b)"]
+
+
 @pytest.mark.parametrize(
     ("body", "error"),
     [

@@ -68,6 +68,17 @@ def test_abort_leaves_other_motions_alone(waiting, line):
     assert waiting["target_qd"][0] >= speed
 
 
+def test_abort_of_a_paused_move_counts_when_it_goes_on(waiting):
+    moving(waiting, "movej([1.5, -1.57, 1.57, -1.57, -1.57, 0], a=1, v=0.5)")
+    waiting.controller.pause()
+    waiting.seconds(1)
+    waiting.send("abort")
+    waiting.controller.play()
+    waiting.seconds(2)
+    assert apart(waiting["target_qd"], [0.0] * 6) == 0.0
+    assert waiting["target_q"][0] < 1.2
+
+
 def test_abort_without_a_move_does_not_reach_the_next(waiting):
     goal = [0.2, *HOME[1:]]
     waiting.send(f"movej({goal}, t=0.5)")

@@ -89,8 +89,7 @@ class Moves:
         self._tail: Tail | None = None
         self._waypoint: Floats = ()
         self._waypoint_tick = -2
-        self._abortable: Pace | None = None  # of the move that ran last
-        self._abortable_tick = -2
+        self._abortable: Pace | None = None  # of the last move that `abort` stops
         self._aborted: Pace | None = None
 
     def builtins(self) -> Iterator[Builtin]:
@@ -117,8 +116,7 @@ class Moves:
         Without effect when none runs, and with a blend radius on one that still blends with the move
         before it. Source: script manual, "Interpreter Mode", `abort`.
         """
-        fresh = self._abortable_tick >= self._control.tick
-        self._aborted = self._abortable if fresh else None
+        self._aborted = self._abortable
 
     # Built-ins, with the names and defaults of the URScript manual.
 
@@ -304,7 +302,7 @@ class Moves:
             control.claim()
             self._waypoint_tick = control.tick
             if pace.abortable:
-                self._abortable, self._abortable_tick = pace, control.tick
+                self._abortable = pace
             h = arm.dt * arm.scale
             elapsed += h
             distance, speed = profile.at(elapsed)
