@@ -143,6 +143,7 @@ def test_without_a_program_lines_are_discarded_and_the_state_is_zero(bench):
     assert bench.send("a = 1") == [f"discard: {NOT_RUNNING}: a = 1"]
     assert bench.state("statelastexecuted") == 0
     assert bench.state("stateunexecuted") == 0
+    assert bench.send("abort", "skipbuffer") == ["ack: 0: abort", "ack: 0: skipbuffer"]
 
 
 def test_answers_have_consecutive_numbers_from_one_and_the_line(waiting):
