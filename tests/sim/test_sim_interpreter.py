@@ -246,15 +246,16 @@ def test_a_long_line_is_compiled_beside_the_loop_and_keeps_its_place(waiting):
     assert waiting.texts == ["1000"]
 
 
-def test_a_long_line_that_is_skipped_meanwhile_never_runs(waiting):
+@pytest.mark.parametrize("count", [1, 100])
+def test_a_long_line_that_is_skipped_meanwhile_never_runs(waiting, count):
     line = "textmsg(1) " * 1000
     assert waiting.send(line) == []
     discarded, done = waiting.send("skipbuffer")
     assert discarded.startswith(f"discard: {CLEANED_UP}: textmsg(1)")
     assert done == "ack: 0: skipbuffer"
-    assert waiting.ask("textmsg(2) " * 100).startswith("ack: 1: ")
+    assert waiting.ask("textmsg(2) " * count).startswith("ack: 1: ")
     waiting.ticks(5)
-    assert waiting.texts == ["2"] * 100
+    assert waiting.texts == ["2"] * count
 
 
 # Limits

@@ -140,24 +140,22 @@ class _Execution:
 
     def compiled(self, line: _Line) -> Statement | CompileError | None:
         """What a line compiles to; None while that is not known yet."""
+        wanted = line, self.statements.scope
+        if self._compilation is not None:
+            if self._compilation.is_alive():  # also when its line was skipped: one text at a time
+                return None
+            compilation, self._compilation = self._compilation, None
+            if compilation.error is not None:
+                raise compilation.error
+            if self._compiled == wanted:  # neither skipped nor in a scope that has gone
+                result: Statement | CompileError = compilation.result
+                return result
         if len(line.text) <= LONG_SCRIPT:
             return self._compile(line.text)
-        wanted = line, self.statements.scope
-        compilation = self._compilation
-        if compilation is None:
-            self._compiled = wanted
-            self._compilation = Compilation(partial(self._compile, line.text))
-            self._compilation.start()
-            return None
-        if compilation.is_alive():
-            return None
-        self._compilation = None
-        if self._compiled != wanted:  # the line was skipped, or the scope cleared, meanwhile
-            return None
-        if compilation.error is not None:
-            raise compilation.error
-        result: Statement | CompileError = compilation.result
-        return result
+        self._compiled = wanted
+        self._compilation = Compilation(partial(self._compile, line.text))
+        self._compilation.start()
+        return None
 
     def _compile(self, text: str) -> Statement | CompileError:
         try:

@@ -93,7 +93,8 @@ class Statements:
         number, reach = enclosing
         self._reached = dict(zip(reach.__code__.co_freevars, reach.__closure__ or (), strict=True))
         self._enclosing = self._program.scopes[number]
-        self.scope = _StatementScope(self._enclosing, self.scope.variables, self.scope.functions)
+        made = set(self.scope.variables), dict(self.scope.functions)
+        self.scope = _StatementScope(self._enclosing, *made)
 
     def clear(self) -> None:
         """Forget what statements have made; those that run already keep it."""
