@@ -1,12 +1,17 @@
 """Interpreter mode in virtual time: what joins a program, what is answered, what ends it."""
 
+import threading
+from types import SimpleNamespace
+
 import pytest
 from ur_interpreted import Interpreted
 
 from crtk_sim_backends.ur import interpreter, interpreter_port
+from crtk_sim_backends.ur.compilation import LONG_SCRIPT
 from crtk_sim_backends.ur.interpreter import CLEANED_UP, NOT_RUNNING, TOO_MANY
 from crtk_sim_backends.ur.interpreter_port import InterpreterSession
 from crtk_sim_backends.ur.messages import RuntimeExceptionMessage
+from crtk_sim_backends.ur.urscript import Statements
 
 HOME = [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]
 WAIT = "interpreter_mode(clearQueueOnEnter=False)"
@@ -256,6 +261,66 @@ def test_a_long_line_that_is_skipped_meanwhile_never_runs(waiting, count):
     assert waiting.ask("textmsg(2) " * count).startswith("ack: 1: ")
     waiting.ticks(5)
     assert waiting.texts == ["2"] * count
+
+
+@pytest.fixture
+def gate(monkeypatch):
+    """Holds up what long lines were `compiled` to until it is `open`."""
+    gate = SimpleNamespace(compiled=threading.Event(), open=threading.Event())
+    at_once = Statements.compile
+
+    def compile_slowly(statements, text):
+        try:
+            return at_once(statements, text)
+        finally:
+            if len(text) > LONG_SCRIPT:
+                gate.compiled.set()
+                gate.open.wait(20)
+
+    monkeypatch.setattr(Statements, "compile", compile_slowly)
+    yield gate
+    gate.open.set()
+
+
+def test_nothing_is_compiled_beside_a_long_line_though_it_was_skipped(waiting, gate):
+    assert waiting.send("b = 0 " * 1000) == []
+    assert len(waiting.send("skipbuffer")) == 2
+    assert waiting.send("b = 1") == []
+    waiting.ticks(5)
+    assert waiting.answers() == []
+    gate.open.set()
+    answers = []
+    while not answers:
+        waiting.ticks(1)
+        answers = waiting.answers()
+    assert answers == ["ack: 1: b = 1"]
+
+
+def test_a_long_line_is_compiled_again_when_it_has_come_into_another_scope(bench, gate):
+    bench.start("""
+    def inner():
+      local own = 5
+      interpreter_mode(clearQueueOnEnter=False)
+    end
+    thread ends():
+      sleep(0.1)
+      end_interpreter()
+    end
+    run ends()
+    interpreter_mode()
+    inner()
+    """)
+    bench.ticks(1)
+    line = "textmsg(own) " * 100
+    assert bench.send(line) == []
+    assert gate.compiled.wait(20)
+    bench.seconds(0.2)
+    gate.open.set()
+    answers = []
+    while not answers:
+        bench.ticks(1)
+        answers = bench.answers()
+    assert answers == [f"ack: 1: {line.strip()}"]
 
 
 # Limits
