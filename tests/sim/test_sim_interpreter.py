@@ -4,7 +4,7 @@ import threading
 from types import SimpleNamespace
 
 import pytest
-from ur_interpreted import Interpreted
+from ur_interpreted import WAIT, Interpreted
 
 from crtk_sim_backends.ur import interpreter, interpreter_port
 from crtk_sim_backends.ur.compilation import LONG_SCRIPT
@@ -14,7 +14,6 @@ from crtk_sim_backends.ur.messages import RuntimeExceptionMessage
 from crtk_sim_backends.ur.urscript import Statements
 
 HOME = [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]
-WAIT = "interpreter_mode(clearQueueOnEnter=False)"
 
 
 @pytest.fixture
@@ -23,11 +22,8 @@ def bench():
 
 
 @pytest.fixture
-def waiting(bench):
-    """With a program in interpreter mode."""
-    bench.start('a = 1\ninterpreter_mode()\ntextmsg("after ", a)')
-    bench.ticks(2)
-    return bench
+def waiting():
+    return Interpreted.with_program()
 
 
 # What joins the program

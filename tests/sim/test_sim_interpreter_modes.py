@@ -1,12 +1,10 @@
 """Interpreter mode in virtual time: how a program enters it, leaves it and clears it."""
 
 import pytest
-from ur_interpreted import Interpreted
+from ur_interpreted import WAIT, Interpreted
 
 from crtk_sim_backends.ur.config import SimConfig
 from crtk_sim_backends.ur.interpreter import CLEANED_UP, NOT_RUNNING
-
-WAIT = "interpreter_mode(clearQueueOnEnter=False)"
 
 
 @pytest.fixture
@@ -15,11 +13,8 @@ def bench():
 
 
 @pytest.fixture
-def waiting(bench):
-    """With a program in interpreter mode."""
-    bench.start('a = 1\ninterpreter_mode()\ntextmsg("after ", a)')
-    bench.ticks(2)
-    return bench
+def waiting():
+    return Interpreted.with_program()
 
 
 def test_lines_before_the_mode_are_cleaned_up_when_it_begins(bench):

@@ -6,6 +6,8 @@ from crtk_sim_backends.ur.interpreter_port import InterpreterSession
 from crtk_sim_backends.ur.messages import RuntimeExceptionMessage, TextMessage
 from crtk_sim_backends.ur.safety import RuntimeState
 
+WAIT = "interpreter_mode(clearQueueOnEnter=False)"
+
 
 class Interpreted(Bench):
     """A controller and a client of its interpreter port."""
@@ -13,6 +15,14 @@ class Interpreted(Bench):
     def __init__(self, *arguments, **options):
         super().__init__(*arguments, **options)
         self.session = InterpreterSession(self.controller.interpreter)
+
+    @classmethod
+    def with_program(cls):
+        """With a program in interpreter mode."""
+        bench = cls()
+        bench.start('a = 1\ninterpreter_mode()\ntextmsg("after ", a)')
+        bench.ticks(2)
+        return bench
 
     def send(self, *lines):
         """Answers that are there at once."""
