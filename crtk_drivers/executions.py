@@ -14,7 +14,7 @@ from crtk_drivers.outputs import PoseOutput
 from crtk_drivers.profiles import JointProfile, LineProfile
 from crtk_drivers.samples import JointState
 
-ARRIVAL_TIMEOUT: Final = 3.0
+ARRIVAL_TIMEOUT: Final = 10.0
 """Seconds, at full pace, in which hardware that smooths setpoints must be where a trajectory of ours ends."""
 
 PACE_TIME: Final = 0.2

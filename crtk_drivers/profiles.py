@@ -68,11 +68,14 @@ class JointProfile:
     ) -> None:
         self._goal = vector(goal)
         self._at_rest = vector(np.zeros(self._goal.size))
+        most = vector([limit.acceleration for limit in limits])
+        # More than the limit would go on until the jerk has ended it: far away, and too fast.
+        begin = vector(np.clip(acceleration, -most, most))
         self._trajectory = _trajectory(
-            (vector(position), vector(velocity), vector(acceleration)),
+            (vector(position), vector(velocity), begin),
             self._goal,
             vector([limit.velocity for limit in limits]) * ratios.velocity,
-            vector([limit.acceleration for limit in limits]) * ratios.acceleration,
+            most * ratios.acceleration,
             vector([limit.jerk for limit in limits]),
         )
 
@@ -339,9 +342,8 @@ def _stopping(
     problem = InputParameter(6)
     problem.control_interface = ControlInterface.Velocity
     problem.current_velocity = twist.tolist()
-    most_each = most * share / math.sqrt(3.0)
-    problem.current_acceleration = np.clip(acceleration, -most_each, most_each).tolist()
-    problem.max_acceleration = most_each.tolist()
+    problem.current_acceleration = np.clip(acceleration, -most, most).tolist()  # see `JointProfile`
+    problem.max_acceleration = (most * share / math.sqrt(3.0)).tolist()
     problem.max_jerk = (most / CARTESIAN_RISE_TIME).tolist()
     return _solved(problem, 6)
 
@@ -364,8 +366,7 @@ def _trajectory(
     problem = InputParameter(size)
     problem.current_position = state[0].tolist()
     problem.current_velocity = state[1].tolist()
-    # Beyond its limit it would go on for as long as the jerk allows no better: far away, and too fast.
-    problem.current_acceleration = np.clip(state[2], -acceleration, acceleration).tolist()
+    problem.current_acceleration = state[2].tolist()
     problem.target_position = goal.tolist()
     problem.max_velocity = velocity.tolist()
     problem.max_acceleration = acceleration.tolist()
