@@ -1,8 +1,8 @@
 """Clients from PyPI that nobody here wrote, unmodified, each in a process of its own.
 
 `urinterface` commands over the secondary port and the dashboard, and records by Universal Robots' own RTDE
-client library (release of 2020), which it brings along; `universal-robots-clients` asks the dashboard and
-exchanges registers through ur-rtde.
+client library of 2020, which it brings along as a package of its own; `universal-robots-clients` asks the
+dashboard and exchanges registers through ur-rtde.
 """
 
 from __future__ import annotations
