@@ -6,6 +6,15 @@ from ur_interpreted import WAIT, Interpreted
 from crtk_sim_backends.ur.config import SimConfig
 from crtk_sim_backends.ur.interpreter import CLEANED_UP, NOT_RUNNING
 
+ENDED_BY_A_THREAD = """
+thread ends():
+  sleep(0.1)
+  end_interpreter()
+end
+run ends()
+interpreter_mode()
+"""
+
 
 @pytest.fixture
 def bench():
@@ -95,15 +104,7 @@ def test_end_interpreter_comes_after_what_is_queued(waiting):
 
 
 def test_a_thread_of_the_program_can_end_the_mode_after_the_running_statement(bench):
-    bench.start("""
-    thread ends():
-      sleep(0.1)
-      end_interpreter()
-    end
-    run ends()
-    interpreter_mode()
-    textmsg("after")
-    """)
+    bench.start(ENDED_BY_A_THREAD + 'textmsg("after")')
     bench.ticks(1)
     bench.send("sleep(0.5)", 'textmsg("slept")', "sleep(0.5)")
     bench.seconds(0.4)
@@ -113,16 +114,7 @@ def test_a_thread_of_the_program_can_end_the_mode_after_the_running_statement(be
 
 
 def test_a_thread_can_end_an_idle_mode_and_without_one_nothing_happens(bench):
-    bench.run("""
-    thread ends():
-      sleep(0.1)
-      end_interpreter()
-    end
-    run ends()
-    interpreter_mode()
-    end_interpreter()
-    textmsg("after")
-    """)
+    bench.run(ENDED_BY_A_THREAD + 'end_interpreter()\ntextmsg("after")')
     assert bench.texts == ["after"]
 
 

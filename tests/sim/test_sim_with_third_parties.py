@@ -8,18 +8,15 @@ dashboard and exchanges registers through ur-rtde.
 from __future__ import annotations
 
 import csv
-import subprocess
-import sys
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from ur_clients import last_json
+from ur_clients import last_json, output_of
 
 from crtk_sim_backends.ur import SIM
 
-TIMEOUT = 50.0
 needs_urinterface = pytest.mark.skipif(find_spec("urinterface") is None, reason="needs urinterface")
 needs_clients = pytest.mark.skipif(
     find_spec("universal_robots_clients") is None, reason="needs universal-robots-clients"
@@ -97,17 +94,6 @@ print(json.dumps(told))
 """
 
 
-def run(program: str, *arguments: str) -> str:
-    """Return what a program prints."""
-    return subprocess.run(
-        [sys.executable, "-c", program, *arguments],
-        stdout=subprocess.PIPE,
-        text=True,
-        timeout=TIMEOUT,
-        check=True,
-    ).stdout
-
-
 def rows_of(path: Path) -> list[dict[str, str]]:
     """The rows of a recording of UR's library."""
     with path.open(newline="") as file:
@@ -120,7 +106,7 @@ def test_urinterface_moves_and_records(model: str, version: str, tmp_path: Path)
     recipe, output = tmp_path / "recipe.xml", tmp_path / "moves.csv"
     recipe.write_text(RECIPE)
     with SIM.spawn(model=model, version=version) as sim:
-        told = last_json(run(MOVES, sim.host, str(recipe), str(output)))
+        told = last_json(output_of(MOVES, sim.host, str(recipe), str(output)))
     assert told["version"][:2] == [int(part) for part in version.split(".")[:2]]
     rows = rows_of(output)
     turned = [float(row["actual_q_0"]) - told["start"][0] for row in rows]
@@ -137,7 +123,7 @@ def test_record_of_urs_library(model: str, version: str, tmp_path: Path) -> None
     recipe.write_text(RECIPE)
     options = ["--config", str(recipe), "--output", str(output), "--samples", "100"]
     with SIM.spawn(model=model, version=version) as sim:
-        run(RECORD, "--host", sim.host, *options)
+        output_of(RECORD, "--host", sim.host, *options)
     stamps = [float(row["timestamp"]) for row in rows_of(output)]
     assert len(stamps) >= 99
     steps = [(after - before) / 0.008 for before, after in pairwise(stamps)]
@@ -150,7 +136,7 @@ def test_universal_robots_clients(tmp_path: Path) -> None:
     (tmp_path / "wait.urp").write_bytes(b"")
     (tmp_path / "wait.script").write_text("def wait():\n  sleep(100.0)\nend\n")
     with SIM.spawn(version="5.12.4", programs=str(tmp_path)) as sim:
-        told = last_json(run(CLIENTS, sim.host))
+        told = last_json(output_of(CLIENTS, sim.host))
         found = sim.control.outputs(
             "actual_digital_output_bits", "target_speed_fraction", "input_int_register_42"
         )

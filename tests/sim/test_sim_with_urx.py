@@ -4,12 +4,10 @@ urx 0.11 knows the states of 3.0 to 3.4 alone, by their length. Its Cartesian ca
 the math3d that it installs.
 """
 
-import subprocess
-import sys
 from importlib.util import find_spec
 
 import pytest
-from ur_clients import last_json
+from ur_clients import last_json, output_of
 
 from crtk_sim_backends.ur import SIM
 
@@ -42,14 +40,7 @@ finally:
 @pytest.mark.parametrize(("version", "offset"), [("3.0", None), ("3.4", 0.0)])
 def test_urx_sees_the_state_and_moves_joints(version, offset):
     with SIM.spawn(model="ur5", version=version) as sim:
-        result = subprocess.run(
-            [sys.executable, "-c", SESSION, sim.host],
-            stdout=subprocess.PIPE,
-            text=True,
-            timeout=45,
-            check=True,
-        )
-    seen = last_json(result.stdout)
+        seen = last_json(output_of(SESSION, sim.host))
     assert seen["start"] == pytest.approx([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
     assert seen["reached"] == pytest.approx(seen["goal"], abs=0.06)  # urx calls 20 % away reached
     assert seen["running"]

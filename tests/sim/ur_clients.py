@@ -3,6 +3,8 @@
 import json
 import socket
 import struct
+import subprocess
+import sys
 import time
 
 SIZES = {
@@ -230,6 +232,17 @@ def wait_until(condition, seconds=5.0, pause=0.01):
         assert time.monotonic() < deadline, "the condition was not fulfilled in time"
         time.sleep(pause)
     return value
+
+
+def output_of(program, *arguments):
+    """What a Python program prints that runs in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-c", program, *arguments],
+        stdout=subprocess.PIPE,
+        text=True,
+        timeout=45,
+        check=True,
+    ).stdout
 
 
 def last_json(text):

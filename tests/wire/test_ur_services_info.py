@@ -41,6 +41,16 @@ def said(monkeypatch) -> io.StringIO:
     return text
 
 
+def rows_of(said: io.StringIO) -> dict[str, str]:
+    """What was printed, by name."""
+    return {line[:38].strip(): line[38:].strip() for line in said.getvalue().splitlines()}
+
+
+def notes(bench):
+    """Severity and text of what people should know, by name."""
+    return {note.key: (note.severity, note.text) for note in bench.engine.health().notes}
+
+
 def config(host: str, **values):
     return load(PLUGIN.config, from_values({"host": host, "model": "ur10e", **values}))
 
@@ -76,7 +86,7 @@ def test_it_tells_what_the_arm_is(sim, said):
         assert info(config(sim.host), InfoOptions()) == 0
     finally:
         sim.control.clear("digital_inputs")
-    rows = {line[:38].strip(): line[38:].strip() for line in said.getvalue().splitlines()}
+    rows = rows_of(said)
     assert rows["controller version"].startswith("5.12.4")
     assert rows["serial number"] == "20205512345"
     assert rows["model"] == "UR10"
@@ -102,7 +112,7 @@ def test_the_arm_moves_with_the_calibration_that_was_written(sim, said, tmp_path
     written = load(PLUGIN.config, from_file(path))
     assert (written.host, written.model) == (sim.host, "ur10e")
     with driver_at(sim, yaml.safe_load(path.read_text(encoding="utf-8"))) as bench:
-        assert not [note for note in bench.engine.health().notes if note.key == "calibration"]
+        assert "calibration" not in notes(bench)
         bench.arm.enable(timeout=LONG)
         start = bench.arm.measured_cp()
         goal = start.position + np.array([0.0, 0.05, 0.05])
@@ -120,20 +130,16 @@ def test_a_calibration_of_another_arm_is_a_warning(sim):
     calibration = read_robot_info(sim.host, time.monotonic() + LONG).calibration
     values = {**calibration.model_dump(), "checksum": [1, 2, 3, 4, 5, 6]}
     with driver_at(sim, {"model": "ur10e", "calibration": values}) as bench:
-        found = {note.key: note.text for note in bench.engine.health().notes}
-        assert "has another one than is configured" in found["calibration"]
-        assert "crtk-driver ur info" in found["calibration"]
-
-
-def notes(bench):
-    return {n.key: (n.severity, n.text) for n in bench.engine.health().notes}
+        _, text = notes(bench)["calibration"]
+        assert "has another one than is configured" in text
+        assert "crtk-driver ur info" in text
 
 
 @pytest.mark.parametrize("serial", ["20205512345", "20205512346"])
 def test_an_arm_of_its_own_moves_by_the_calibration_that_it_tells(serial, said):
     with SIM.spawn(model="ur10e", calibration=2.0, serial_number=serial) as sim:
         assert info(config(sim.host), InfoOptions()) == 0
-        rows = {line[:38].strip(): line[38:].strip() for line in said.getvalue().splitlines()}
+        rows = rows_of(said)
         assert "from where the nominal ur10e has it" in rows["compared"]
         assert rows["checked"].startswith("0.000 mm")
         with driver_at(sim, {"model": "ur10e", "calibration": "nominal"}) as bench:
@@ -191,7 +197,7 @@ def test_polyscope_x_is_asked_by_its_robot_api(said):
     with SIM.spawn(version="10.14.0", robot_api=True, robot_api_port=0) as sim:
         values = {"model": "ur5e", "robot_api_port": sim.ports["robot_api"]}
         assert info(config(sim.host, **values), InfoOptions()) == 0
-        rows = {line[:38].strip(): line[38:].strip() for line in said.getvalue().splitlines()}
+        rows = rows_of(said)
         assert rows["serial number"] == "20235500001"
         assert rows["model"] == "UR5e"
         assert rows["software"].startswith("10.14")

@@ -14,7 +14,6 @@ SLOWEST: Final = 0.05
 SMOOTHING: Final = 0.02
 """Weight of each sample: the figure is a mean over about fifty."""
 
-
 THERE: Final = 2e-4
 """rad to the last position below which an arm that stands has no way left to go."""
 

@@ -54,10 +54,9 @@ class ScriptQueue:
         """Run what is ready, and have the next long script compiled."""
         while self._waiting:
             if self._compilation is None and len(self._waiting[0]) > LONG_SCRIPT:
+                # `run_script` finds in a cache what this leaves there.
                 work = partial(self._controller.prepare_script, self._waiting[0])
-                self._compilation = Compilation(
-                    work
-                )  # `run_script` finds what it leaves in a cache
+                self._compilation = Compilation(work)
                 self._compilation.start()
             error = None
             if self._compilation is not None:
