@@ -41,7 +41,8 @@ class Bench:
     def frame(self, identifier, data=b""):
         """Give it a frame (bytes or hexadecimal) and return its answers as (identifier, hex)."""
         data = bytes.fromhex(data) if isinstance(data, str) else data
-        return [(i, d.hex(" ")) for i, d in self.drive.on_frame(identifier, data, self.now)]
+        frames = self.drive.on_frame(identifier, data, self.now) + self.drive.act(self.now)
+        return [(i, d.hex(" ")) for i, d in frames]
 
     def ask(self, request):
         """One SDO request in hexadecimal; its only answer in hexadecimal."""
@@ -100,6 +101,7 @@ class Bench:
             if self.sync_period and self.now >= self.next_sync:
                 self.next_sync = self.now + self.sync_period
                 self.sent += self.drive.on_frame(0x80, b"", self.now)
+                self.sent += self.drive.act(self.now)
             if self.drive.next_timer <= self.now:
                 self.sent += self.drive.on_timer(self.now)
 

@@ -129,6 +129,59 @@ def test_synchronous_rpdo_is_applied_with_sync(bench):
     assert bench.frame(0x80) == [(0x180 + NODE, "31 02")]
 
 
+def synchronous(bench):
+    """The drive, with an RPDO and a TPDO that go with SYNC."""
+    bench.map(RPDO, 1, [CONTROL], kind=1)
+    bench.map(TPDO, 0, [STATUS], kind=1)
+    bench.start()
+    return bench.drive
+
+
+def test_the_samples_leave_before_sync_is_acted_on(bench):
+    drive = synchronous(bench)
+    assert not drive.on_frame(0x300 + NODE, b"\x06\x00", bench.now)
+    assert drive.on_frame(0x80, b"", bench.now) == [(0x180 + NODE, b"\x50\x02")]
+    assert bench.axis.statusword() == 0x0250
+    assert drive.act(bench.now) == []
+    assert bench.axis.statusword() == 0x0231
+
+
+@pytest.mark.parametrize("when", ["another SYNC", "an RPDO", "a timer"])
+def test_what_sync_made_valid_is_done_before_anything_else(bench, when):
+    drive = synchronous(bench)
+    drive.on_frame(0x300 + NODE, b"\x06\x00", bench.now)
+    drive.on_frame(0x80, b"", bench.now)
+    match when:
+        case "another SYNC":
+            (sample,) = drive.on_frame(0x80, b"", bench.now)
+            assert sample == (0x180 + NODE, b"\x31\x02")
+        case "an RPDO":
+            assert not drive.keep(0x300 + NODE, b"\x00\x00")
+            drive.on_frame(0x300 + NODE, b"\x00\x00", bench.now)
+        case "a timer":
+            drive.on_timer(bench.now)
+    assert bench.axis.statusword() == 0x0231
+
+
+def test_an_rpdo_is_kept_until_sync(bench):
+    drive = synchronous(bench)
+    assert drive.keep(0x300 + NODE, b"\x06\x00")
+    assert not drive.keep(0x300 + NODE, b"\x06")
+    assert not drive.keep(0x80, b"")
+    assert bench.axis.statusword() == 0x0250
+    bench.frame(0x80)
+    assert bench.axis.statusword() == 0x0231
+
+
+def test_an_error_that_sync_brings_is_told_at_once(bench):
+    bench.map(RPDO, 1, [(0x6060, 0, 8)], kind=1)
+    bench.start()
+    bench.drive.on_frame(0x300 + NODE, b"\x7f", bench.now)
+    assert not bench.drive.on_frame(0x80, b"", bench.now)
+    ((identifier, data),) = bench.drive.act(bench.now)
+    assert (identifier, data[:2]) == (0x80 + NODE, b"\x20\x63")
+
+
 def test_only_the_last_rpdo_before_sync_counts(bench):
     bench.map(RPDO, 0, [TARGET], kind=1)
     bench.start()

@@ -79,6 +79,18 @@ def enable(master, node):
         assert master.sdo(node, f"2b406000{word}000000").startswith("60")
 
 
+def test_sync_is_acted_on_without_another_frame(sim, master):
+    """The samples leave first, and nothing comes after this SYNC that would wake the drive."""
+    assert master.sdo(1, "2f00140201000000") == "60 00 14 02 00 00 00 00"  # RPDO 1 with SYNC
+    assert master.sdo(1, "2f00180201000000") == "60 00 18 02 00 00 00 00"  # TPDO 1 too
+    master.send(0, "01 01")
+    master.send(0x201, "06 00")
+    master.send(0x80)
+    assert master.wait(0x181) == b"\x50\x02"
+    until(lambda: axis(sim, 1)["controlword"] == 6)
+    assert axis(sim, 1)["statusword"] == 0x231
+
+
 def test_both_drives_answer(master):
     for node in (1, 2):
         assert master.sdo(node, "4018100400000000") == f"43 18 10 04 {node:02x} 00 00 00"

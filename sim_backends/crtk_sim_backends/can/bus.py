@@ -25,6 +25,7 @@ from crtk_sim_backends.can.port import DEAF, REFUSING, State
 _HELLO_TIMEOUT: Final = 2.0  # s
 _HUB_TIMEOUT: Final = 1.0  # s; longest wait for a hub that does not get the time to read
 _SELECTABLE: Final = 1024  # select waits to the microsecond, poll rounds up to the millisecond
+_NO_LIMIT: Final = 1 << 31  # frames, where none ever waits
 _QUEUE_POLL: Final = 0.0005  # s; between two looks at a full queue
 
 
@@ -113,10 +114,28 @@ class HubBus(can.BusABC):  # type: ignore[misc]
                 message = self._message(raw)
                 if self._matches_filters(message):
                     return message
-            elif State(*native.STATE_PACKET.unpack(raw)) & State.DOWN:
-                raise can.CanOperationError(
-                    f"{self.channel_info}: the interface went down", errno.ENETDOWN
-                )
+            else:
+                self._check_state(raw)
+
+    def recv_frames(self) -> bytes:
+        """Return the frames that are there, `struct can_frame` after `struct can_frame`; empty without.
+
+        Does not wait (see `fileno`), and knows no filters. Not for a bus from which `recv` is called too.
+
+        Raises:
+            can.CanOperationError: as `recv`.
+        """
+        while (packet := self._receive()) is not None:
+            if len(packet) % frames.SIZE == 0:
+                return packet
+            self._check_state(packet)
+        return b""
+
+    def _check_state(self, packet: bytes) -> None:
+        if State(*native.STATE_PACKET.unpack(packet)) & State.DOWN:
+            raise can.CanOperationError(
+                f"{self.channel_info}: the interface went down", errno.ENETDOWN
+            )
 
     def _next(self) -> bytes | None:
         """Return the next frame or state, None when there is none.
@@ -210,40 +229,76 @@ class HubBus(can.BusABC):  # type: ignore[misc]
         self._send(frames.LAYOUT.pack(can_id, msg.dlc, msg.data), timeout)
 
     def _send(self, raw: bytes, timeout: float | None) -> None:
-        page = self._page
-        if page is None:
-            raise can.CanOperationError(f"the {self.channel_info} is shut down", errno.EBADF)
+        page = self._open_page()
         began = time.monotonic()
-        numbers = page.numbers
-        if numbers[Page.STATE] or numbers[Page.LIMIT]:
-            while (reason := self._refusal(page)) is not None:
-                if time.monotonic() >= began + (timeout or 0.0):
-                    raise reason
-                time.sleep(_QUEUE_POLL)
-        self._sent += 1  # before the hub can count it, for what other threads make of both
-        try:
-            self._put(raw, began + max(timeout or 0.0, _HUB_TIMEOUT))
-        except can.CanOperationError:
-            self._sent -= 1
-            raise
+        while not self._room(page):
+            if time.monotonic() >= began + (timeout or 0.0):
+                raise self._refusal(page)
+            time.sleep(_QUEUE_POLL)
+        self._put(raw, began + max(timeout or 0.0, _HUB_TIMEOUT))
 
-    def _refusal(self, page: Page) -> can.CanOperationError | None:
-        """Why a frame cannot be sent now; None when it can."""
+    def send_frames(self, raw: bytes) -> int:
+        """Put frames, `struct can_frame` after `struct can_frame`, into the transmit queue.
+
+        Returns:
+            How many of them, from the first on, there was room for.
+
+        Raises:
+            can.CanOperationError: with ENETDOWN or ECONNRESET as `error_code`.
+        """
+        page = self._open_page()
+        room = self._room(page)
+        if not room and page.numbers[Page.STATE] & State.DOWN:
+            raise self._refusal(page)
+        raw = raw[: room * frames.SIZE]
+        deadline = time.monotonic() + _HUB_TIMEOUT
+        for at in range(0, len(raw), native.MAX_PACKET):
+            try:
+                self._put(raw[at : at + native.MAX_PACKET], deadline)
+            except can.CanOperationError as error:
+                if error.error_code != errno.ENOBUFS:
+                    raise
+                return at // frames.SIZE
+        return len(raw) // frames.SIZE
+
+    def _open_page(self) -> Page:
+        if self._page is None:
+            raise can.CanOperationError(f"the {self.channel_info} is shut down", errno.EBADF)
+        return self._page
+
+    def _room(self, page: Page) -> int:
+        """How many frames the transmit queue takes now."""
         state, limit, read, waiting = page.numbers[: Page.WAITING + 1].tolist()
-        if not state & REFUSING:
-            if not limit or ((self._sent - read) & 0xFFFFFFFF) + waiting < limit:
-                return None
-            why, number = "the transmit queue is full", errno.ENOBUFS
-        elif state & State.DOWN:
+        if state and state & REFUSING:
+            return 0
+        if not limit:
+            return _NO_LIMIT
+        return max(0, limit - waiting - ((self._sent - read) & 0xFFFFFFFF))
+
+    def _refusal(self, page: Page) -> can.CanOperationError:
+        """Why no frame can be sent now."""
+        state = State(page.numbers[Page.STATE])
+        if state & State.DOWN:
             why, number = "the interface is down", errno.ENETDOWN
         elif state & State.BUS_OFF:
             why, number = "no buffer space available, the controller is bus-off", errno.ENOBUFS
-        else:
+        elif state & State.FULL:
             why, number = "no buffer space available", errno.ENOBUFS
+        else:
+            why, number = "the transmit queue is full", errno.ENOBUFS
         return can.CanOperationError(f"{self.channel_info}: {why}", number)
 
     def _put(self, raw: bytes, deadline: float) -> None:
-        """Hand a frame to the kernel, waiting until `deadline` for room in the socket."""
+        """Hand frames to the kernel, waiting until `deadline` for room in the socket."""
+        count = len(raw) // frames.SIZE
+        self._sent += count  # before the hub can count them, for what other threads make of both
+        try:
+            self._hand_over(raw, deadline)
+        except can.CanOperationError:
+            self._sent -= count
+            raise
+
+    def _hand_over(self, raw: bytes, deadline: float) -> None:
         while True:
             try:
                 self._socket.send(raw)

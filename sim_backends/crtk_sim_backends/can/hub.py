@@ -197,6 +197,7 @@ class Hub:
         self._pending: deque[tuple[Node, bytes]] = deque()  # at bit rate 0
         self._routes: dict[tuple[Node, bytes], _Route] = {}
         self._unsent: list[Callable[[], object]] = []
+        self._afterwards: list[Callable[[], object]] = []
         self._doors: list[SocketDoor | SocketcandDoor | SlcanDoor | KernelDoor] = []
         self._errors = Node(self, "errors", _Local(lambda can_id, data: None))
         self._numbers: dict[str, int] = {}
@@ -259,6 +260,9 @@ class Hub:
     def transmit(self, node: Node, raw: bytes) -> int:
         """Queue a checked frame of `node`; 0, or why it was not taken: ENOBUFS or ENETDOWN."""
         state = node.state
+        if not state and self.hook is None and self._medium is None:
+            self._pending.append((node, raw))
+            return 0
         if state and state & (REFUSING | State.LISTEN_ONLY):
             node.counters.lost += 1
             if state & State.DOWN:
@@ -319,6 +323,10 @@ class Hub:
             unsent, self._unsent = self._unsent, []
             for flush in unsent:
                 flush()
+        if self._afterwards:
+            afterwards, self._afterwards = self._afterwards, []
+            for function in afterwards:
+                function()
 
     def _deliver(self, sender: Node, raw: bytes, at: float) -> None:
         self.frame_count += 1
@@ -359,6 +367,10 @@ class Hub:
     def after_round(self, flush: Callable[[], object]) -> None:
         """Call `flush` when all frames that are due have been delivered."""
         self._unsent.append(flush)
+
+    def when_sent(self, function: Callable[[], object]) -> None:
+        """Call `function` when all frames that are due have left: what others need not wait for."""
+        self._afterwards.append(function)
 
     # Time
 

@@ -5,14 +5,18 @@ from __future__ import annotations
 import heapq
 import itertools
 import select
-import selectors
 import time
 from collections.abc import Callable
 from typing import Final
 
-READ: Final = selectors.EVENT_READ
-WRITE: Final = selectors.EVENT_WRITE
+READ: Final = select.EPOLLIN
+WRITE: Final = select.EPOLLOUT
 
+_PLAIN: Final = (
+    READ,
+    WRITE,
+    READ | WRITE,
+)  # else an end or an error, which reading or writing tells
 _TICK: Final = 0.001  # s; epoll rounds times up to it, select has microseconds
 
 
@@ -34,7 +38,7 @@ class Loop:
     """Waits for file descriptors and times. Not thread-safe: everything happens in one thread."""
 
     def __init__(self) -> None:
-        self._selector = selectors.DefaultSelector()
+        self._epoll = select.epoll()
         self._ready: dict[int, Callable[[int], object]] = {}  # by file descriptor
         self._timers: list[tuple[float, int, Timer]] = []
         self._count = itertools.count()
@@ -42,15 +46,15 @@ class Loop:
     def watch(self, fd: int, ready: Callable[[int], object], events: int = READ) -> None:
         """Call `ready` with READ, WRITE or both whenever `fd` is; replaces what was there."""
         if fd in self._ready:
-            self._selector.modify(fd, events)
+            self._epoll.modify(fd, events)
         else:
-            self._selector.register(fd, events)
+            self._epoll.register(fd, events)
         self._ready[fd] = ready
 
     def forget(self, fd: int) -> None:
         """Do not watch `fd` any more; before it is closed. Safe to repeat."""
         if self._ready.pop(fd, None) is not None:
-            self._selector.unregister(fd)
+            self._epoll.unregister(fd)
 
     def call_at(self, at: float, function: Callable[[], object]) -> Timer:
         """Call `function` when the monotonic clock has reached `at` (s)."""
@@ -64,24 +68,24 @@ class Loop:
             heapq.heappop(self._timers)
         if self._timers and (until is None or self._timers[0][0] < until):
             until = self._timers[0][0]
-        for key, events in self._wait(until):
-            handler = self._ready.get(key.fd)  # None: an earlier handler let it go
+        for fd, events in self._wait(until):
+            handler = self._ready.get(fd)  # None: an earlier handler let it go
             if handler is not None:
-                handler(events)
+                handler(events if events in _PLAIN else READ | WRITE)
         if self._timers:
             self._run_timers()
 
-    def _wait(self, until: float | None) -> list[tuple[selectors.SelectorKey, int]]:
+    def _wait(self, until: float | None) -> list[tuple[int, int]]:
         """Return what is ready, at `until` at the latest; its last part is waited for with `select`."""
         while until is not None:
             seconds = until - time.monotonic()
             if seconds < 2.0 * _TICK:
                 if seconds > 0.0:
-                    select.select([self._selector], [], [], seconds)
-                return self._selector.select(0)
-            if ready := self._selector.select(seconds - _TICK):
+                    select.select([self._epoll], [], [], seconds)
+                return self._epoll.poll(0)
+            if ready := self._epoll.poll(seconds - _TICK):
                 return ready
-        return self._selector.select()
+        return self._epoll.poll()
 
     def _run_timers(self) -> None:
         now = time.monotonic()
@@ -92,6 +96,6 @@ class Loop:
                 function()
 
     def close(self) -> None:
-        """Close the selector, not what it watches."""
+        """Close it, not what it watches."""
         self._timers.clear()
-        self._selector.close()
+        self._epoll.close()

@@ -120,26 +120,22 @@ class _Client:
             self._take(packet)
 
     def _take(self, packet: bytes) -> None:
-        if len(packet) == frames.SIZE:
-            self._send(packet)
-        elif len(packet) % frames.SIZE == 0:
+        if len(packet) % frames.SIZE == 0:
             for start in range(0, len(packet), frames.SIZE):
-                self._send(packet[start : start + frames.SIZE])
+                raw = packet[start : start + frames.SIZE]
+                if frames.fault_of(raw) is None:
+                    self._hub.transmit(self.node, raw)
+                else:
+                    self.node.counters.invalid += 1
+            if self._page is not None:
+                numbers = self._page.numbers
+                numbers[Page.READ] = (numbers[Page.READ] + len(packet) // frames.SIZE) & 0xFFFFFFFF
         else:
             asked = parse_hello(packet)
             if asked is None or self._page is not None:
                 self.node.counters.invalid += 1
             else:
                 self._answer(*asked)
-
-    def _send(self, raw: bytes) -> None:
-        if frames.fault_of(raw) is None:
-            self._hub.transmit(self.node, raw)
-        else:
-            self.node.counters.invalid += 1
-        if self._page is not None:
-            numbers = self._page.numbers
-            numbers[Page.READ] = (numbers[Page.READ] + 1) & 0xFFFFFFFF
 
     def _answer(self, name: str, flags: int) -> None:
         """Share a page with the client."""

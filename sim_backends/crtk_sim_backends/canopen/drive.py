@@ -163,6 +163,7 @@ class Drive:
         self._last_call = 0.0
         self._boot_at = 0.0
         self._last_sync: float | None = None
+        self.acts = False  # SYNC has come, and `act` has not been called
         self._late: list[tuple[float, Frame]] = []  # frames that wait for their time
         self.interests: frozenset[int] = frozenset()
         self._note_interests()
@@ -182,14 +183,11 @@ class Drive:
     def on_frame(self, identifier: int, data: bytes, now: float) -> list[Frame]:
         """Hear a frame of the bus; the frames that the drive sends because of it, or until now.
 
-        Frames whose identifier is not in `interests` need not be given to it.
+        Frames whose identifier is not in `interests` need not be given to it. With SYNC the samples are sent
+        first, and what it makes valid is carried out by `act`, or else by the next frame or timer.
         """
-        pdo = self.pdos.receiving.get(identifier)
-        if pdo is not None and pdo.plain and len(data) == pdo.layout.size:
-            if self.state is NmtState.OPERATIONAL and not self.faults.silent:
-                pdo.received = data  # until SYNC: nothing else happens now
-            return []
-        frames = self._advance(now)
+        frames = self.act(now) if self.acts else []
+        frames += self._advance(now)
         if self.faults.silent or self.faults.off or self.state is NmtState.INITIALISING:
             return self._leave(frames, now)
         if identifier == self._sync:
@@ -197,7 +195,7 @@ class Drive:
             if self.next_timer > now and not self._has_events:
                 self.next_timer = min(self.next_timer, now + _SYNC_TICK)
                 return frames
-        elif pdo is not None:
+        elif pdo := self.pdos.receiving.get(identifier):
             if self.state is NmtState.OPERATIONAL and self.pdos.on_rpdo(pdo, data, now):
                 self._process()
         elif identifier == 0x600 + self.node_id:
@@ -213,9 +211,32 @@ class Drive:
             self.heartbeats.on_heartbeat(identifier - 0x700, now)
         return self._leave(frames + self._events(now), now)
 
+    def keep(self, identifier: int, data: bytes) -> bool:
+        """Keep an RPDO until SYNC, if nothing else is to be done with it: the quick part of `on_frame`.
+
+        Returns:
+            Whether that was all; otherwise give the frame to `on_frame`.
+        """
+        pdo = self.pdos.receiving.get(identifier)
+        if pdo is None or not pdo.plain or len(data) != pdo.layout.size or self.acts:
+            return False
+        if self.state is NmtState.OPERATIONAL and not self.faults.silent:
+            pdo.received = data
+        return True
+
+    def act(self, now: float) -> list[Frame]:
+        """Carry out what the last SYNC has made valid, RPDOs and targets; the frames that follow from it."""
+        if not self.acts:
+            return []
+        self.acts = False
+        self.pdos.apply_received()
+        for unit in self.axes:
+            unit.process(sync=True)
+        return self._leave(self._events(now), now) if self._has_events else []
+
     def on_timer(self, now: float) -> list[Frame]:
         """Do what is due; the frames that the drive sends."""
-        frames = self._advance(now)
+        frames = self.act(now) + self._advance(now)
         if self.state is not NmtState.INITIALISING and not self.faults.off:
             answers = self._sdo.expire(now)
             frames += [(0x580 + self.node_id, answer) for answer in answers]
@@ -315,21 +336,19 @@ class Drive:
         if self.state is not NmtState.OPERATIONAL or not self.pdos.check_sync(data):
             return []
         self._last_sync = now
-        frames = self.pdos.on_sync(data[0] if data else None)
-        self.pdos.apply_received()
-        for unit in self.axes:
-            unit.process(sync=True)
-        return frames
+        self.acts = True
+        return self.pdos.on_sync(data[0] if data else None)
 
     @property
     def _has_events(self) -> bool:
         """Whether more than synchronous TPDOs may have to be sent."""
+        faults = self.faults
         return bool(
-            self.emergency.next_timer is not None
+            self.emergency.waiting
             or self.pdos.event_driven
             or self._late
-            or self.faults.no_tpdo
-            or self.faults.tpdo_delay
+            or faults.no_tpdo
+            or faults.tpdo_delay
         )
 
     def _process(self) -> None:
@@ -337,8 +356,10 @@ class Drive:
             unit.process()
 
     def _check_sync(self, now: float) -> None:
+        if self._last_sync is None:
+            return
         timeout = self.dictionary[SYNC_TIMEOUT] / 1000
-        if self._last_sync is not None and timeout and now - self._last_sync > timeout:
+        if timeout and now - self._last_sync > timeout:
             self._last_sync = None
             for unit in self.axes:
                 unit.sync_lost()
@@ -382,7 +403,7 @@ class Drive:
         if self._time is None:
             self._begin_boot(now - self.config.personality.boot, ())
             self._time = self._last_call = now
-        if now - max(self.next_timer, self._last_call) > _STALL:
+        if now - self._last_call > _STALL and now - self.next_timer > _STALL:
             self._forgive(now - self._last_call)
         self._last_call = now
         if self._time + _CONTROL_PERIOD <= now + 1e-9:

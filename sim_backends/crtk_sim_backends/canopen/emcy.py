@@ -46,7 +46,7 @@ class Emergency:
     def __init__(self, dictionary: ObjectDictionary) -> None:
         self._dictionary = dictionary
         self._present: dict[tuple[int, int], Register] = {}
-        self._waiting: deque[bytes] = deque()
+        self.waiting: deque[bytes] = deque()  # messages that are to be sent
         self._next = 0.0  # earliest time of the next message
         dictionary.guards[0x1003] = self._guard_history
         dictionary.guards[0x1014] = self._guard_identifier
@@ -59,7 +59,7 @@ class Emergency:
     def reset(self) -> None:
         """Forget everything, as a reset of the node does."""
         self._present.clear()
-        self._waiting.clear()
+        self.waiting.clear()
         self._history.clear()
         self._next = 0.0
 
@@ -101,7 +101,7 @@ class Emergency:
         self._update_register()
         register = self._dictionary[0x1001, 0]
         if not self._dictionary[0x1014, 0] & VALID:
-            self._waiting.append(struct.pack("<HB5s", code, register, vendor[:5]))
+            self.waiting.append(struct.pack("<HB5s", code, register, vendor[:5]))
 
     def _update_register(self) -> None:
         register = 0
@@ -112,19 +112,19 @@ class Emergency:
     @property
     def next_timer(self) -> float | None:
         """When a waiting message may be sent, None when there is none."""
-        return self._next if self._waiting else None
+        return self._next if self.waiting else None
 
     def take(self, now: float) -> list[tuple[int, bytes]]:
         """Frames that are due: all of them, or one per inhibit time (1015)."""
         frames = []
-        while self._waiting and now >= self._next:
-            frames.append((self._dictionary[0x1014, 0] & 0x7FF, self._waiting.popleft()))
+        while self.waiting and now >= self._next:
+            frames.append((self._dictionary[0x1014, 0] & 0x7FF, self.waiting.popleft()))
             self._next = now + self._dictionary[0x1015, 0] * 1e-4
         return frames
 
     def drop(self) -> None:
         """Lose the waiting messages, as in the NMT state STOPPED."""
-        self._waiting.clear()
+        self.waiting.clear()
 
     def _history_entry(self, sub: int) -> Callable[[], int]:
         def read() -> int:

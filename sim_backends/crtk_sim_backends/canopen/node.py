@@ -55,10 +55,24 @@ class BusDrive:
     def deliver(self, raw: bytes) -> None:
         """Hear a frame of the bus."""
         can_id, data = frames.unpack(raw)
+        if self.drive.keep(can_id, data):
+            return
         answers = self.drive.on_frame(can_id, data, time.monotonic())
         if answers:
             self._send(answers)
-            self._note()
+        if self.drive.acts:
+            self._hub.when_sent(self._act)
+        else:
+            if answers:
+                self._note()
+            self._settle()
+
+    def _act(self) -> None:
+        """Do what SYNC has made valid, now that the samples have left."""
+        answers = self.drive.act(time.monotonic())
+        if answers:
+            self._send(answers)
+        self._note()
         self._settle()
 
     def state_changed(self, state: State) -> None:
