@@ -1,13 +1,13 @@
 """Which SYNCs can be those that the kernel sends for us, by their times alone."""
 
-import can
 import pytest
 
 from crtk_driver_canopen.bus import BusAddress, CanLink
 from crtk_driver_canopen.cycle import SYNC, KernelSync
+from crtk_driver_canopen.frames import Frame
 
 PERIOD = 0.01
-OURS = can.Message(arbitration_id=SYNC, is_extended_id=False, is_rx=False)
+OURS = Frame(SYNC, b"", own=True)
 
 
 @pytest.fixture
@@ -46,6 +46,5 @@ def test_they_are_told_after_an_hour_of_periods_that_are_too_long(bus: CanLink) 
 
 def test_what_comes_from_the_bus_is_never_ours(bus: CanLink) -> None:
     sync = KernelSync(bus, PERIOD)
-    foreign = can.Message(arbitration_id=SYNC, is_extended_id=False)
-    assert not sync.is_ours(foreign, 1.0, awaited=True)
+    assert not sync.is_ours(Frame(SYNC, b""), 1.0, awaited=True)
     bus.close()

@@ -35,6 +35,7 @@ from crtk_driver_canopen.pdo import (
     disable,
     read_back,
 )
+from crtk_driver_canopen.ports import MessagePort
 from crtk_driver_canopen.sdo import ObjectIgnored, Sdo, SdoAborted, SdoSilent
 from crtk_drivers.errors import ConfigError, ConnectionFailed, DataTimeout, DeviceError
 
@@ -443,8 +444,8 @@ class FailingBus:
     def send(self, message: can.Message) -> None:
         self._send()
 
-    def shutdown(self) -> None:
-        pass
+    def fileno(self) -> int:
+        raise NotImplementedError
 
 
 @pytest.mark.parametrize(
@@ -462,7 +463,7 @@ def test_an_interface_that_fails_is_given_up(
         raise can.CanOperationError("Failed to transmit", number)
 
     link.bus.shutdown()
-    link._bus = FailingBus(fail)
+    link._port = MessagePort(FailingBus(fail))
     with pytest.raises(BusLost, match=str(condition)) as caught:
         link.send_data(0x80, b"")
     assert caught.value.condition is condition
@@ -479,7 +480,7 @@ def test_no_room_is_borne_for_two_cycles(master: Master) -> None:
         if not room:
             raise can.CanOperationError("Failed to transmit: No buffer space", errno.ENOBUFS)
 
-    master.link._bus = FailingBus(full)
+    master.link._port = MessagePort(FailingBus(full))
     values = (0, 0, 0, 0)
     assert not cycle.send(values)
     assert not cycle.send(values)

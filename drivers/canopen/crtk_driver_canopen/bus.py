@@ -7,7 +7,6 @@ with `post`; they are sent by that thread, some in each cycle, so that they neve
 from __future__ import annotations
 
 import logging
-import select
 import socket
 import threading
 import time
@@ -20,22 +19,29 @@ from typing import Any, Final
 from crtk_driver_canopen.bus_state import (
     FATAL,
     BusCounters,
+    BusLost,
     Condition,
     bus_lost,
     condition_of_error,
     conditions_of_frame,
 )
+from crtk_driver_canopen.frames import ERROR, STANDARD, Frame
 from crtk_drivers.errors import ConfigError, ConnectionFailed, MissingExtra
 
 try:
     import can
+
+    from crtk_driver_canopen.ports import Port, port_of
 except ImportError as error:  # pragma: no cover - the extra is installed where tests run
     raise MissingExtra("python-can", "canopen") from error
 
-__all__ = ["BusAddress", "CanLink", "Handler"]
+__all__ = ["BusAddress", "CanLink", "Handler", "Record"]
 
 Handler = Callable[[bytes, float], None]
 """Takes the data of a frame, and when it was received in monotonic seconds."""
+
+Record = Callable[[Frame], None]
+"""Takes a frame that was sent or received, with the time of day."""
 
 FULL_LIMIT: Final = 2
 """Cycles in a row in which there may be no room to send."""
@@ -87,25 +93,24 @@ class CanLink:
 
     Args:
         address: which bus.
-        record: called with every frame that is sent or received; see `crtk_driver_canopen.candump`.
+        record: given every frame that is sent or received; see `crtk_driver_canopen.candump`.
 
     Attributes:
         counters: see `BusCounters`.
         condition: what is known of the controller.
     """
 
-    def __init__(
-        self, address: BusAddress, record: Callable[[can.Message], None] | None = None
-    ) -> None:
+    def __init__(self, address: BusAddress, record: Record | None = None) -> None:
         self.address = address
         self.counters = BusCounters()
         self.condition = Condition.GOOD
         self._record = record
         self._bus: can.BusABC | None = None
-        self._descriptor = -1
+        self._port: Port | None = None
         self._thread = 0
         self._handlers: dict[int, Handler] = {}
-        self._posted: deque[can.Message] = deque(maxlen=1024)
+        self._arrived: deque[Frame] = deque()
+        self._posted: deque[Frame] = deque(maxlen=1024)
         self._echoes = bool(address.options.get("receive_own_messages"))
         self._full = 0
 
@@ -122,7 +127,7 @@ class CanLink:
             BusLost: it is not open.
         """
         if self._bus is None:
-            raise bus_lost(Condition.GONE, "it is not open", self.where)
+            raise self._not_open()
         return self._bus
 
     @property
@@ -172,15 +177,16 @@ class CanLink:
                 remedy="Check that the adapter is plugged in and the interface is up "
                 "(ip link show), or that the server of the bus is running.",
             ) from error
-        self._descriptor = _descriptor(self._bus)
+        self._port = port_of(self._bus)
         self._thread = threading.get_ident()
         self._full = 0
+        self._arrived.clear()
         self._posted.clear()
         self.condition = Condition.GOOD
 
     def close(self) -> None:
         """Close the bus; does nothing if it is not open."""
-        bus, self._bus = self._bus, None
+        bus, self._bus, self._port = self._bus, None, None
         if bus is None:
             return
         try:
@@ -190,24 +196,26 @@ class CanLink:
 
     # Sending
 
-    def send(self, message: can.Message) -> bool:
-        """Send a frame; return whether there was room for it.
+    def send(self, *frames: Frame) -> bool:
+        """Send frames, one after the other; return whether there was room for all.
 
         Raises:
             BusLost: the bus cannot be used, or has had no room for more than `FULL_LIMIT` cycles.
         """
+        if self._port is None:
+            raise self._not_open()
         try:
-            self.bus.send(message)
+            count = self._port.send(frames)
         except (can.CanError, OSError) as error:
-            condition = condition_of_error(error)
-            if condition is not Condition.FULL:
-                self._lose(condition, _reason(error), error)
-            self.counters.full += 1
-            return False
-        self.counters.sent += 1
+            self._lose(condition_of_error(error), _reason(error), error)
+        self.counters.sent += count
         if self._record is not None:
-            self._record(_stamped(message))
-        return True
+            now = time.time()
+            for frame in frames[:count]:
+                self._record(frame._replace(time=now))
+        complete = count == len(frames)
+        self.counters.full += not complete
+        return complete
 
     def end_cycle(self, complete: bool) -> None:
         """Take note of whether all frames of a cycle could be sent.
@@ -223,7 +231,7 @@ class CanLink:
 
     def send_data(self, cob_id: int, data: bytes) -> bool:
         """Send one frame; see `send`."""
-        return self.send(frame(cob_id, data))
+        return self.send(Frame(cob_id, data))
 
     def post(self, cob_id: int, data: bytes) -> None:
         """Have a frame sent, from any thread.
@@ -231,18 +239,18 @@ class CanLink:
         Raises:
             BusLost: the bus is not open, or cannot be used.
         """
-        message = frame(cob_id, data)
+        frame = Frame(cob_id, data)
         if not self.owned:
             _ = self.bus
-            self._posted.append(message)
-        elif not self.send(message):
-            self._retry(message)
+            self._posted.append(frame)
+        elif not self.send(frame):
+            self._retry(frame)
 
-    def _retry(self, message: can.Message) -> None:
+    def _retry(self, frame: Frame) -> None:
         """Wait a little for room, in the owning thread and outside of a cycle."""
         for _ in range(20):
             time.sleep(0.001)
-            if self.send(message):
+            if self.send(frame):
                 return
         self._lose(Condition.FULL, "for 20 ms", None)
 
@@ -254,9 +262,9 @@ class CanLink:
         """
         posted = self._posted
         for _ in range(min(len(posted), _POSTED_AT_ONCE)):
-            message = posted.popleft()
-            if not self.send(message):
-                posted.appendleft(message)
+            frame = posted.popleft()
+            if not self.send(frame):
+                posted.appendleft(frame)
                 return
 
     # Receiving
@@ -269,7 +277,7 @@ class CanLink:
         """Forget the handler of a COB-ID."""
         self._handlers.pop(cob_id, None)
 
-    def receive(self, timeout: float) -> can.Message | None:
+    def receive(self, timeout: float) -> Frame | None:
         """Return the next data frame, None when none came in time.
 
         Args:
@@ -278,43 +286,41 @@ class CanLink:
         Raises:
             BusLost: the bus cannot be used.
         """
-        try:
-            message = self._next(timeout)
-        except (can.CanError, OSError) as error:
-            self._lose(condition_of_error(error), _reason(error), error)
-        if message is None:
-            return None
+        arrived = self._arrived
+        if not arrived:
+            if self._port is None:
+                raise self._not_open()
+            try:
+                arrived.extend(self._port.receive(timeout))
+            except (can.CanError, OSError) as error:
+                self._lose(condition_of_error(error), _reason(error), error)
+            if not arrived:
+                return None
+        frame = arrived.popleft()
         if self._record is not None:
-            self._record(message)
-        if message.is_error_frame:
-            self._take_error(message)
-            return None
-        if message.is_remote_frame or message.is_extended_id:
-            self.counters.unknown += 1
+            self._record(frame if frame.time else frame._replace(time=time.time()))
+        if frame.can_id > STANDARD:
+            self._set_aside(frame)
             return None
         self.counters.received += 1
-        return message
+        return frame
 
-    def _next(self, timeout: float) -> can.Message | None:
-        bus = self.bus
-        message: can.Message | None = bus.recv(0.0)
-        if message is not None or timeout <= 0.0:
-            return message
-        if self._descriptor < 0:
-            message = bus.recv(timeout)
-        elif select.select([self._descriptor], [], [], timeout)[0]:
-            message = bus.recv(0.0)
-        return message
+    def _set_aside(self, frame: Frame) -> None:
+        """Take what is no data frame of CANopen."""
+        if frame.can_id & ERROR:
+            self._take_error(frame)
+        else:
+            self.counters.unknown += 1
 
-    def dispatch(self, message: can.Message, now: float) -> None:
+    def dispatch(self, frame: Frame, now: float) -> None:
         """Give a frame to the handler of its COB-ID; our own ones, where they come back, to none."""
-        if self._echoes and not message.is_rx:
+        if self._echoes and frame.own:
             return
-        handler = self._handlers.get(message.arbitration_id)
+        handler = self._handlers.get(frame.can_id)
         if handler is None:
             self.counters.unknown += 1
         else:
-            handler(bytes(message.data), now)
+            handler(frame.data, now)
 
     def poll(self, until: float, done: Callable[[], bool] | None = None) -> bool:
         """Receive and dispatch, and send what others posted, until a time or until `done`.
@@ -334,15 +340,15 @@ class CanLink:
             if done is not None and done():
                 return True
             now = time.monotonic()
-            message = self.receive(min(until - now, _SLICE))
-            if message is not None:
-                self.dispatch(message, time.monotonic())
+            frame = self.receive(min(until - now, _SLICE))
+            if frame is not None:
+                self.dispatch(frame, time.monotonic())
             elif now >= until:
                 return False
 
-    def _take_error(self, message: can.Message) -> None:
+    def _take_error(self, frame: Frame) -> None:
         self.counters.error_frames += 1
-        for condition in conditions_of_frame(message.arbitration_id, bytes(message.data)):
+        for condition in conditions_of_frame(frame.can_id, frame.data):
             if condition is Condition.OVERRUN:
                 self.counters.overruns += 1
                 continue
@@ -352,25 +358,12 @@ class CanLink:
             if condition in FATAL:
                 self._lose(condition, "told by the controller", None)
 
+    def _not_open(self) -> BusLost:
+        return bus_lost(Condition.GONE, "it is not open", self.where)
+
     def _lose(self, condition: Condition, text: str, error: Exception | None) -> None:
         self.condition = condition
         raise bus_lost(condition, text, self.where) from error
-
-
-def frame(cob_id: int, data: bytes) -> can.Message:
-    """Return a frame with an 11-bit identifier."""
-    return can.Message(arbitration_id=cob_id, data=data, is_extended_id=False, is_rx=False)
-
-
-def _stamped(message: can.Message) -> can.Message:
-    """Return a copy of a sent frame, with the time of day: the frame itself is used again."""
-    return can.Message(
-        timestamp=time.time(),
-        arbitration_id=message.arbitration_id,
-        data=bytes(message.data),
-        is_extended_id=False,
-        is_rx=False,
-    )
 
 
 def _check_server(options: Mapping[str, Any]) -> None:
@@ -384,17 +377,6 @@ def _check_server(options: Mapping[str, Any]) -> None:
     if missing:
         raise ValueError(f"socketcand needs {' and '.join(sorted(missing))}")
     socket.create_connection((options["host"], options["port"]), _SERVER_TIMEOUT).close()
-
-
-def _descriptor(bus: can.BusABC) -> int:
-    """Return what can be waited on with a monotonic deadline; -1 for an interface without.
-
-    python-can's own waiting counts on the clock of the day: when that is set back, it takes that much longer.
-    """
-    try:
-        return int(bus.fileno())
-    except (NotImplementedError, can.CanError):
-        return -1
 
 
 def _reason(error: Exception) -> str:

@@ -4,28 +4,21 @@ from __future__ import annotations
 
 import queue
 import threading
-import time
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TextIO
 
-import can
-
+from crtk_driver_canopen.frames import ERROR, EXTENDED, REMOTE, Frame
 from crtk_drivers.errors import ConfigError
 
 __all__ = ["CandumpLog", "candump_line"]
 
-_ERROR_FRAME = 0x20000000
 
-
-def candump_line(message: can.Message, channel: str) -> str:
+def candump_line(frame: Frame, channel: str) -> str:
     """Return a frame as ``candump -L`` writes it: ``(seconds) can0 181#3702...``."""
-    if message.is_error_frame:
-        identifier = f"{message.arbitration_id | _ERROR_FRAME:08X}"
-    else:
-        identifier = f"{message.arbitration_id:0{8 if message.is_extended_id else 3}X}"
-    data = "R" if message.is_remote_frame else bytes(message.data).hex().upper()
-    return f"({message.timestamp or time.time():.6f}) {channel} {identifier}#{data}\n"
+    digits = 8 if frame.can_id & (EXTENDED | ERROR) else 3
+    data = "R" if frame.can_id & REMOTE else frame.data.hex().upper()
+    return f"({frame.time:.6f}) {channel} {frame.can_id & ~(EXTENDED | REMOTE):0{digits}X}#{data}\n"
 
 
 class CandumpLog:
@@ -44,7 +37,7 @@ class CandumpLog:
         self.lost = 0
         self._mode = "w"
         self._channel = channel.replace(" ", "_") or "can0"
-        self._frames: queue.Queue[can.Message | None] = queue.Queue(100_000)
+        self._frames: queue.Queue[Frame | None] = queue.Queue(100_000)
         self._thread: threading.Thread | None = None
 
     def open(self) -> None:
@@ -65,10 +58,10 @@ class CandumpLog:
         self._thread = threading.Thread(target=self._run, args=(file,), name="candump", daemon=True)
         self._thread.start()
 
-    def put(self, message: can.Message) -> None:
+    def put(self, frame: Frame) -> None:
         """Take a frame; never waits."""
         try:
-            self._frames.put_nowait(message)
+            self._frames.put_nowait(frame)
         except queue.Full:
             self.lost += 1
 
@@ -93,5 +86,5 @@ class CandumpLog:
 
     def _run(self, file: TextIO) -> None:
         with file:
-            while (message := self._frames.get()) is not None:
-                file.write(candump_line(message, self._channel))
+            while (frame := self._frames.get()) is not None:
+                file.write(candump_line(frame, self._channel))

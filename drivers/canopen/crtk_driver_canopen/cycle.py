@@ -14,10 +14,12 @@ from typing import Final, Protocol
 
 import can
 
-from crtk_driver_canopen.bus import CanLink, frame
+from crtk_driver_canopen.bus import CanLink
 from crtk_driver_canopen.bus_state import bus_lost, condition_of_error
+from crtk_driver_canopen.frames import Frame
 from crtk_driver_canopen.master import Master
 from crtk_driver_canopen.pdo import Pdo, PdoGroup, check_cob_ids
+from crtk_driver_canopen.ports import message_of
 
 __all__ = ["SYNC", "Cycle", "CycleCounters", "KernelSync", "SentSync"]
 
@@ -63,9 +65,9 @@ class SyncSource(Protocol):
     """Who produces the SYNC."""
 
     own: bool
-    """Whether our own SYNC is received as well (`is_rx` is false), and marks the begin of a cycle."""
+    """Whether our own SYNC is received as well (`Frame.own`), and marks the begin of a cycle."""
 
-    def is_ours(self, message: can.Message, now: float, awaited: bool) -> bool:
+    def is_ours(self, frame: Frame, now: float, awaited: bool) -> bool:
         """Take note of a SYNC that was received at monotonic seconds; return whether it can be ours."""
         ...
 
@@ -82,11 +84,11 @@ class SyncSource(Protocol):
         ...
 
 
-def _sync_frames(overflow: int) -> list[can.Message]:
+def _sync_frames(overflow: int) -> list[Frame]:
     """Return the SYNCs in turn: one without data, or those with the counter from 1 on (CiA 301, 7.2.5)."""
     if not overflow:
-        return [frame(SYNC, b"")]
-    return [frame(SYNC, bytes([count])) for count in range(1, overflow + 1)]
+        return [Frame(SYNC, b"")]
+    return [Frame(SYNC, bytes([count])) for count in range(1, overflow + 1)]
 
 
 class SentSync:
@@ -103,7 +105,7 @@ class SentSync:
         self._frames = _sync_frames(overflow)
         self._next = 0
 
-    def is_ours(self, message: can.Message, now: float, awaited: bool) -> bool:
+    def is_ours(self, frame: Frame, now: float, awaited: bool) -> bool:
         """Return False: ours does not come back."""
         return False
 
@@ -113,9 +115,9 @@ class SentSync:
 
     def send(self) -> bool:
         """Send the next SYNC."""
-        message = self._frames[self._next]
+        frame = self._frames[self._next]
         self._next = (self._next + 1) % len(self._frames)
-        return self._link.send(message)
+        return self._link.send(frame)
 
     def stop(self) -> None:
         """End."""
@@ -137,23 +139,23 @@ class KernelSync:
     def __init__(self, link: CanLink, period: float, overflow: int = 0) -> None:
         self._link = link
         self._period = period
-        self._frames = _sync_frames(overflow)
+        self._messages = [message_of(frame) for frame in _sync_frames(overflow)]
         self._task: can.broadcastmanager.CyclicSendTaskABC | None = None
         self._began = 0.0
         self._received = 0
 
-    def is_ours(self, message: can.Message, now: float, awaited: bool) -> bool:
+    def is_ours(self, frame: Frame, now: float, awaited: bool) -> bool:
         """Take note of a SYNC; return whether it can be ours.
 
         SocketCAN does not tell which program on this computer sent a frame. But the kernel sends at most one
         SYNC in a period: what comes beyond that, however late it is read, is somebody else's.
 
         Args:
-            message: the SYNC.
+            frame: the SYNC.
             now: monotonic seconds at which it was received.
             awaited: nothing that had come before was still to be received.
         """
-        if message.is_rx:
+        if not frame.own:
             return False
         if awaited and now - self._began > _COUNTED:
             self._began, self._received = now, 0
@@ -171,7 +173,9 @@ class KernelSync:
         self.stop()
         self._began, self._received = time.monotonic(), 0
         try:
-            self._task = self._link.bus.send_periodic(self._frames, self._period, store_task=False)
+            self._task = self._link.bus.send_periodic(
+                self._messages, self._period, store_task=False
+            )
         except (can.CanError, OSError) as error:
             raise bus_lost(condition_of_error(error), str(error), self._link.where) from error
 
@@ -216,7 +220,7 @@ class Cycle:
         self._link = master.link
         self._data = [bytes(size) for size in tpdos.sizes]
         self._seen = [False] * len(tpdos)
-        self._frames = [frame(pdo.id, bytes(pdo.size)) for pdo in rpdos.pdos]
+        self._cob_ids = [pdo.id for pdo in rpdos.pdos]
         # Those that come with every SYNC are waited for, the others taken when they come.
         self._every = tuple(pdo.transmission == 1 for pdo in tpdos.pdos)
         self._open: set[int] = set()
@@ -286,10 +290,10 @@ class Cycle:
         receive, take, monotonic = self._link.receive, self._take, time.monotonic
         now = monotonic()
         while self._open and now < deadline:
-            message = receive(deadline - now)
+            frame = receive(deadline - now)
             now = monotonic()
-            if message is not None:
-                take(message, now)
+            if frame is not None:
+                take(frame, now)
         self.counters.missed += len(self._open)
         return not self._open
 
@@ -306,10 +310,7 @@ class Cycle:
             BusLost: the bus cannot be used, or has had no room for several cycles.
             struct.error: a value does not fit into its object.
         """
-        complete = True
-        for message, data in zip(self._frames, self.rpdos.pack(values), strict=True):
-            message.data[:] = data
-            complete = complete and self._link.send(message)
+        complete = self._link.send(*map(Frame, self._cob_ids, self.rpdos.pack(values)))
         self.counters.unsent += not complete
         self._link.end_cycle(complete)
         return complete
@@ -324,39 +325,39 @@ class Cycle:
 
     def _wait_for_sync(self, deadline: float) -> bool:
         while (now := time.monotonic()) < deadline:
-            message = self._link.receive(deadline - now)
-            if message is None:
+            frame = self._link.receive(deadline - now)
+            if frame is None:
                 continue
             then, now = now, time.monotonic()
-            if message.arbitration_id != SYNC:
-                self._take(message, now, late=True)
-            elif self._is_our_sync(message, now, awaited=now - then > _WAITED):
+            if frame.can_id != SYNC:
+                self._take(frame, now, late=True)
+            elif self._is_our_sync(frame, now, awaited=now - then > _WAITED):
                 return True
         return False
 
-    def _is_our_sync(self, message: can.Message, now: float, *, awaited: bool = False) -> bool:
-        ours = self.sync.is_ours(message, now, awaited)
+    def _is_our_sync(self, frame: Frame, now: float, *, awaited: bool = False) -> bool:
+        ours = self.sync.is_ours(frame, now, awaited)
         self.counters.foreign_syncs += not ours
         return ours
 
     def _drain(self) -> None:
         """Take what came since the last cycle."""
         for _ in range(_DRAINED):
-            message = self._link.receive(0.0)
-            if message is None:
+            frame = self._link.receive(0.0)
+            if frame is None:
                 return
-            self._take(message, time.monotonic(), late=True)
+            self._take(frame, time.monotonic(), late=True)
 
-    def _take(self, message: can.Message, now: float, late: bool = False) -> None:
-        slot = self.tpdos.slots.get(message.arbitration_id)
+    def _take(self, frame: Frame, now: float, late: bool = False) -> None:
+        slot = self.tpdos.slots.get(frame.can_id)
         if slot is None:
-            if message.arbitration_id == SYNC:
-                self.counters.overruns += self._is_our_sync(message, now)
+            if frame.can_id == SYNC:
+                self.counters.overruns += self._is_our_sync(frame, now)
             else:
-                self._link.dispatch(message, now)
+                self._link.dispatch(frame, now)
             return
         size = self.tpdos.sizes[slot]
-        data = bytes(message.data)
+        data = frame.data
         if len(data) != size:
             if len(data) < size:
                 self.counters.short += 1

@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Final, NamedTuple
 
 from crtk_driver_canopen import emcy
-from crtk_driver_canopen.bus import CanLink, frame
+from crtk_driver_canopen.bus import CanLink
 from crtk_driver_canopen.emcy import Emergency
+from crtk_driver_canopen.frames import Frame
 from crtk_driver_canopen.heartbeat import (
     NMT_COMMANDS,
     HeartbeatWatch,
@@ -72,7 +73,7 @@ class Master:
         self._sdo_timeout = sdo_timeout
         self._period = period
         self._due = 0.0
-        self._heartbeat = frame(0x700 + node, bytes([NmtState.OPERATIONAL]))
+        self._heartbeat = Frame(0x700 + node, bytes([NmtState.OPERATIONAL]))
         for number in NODES:
             link.subscribe(0x700 + number, self._heartbeat_handler(number))
             link.subscribe(0x080 + number, self._emergency_handler(number))
