@@ -124,6 +124,30 @@ def test_nodes_of_one_process_hear_each_other_but_not_themselves(hub):
 
 
 @pytest.mark.parametrize("bitrate", [0, 1_000_000])
+def test_every_frame_is_counted_once_for_everybody_who_hears_it(bitrate):
+    with Hub(bitrate=bitrate) as hub:
+        first, second = hub.attach(lambda *_: None, "a"), hub.attach(lambda *_: None, "b")
+
+        def send_and_count():
+            before = hub.frame_count
+            assert first.send(0x123) == 0
+            steps(hub, lambda: hub.frame_count > before)
+            nodes = hub.status()["nodes"].values()
+            return [(node["sent"], node["received"]) for node in nodes]
+
+        assert send_and_count() == [(1, 0), (0, 1)]
+        second.interests = {0x7}  # is not given the frame, and hears it
+        assert send_and_count() == [(2, 0), (0, 2)]
+        first.echo = True
+        assert send_and_count() == [(3, 1), (0, 3)]
+        hub.attach(lambda *_: None, "c")
+        assert first.send(0x123) == 0
+        steps(hub, lambda: hub.frame_count == 4)
+        hub.attach(lambda *_: None, "d")  # which has not heard it
+        assert send_and_count() == [(5, 3), (0, 5), (0, 2), (0, 1)]
+
+
+@pytest.mark.parametrize("bitrate", [0, 1_000_000])
 def test_an_answer_comes_after_the_question_for_everybody(bitrate):
     with Hub(bitrate=bitrate) as hub:
         seen = []

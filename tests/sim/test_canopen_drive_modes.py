@@ -69,6 +69,16 @@ def test_pp_waits_for_the_bit_to_fall_before_it_takes_the_next(bench):
     assert bench.position() == pytest.approx(2 * COUNTS, abs=10)
 
 
+def test_pp_takes_a_bit_for_an_edge_that_was_set_before_it_was_enabled(bench):
+    bench.mode(PP)
+    bench.write(0x607A, 0, COUNTS, "i")
+    for word in (0x06, 0x17, 0x1F):
+        bench.control(word)
+    assert bench.statusword & ACK
+    bench.until(lambda: bench.statusword & REACHED)
+    assert bench.position() == pytest.approx(COUNTS, abs=10)
+
+
 def test_pp_keeps_a_second_set_point_until_the_first_is_reached(bench):
     bench.enable(PP)
     go_to(bench, 2 * COUNTS)

@@ -258,6 +258,18 @@ def test_sync_of_the_wrong_length_is_reported_once(bench):
     assert (0x80 + NODE, "00 00 00 00 00 00 00 00") in bench.frame(0x80)
 
 
+def test_sync_counter_can_be_set_last_and_is_gone_after_a_reset(bench):
+    bench.map(TPDO, 0, [STATUS], kind=1)
+    bench.write(0x1019, 0, 10, "B")
+    bench.start()
+    assert bench.frame(0x80, b"\1") == [(0x180 + NODE, "50 02")]
+    bench.frame(0, bytes((0x82, NODE)))
+    bench.run(1.0)
+    bench.map(TPDO, 0, [STATUS], kind=1)
+    bench.start()
+    assert bench.frame(0x80) == [(0x180 + NODE, "50 02")]
+
+
 def test_sync_counter_stays_while_there_is_a_cycle(bench):
     bench.write(0x1006, 0, 4000)
     assert bench.abort_of(bench.write, 0x1019, 0, 10, "B") == 0x08000022

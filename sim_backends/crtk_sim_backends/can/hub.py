@@ -38,9 +38,10 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Container
+from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
-from typing import Any, Final, NamedTuple, Self, TypeVar
+from typing import Any, Final, Self, TypeVar
 
 from crtk_sim_backends.can import frames
 from crtk_sim_backends.can.candump import LogWriter
@@ -135,18 +136,21 @@ class Node:
         self._hub.remove(self)
 
 
-class _Route(NamedTuple):
+@dataclass
+class _Route:
     """Where a frame goes that has a certain sender and identifier.
 
     Attributes:
-        heard: counters of all nodes that hear it.
+        heard: counters of all nodes that hear it, its sender's too when it comes back.
         given: ports that are given it.
         returned: whether it comes back to its sender.
+        passed: frames that went this way and are not in the counters yet.
     """
 
     heard: tuple[Counters, ...]
     given: tuple[Port, ...]
     returned: bool
+    passed: int = 0
 
 
 class _Local:
@@ -314,11 +318,15 @@ class Hub:
                 if not pending:
                     break
                 sender, raw = pending.popleft()
-                self._deliver(sender, raw, time.monotonic())
+                if self.recorder is not None:
+                    self.recorder.write(time.time(), raw)
+                self._deliver(sender, raw)
         else:
             for transfer in self._medium.due(time.monotonic()):
                 transfer.sender.port.waiting(self._medium.waiting(transfer.sender))
-                self._deliver(transfer.sender, transfer.raw, transfer.end)
+                if self.recorder is not None:
+                    self.recorder.write(transfer.end + time.time() - time.monotonic(), transfer.raw)
+                self._deliver(transfer.sender, transfer.raw)
         if self._unsent:
             unsent, self._unsent = self._unsent, []
             for flush in unsent:
@@ -328,20 +336,15 @@ class Hub:
             for function in afterwards:
                 function()
 
-    def _deliver(self, sender: Node, raw: bytes, at: float) -> None:
+    def _deliver(self, sender: Node, raw: bytes) -> None:
         self.frame_count += 1
         if self.frame_count == 1:
             self.happened("first_frame")
-        sender.counters.sent += 1
-        if self.recorder is not None:
-            self.recorder.write(at + time.time() - time.monotonic(), raw)
         route = self._routes.get((sender, raw[:4])) or self._find_route(sender, raw[:4])
-        for counters in route.heard:
-            counters.received += 1
+        route.passed += 1
         for port in route.given:
             port.deliver(raw)
         if route.returned:
-            sender.counters.received += 1
             sender.port.deliver(frames.own(raw))
 
     def _find_route(self, sender: Node, identifier: bytes) -> _Route:
@@ -350,19 +353,26 @@ class Hub:
         hearing = [node for node in self.nodes if node.listening and not node.state & DEAF]
         others = [node for node in hearing if node is not sender]
         given = (node.port for node in others if node.interests is None or can_id in node.interests)
-        route = _Route(
-            tuple(node.counters for node in others),
-            tuple(given),
-            sender.echo and sender in hearing,
-        )
+        returned = sender.echo and sender in hearing
+        heard = [*others, sender] if returned else others
+        route = _Route(tuple(node.counters for node in heard), tuple(given), returned)
         if len(self._routes) >= _MOST_ROUTES:
-            self._routes.clear()
+            self.forget_routes()
         self._routes[sender, identifier] = route
         return route
 
     def forget_routes(self) -> None:
         """Look up anew who hears what: a node has come, gone or changed."""
+        self._count()
         self._routes.clear()
+
+    def _count(self) -> None:
+        """Bring the counters of the nodes up to date."""
+        for (sender, _), route in self._routes.items():
+            sender.counters.sent += route.passed
+            for counters in route.heard:
+                counters.received += route.passed
+            route.passed = 0
 
     def after_round(self, flush: Callable[[], object]) -> None:
         """Call `flush` when all frames that are due have been delivered."""
@@ -470,6 +480,7 @@ class Hub:
 
     def status(self) -> dict[str, Any]:
         """Bit rate, load, and each node's counters, ready for JSON."""
+        self._count()
         medium = self._medium
         return {
             "bitrate": self.bitrate,

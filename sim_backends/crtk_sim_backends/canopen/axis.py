@@ -11,14 +11,7 @@ from crtk_sim_backends.canopen.controller import PARAMETERS, Controller
 from crtk_sim_backends.canopen.dictionary import DataType, ObjectDictionary
 from crtk_sim_backends.canopen.emcy import Emergency
 from crtk_sim_backends.canopen.homing import METHODS, Homing, Switch
-from crtk_sim_backends.canopen.machine import (
-    POWERED,
-    RAMPS,
-    Command,
-    Machine,
-    Ramp,
-    State,
-)
+from crtk_sim_backends.canopen.machine import RAMPS, Command, Machine, Ramp, State
 from crtk_sim_backends.canopen.modes import (
     HALT,
     TARGET_REACHED,
@@ -127,9 +120,9 @@ class Axis:
         for index in PARAMETERS:
             od.written[index + offset] = lambda _: self._controller.update()
         for index in _TARGETS:
-            od.written[index + offset] = lambda _: self._note_target()
-        od.written[0x6040 + offset] = lambda _: self._note_controlword()
-        od.guards[0x6040 + offset] = lambda _, __: self._guard_controlword()
+            od.written[index + offset] = self._note_target
+        od.written[0x6040 + offset] = self._note_controlword
+        od.guards[0x6040 + offset] = self._guard_controlword
         od.guards[0x6060 + offset] = lambda _, mode: _require(mode in self._modes)
         od.guards[0x6098 + offset] = lambda _, method: _require(method in METHODS)
         od.guards[0x607D + offset] = self._guard_limits
@@ -171,13 +164,13 @@ class Axis:
         """Interpolation time period, s."""
         return float(self.value(0x60C2, 1) * 10.0 ** self.value(0x60C2, 2))
 
-    def _note_target(self) -> None:
+    def _note_target(self, sub: int) -> None:
         self._targeted = True
 
-    def _note_controlword(self) -> None:
+    def _note_controlword(self, sub: int) -> None:
         self._received = True
 
-    def _guard_controlword(self) -> None:
+    def _guard_controlword(self, sub: int, word: int) -> None:
         if self.local:
             raise SdoAbort(Abort.LOCAL_CONTROL)
 
@@ -217,7 +210,7 @@ class Axis:
     @property
     def powered(self) -> bool:
         """Whether the motor has current."""
-        return self.machine.state in POWERED
+        return self.machine.powered
 
     @property
     def idle(self) -> bool:
@@ -307,27 +300,28 @@ class Axis:
             self._control(self.value(0x6040))
         if self._targeted or sync:
             self._targeted = False
-            if self.machine.state is State.OPERATION_ENABLED and self.machine.ramp is None:
+            if self.machine.enabled and self.machine.ramp is None:
                 self._mode.targets()
 
     def _control(self, word: int) -> None:
         before, self._controlword = self._controlword, word
-        was = self.machine.state
-        if word == before and was is State.OPERATION_ENABLED and self.machine.ramp is None:
+        machine = self.machine
+        was_enabled, was_faulted = machine.enabled, machine.faulted
+        if word == before and was_enabled and machine.ramp is None:
             return
-        self.machine.control(word, fault_present=bool(self._persisting))
-        state = self.machine.state
-        if was is State.FAULT and state is not State.FAULT:
+        machine.control(word, fault_present=bool(self._persisting))
+        if was_faulted and not machine.faulted:
             self._set_error(0)
             self._emergency.ends_of(self.number)
-        if state is State.OPERATION_ENABLED and was is not State.OPERATION_ENABLED:
+        if not machine.enabled:
+            return
+        if not was_enabled:
             self._align()
             self._enter_mode()
             before &= ~0x7F  # a bit that was set before counts as an edge now
-        if state is State.OPERATION_ENABLED:
-            if word & HALT and not before & HALT and self._mode is self._homing:
-                self._homing.halt()
-            self._mode.control(word, before)
+        if word & HALT and not before & HALT and self._mode is self._homing:
+            self._homing.halt()
+        self._mode.control(word, before)
 
     def _enter_mode(self) -> None:
         self.limited = False
@@ -380,7 +374,7 @@ class Axis:
         self.safe_torque_off = active
         if not active:
             self.recovered(SAFE_TORQUE_OFF)
-            if self.machine.state is not State.FAULT:
+            if not self.machine.faulted:
                 self._emergency.end(SAFE_TORQUE_OFF, self.number)
             return
         if self.powered:
@@ -403,7 +397,7 @@ class Axis:
 
     def sync_lost(self) -> None:
         """Fault when the mode needs SYNC."""
-        if self.machine.state is State.OPERATION_ENABLED and isinstance(self._mode, _CYCLIC):
+        if self.machine.enabled and isinstance(self._mode, _CYCLIC):
             self.fault(SYNC_LOST)
 
     # Time
@@ -472,7 +466,7 @@ class Axis:
 
     def _supervise(self, dt: float) -> None:
         """Look for what is an error in operation."""
-        if self.machine.state is not State.OPERATION_ENABLED:
+        if not self.machine.enabled:
             return
         setpoint = self.setpoint
         if setpoint.control is Control.POSITION:
@@ -504,17 +498,18 @@ class Axis:
 
     def statusword(self) -> int:
         """Object 6041."""
-        state = self.machine.state
-        word = state.value
+        machine = self.machine
+        word: int = machine.word
         word |= _VOLTAGE if self.supply else 0
         word |= _WARNING if self.safe_torque_off else 0
         word |= 0 if self.local else _REMOTE
-        if self.powered and (self.limited or self._controller.saturated or self._controller.held):
-            word |= _INTERNAL_LIMIT
-        if state is State.OPERATION_ENABLED:
-            word |= self._mode.status(self._halted)
-        elif state is State.QUICK_STOP_ACTIVE and not self.setpoint.velocity:
-            word |= TARGET_REACHED
+        if machine.powered:
+            if self.limited or self._controller.saturated or self._controller.held:
+                word |= _INTERNAL_LIMIT
+            if machine.enabled:
+                word |= self._mode.status(self._halted)
+            elif machine.state is State.QUICK_STOP_ACTIVE and not self.setpoint.velocity:
+                word |= TARGET_REACHED
         return word
 
 

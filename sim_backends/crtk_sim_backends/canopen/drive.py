@@ -11,7 +11,17 @@ from crtk_sim_backends.canopen.axis import Axis
 from crtk_sim_backends.canopen.dictionary import Key, Object, ObjectDictionary
 from crtk_sim_backends.canopen.eds import electronic_data_sheet
 from crtk_sim_backends.canopen.emcy import Emergency
-from crtk_sim_backends.canopen.nmt import ENTERS, Command, Heartbeats, NmtState, command_for
+from crtk_sim_backends.canopen.nmt import (
+    ENTERS,
+    INITIALISING,
+    OPERATIONAL,
+    PRE_OPERATIONAL,
+    STOPPED,
+    Command,
+    Heartbeats,
+    NmtState,
+    command_for,
+)
 from crtk_sim_backends.canopen.objects import (
     LOAD,
     MODES,
@@ -42,6 +52,7 @@ _CONTROL_PERIOD: Final = 0.001  # s
 _TICK: Final = 0.004  # s between calls of `on_timer` while an axis moves or is powered
 _SYNC_TICK: Final = 0.02  # the same while SYNC wakes the drive
 _LONGEST_GAP: Final = 0.25  # s; what a longer pause brings is left out
+_SHORTEST_TIMEOUT: Final = 0.001  # s that a supervision of SYNC can have
 _STALL: Final = 0.05  # s; who wakes the drive so late has been stalled, and not the master
 _NOT_STORED: Final = (0x1003, 0x1010, 0x1011, 0x2000)
 _COMMANDS: Final = (0x6040, 0x6060)  # which no drive stores
@@ -134,15 +145,13 @@ class Drive:
             raise ValueError(f"no drive: node-ID {node_id}, {len(self.config.motors)} axes")
         self.node_id = node_id
         self.faults = DriveFaults()
-        self.state = NmtState.INITIALISING
+        self.state = INITIALISING
         self.next_timer = 0.0
         self.dictionary = ObjectDictionary(drive_objects(self.config, node_id), node_id)
         self.dictionary.ignored.update(self.config.personality.ignores)
         self.emergency = Emergency(self.dictionary)
         self.heartbeats = Heartbeats(self.dictionary, self._heartbeat_lost, self._heartbeat_back)
-        self.pdos = ProcessData(
-            self.dictionary, self.emergency, lambda: self.state is NmtState.OPERATIONAL
-        )
+        self.pdos = ProcessData(self.dictionary, self.emergency, lambda: self.state is OPERATIONAL)
         self.axes = [
             Axis(
                 number,
@@ -188,7 +197,7 @@ class Drive:
         """
         frames = self.act(now) if self.acts else []
         frames += self._advance(now)
-        if self.faults.silent or self.faults.off or self.state is NmtState.INITIALISING:
+        if self.faults.silent or self.faults.off or self.state is INITIALISING:
             return self._leave(frames, now)
         if identifier == self._sync:
             frames += self._on_sync(data, now)
@@ -196,10 +205,10 @@ class Drive:
                 self.next_timer = min(self.next_timer, now + _SYNC_TICK)
                 return frames
         elif pdo := self.pdos.receiving.get(identifier):
-            if self.state is NmtState.OPERATIONAL and self.pdos.on_rpdo(pdo, data, now):
+            if self.state is OPERATIONAL and self.pdos.on_rpdo(pdo, data, now):
                 self._process()
         elif identifier == 0x600 + self.node_id:
-            if self.state is not NmtState.STOPPED and not self.faults.no_sdo:
+            if self.state is not STOPPED and not self.faults.no_sdo:
                 answers = self._sdo.on_request(data, now)
                 frames += [(0x580 + self.node_id, answer) for answer in answers]
                 self._process()
@@ -220,7 +229,7 @@ class Drive:
         pdo = self.pdos.receiving.get(identifier)
         if pdo is None or not pdo.plain or len(data) != pdo.layout.size or self.acts:
             return False
-        if self.state is NmtState.OPERATIONAL and not self.faults.silent:
+        if self.state is OPERATIONAL and not self.faults.silent:
             pdo.received = data
         return True
 
@@ -237,7 +246,7 @@ class Drive:
     def on_timer(self, now: float) -> list[Frame]:
         """Do what is due; the frames that the drive sends."""
         frames = self.act(now) + self._advance(now)
-        if self.state is not NmtState.INITIALISING and not self.faults.off:
+        if self.state is not INITIALISING and not self.faults.off:
             answers = self._sdo.expire(now)
             frames += [(0x580 + self.node_id, answer) for answer in answers]
             self.heartbeats.check(now)
@@ -289,7 +298,7 @@ class Drive:
         return []
 
     def _begin_boot(self, now: float, keys: Iterable[Key], *, whole: bool = True) -> None:
-        self.state = NmtState.INITIALISING
+        self.state = INITIALISING
         self._boot_at = now + self.config.personality.boot
         self._sdo.reset()
         self._last_sync = None
@@ -309,9 +318,9 @@ class Drive:
             return
         self.state = state
         self._last_sync = None
-        if state is NmtState.OPERATIONAL:
+        if state is OPERATIONAL:
             self.pdos.begin()
-        elif state is NmtState.STOPPED:
+        elif state is STOPPED:
             self._sdo.reset()
             for unit in self.axes:
                 unit.connection_lost(HEARTBEAT_LOST)
@@ -322,10 +331,10 @@ class Drive:
         for unit in self.axes:
             unit.connection_lost(HEARTBEAT_LOST)
         behaviour = self.dictionary[0x1029, 1]
-        if behaviour == 0 and self.state is NmtState.OPERATIONAL:
-            self._enter(NmtState.PRE_OPERATIONAL)
+        if behaviour == 0 and self.state is OPERATIONAL:
+            self._enter(PRE_OPERATIONAL)
         elif behaviour == 2:
-            self._enter(NmtState.STOPPED)
+            self._enter(STOPPED)
 
     def _heartbeat_back(self, node: int) -> None:
         self.emergency.end(HEARTBEAT_LOST, 0x700 + node)
@@ -333,7 +342,7 @@ class Drive:
     # Process data
 
     def _on_sync(self, data: bytes, now: float) -> list[Frame]:
-        if self.state is not NmtState.OPERATIONAL or not self.pdos.check_sync(data):
+        if self.state is not OPERATIONAL or not self.pdos.check_sync(data):
             return []
         self._last_sync = now
         self.acts = True
@@ -355,11 +364,9 @@ class Drive:
         for unit in self.axes:
             unit.process()
 
-    def _check_sync(self, now: float) -> None:
-        if self._last_sync is None:
-            return
+    def _check_sync(self, silence: float) -> None:
         timeout = self.dictionary[SYNC_TIMEOUT] / 1000
-        if timeout and now - self._last_sync > timeout:
+        if timeout and silence > timeout:
             self._last_sync = None
             for unit in self.axes:
                 unit.sync_lost()
@@ -408,9 +415,10 @@ class Drive:
         self._last_call = now
         if self._time + _CONTROL_PERIOD <= now + 1e-9:
             self._time = self._compute(self._time, now)
-        self._check_sync(now)
-        if self.state is NmtState.INITIALISING and now >= self._boot_at and not self.faults.off:
-            self.state = NmtState.PRE_OPERATIONAL
+        if self._last_sync is not None and now - self._last_sync > _SHORTEST_TIMEOUT:
+            self._check_sync(now - self._last_sync)
+        if self.state is INITIALISING and now >= self._boot_at and not self.faults.off:
+            self.state = PRE_OPERATIONAL
             return [(0x700 + self.node_id, b"\0")]
         return []
 
@@ -436,11 +444,11 @@ class Drive:
     def _events(self, now: float) -> list[Frame]:
         """Heartbeat, event-driven TPDOs and EMCY that are due."""
         frames: list[Frame] = []
-        if self.state is NmtState.INITIALISING:
+        if self.state is INITIALISING:
             return frames
-        if self.state is not NmtState.STOPPED:
+        if self.state is not STOPPED:
             frames += self.emergency.take(now)
-        if self.state is NmtState.OPERATIONAL:
+        if self.state is OPERATIONAL:
             frames += self.pdos.on_events(now)
         if self.heartbeats.produce(now) and not self.faults.no_heartbeat:
             frames.append((0x700 + self.node_id, bytes((self.state,))))
@@ -472,10 +480,10 @@ class Drive:
     def _next_timer(self, now: float) -> float:
         if self.faults.off:
             return _NEVER
-        if self.state is NmtState.INITIALISING:
+        if self.state is INITIALISING:
             return self._boot_at
         times = [self.heartbeats.next_timer, self._sdo.deadline, self.pdos.next_timer]
-        if self.state is not NmtState.STOPPED:
+        if self.state is not STOPPED:
             times.append(self.emergency.next_timer)
         times += [time for time, _ in self._late]
         if not all(unit.idle for unit in self.axes):

@@ -80,7 +80,7 @@ class Emergency:
 
     def end(self, code: int, source: int = 0) -> None:
         """Report that an error is gone, if it existed: code 0000."""
-        if self._present.pop((code, source), None) is not None:
+        if self._present and self._present.pop((code, source), None) is not None:
             self._queue(0, b"")
 
     def once(self, code: int, vendor: bytes = b"") -> None:

@@ -20,6 +20,8 @@ class State(Enum):
     FAULT_REACTION = 0x0F
     FAULT = 0x08
 
+    __hash__ = object.__hash__  # of the identity, by which members are compared; Enum's is slow
+
 
 POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION)
 
@@ -32,6 +34,8 @@ class Command(Enum):
     ENABLE_OPERATION = (0x8F, 0x0F)
     DISABLE_VOLTAGE = (0x82, 0x00)
     QUICK_STOP = (0x86, 0x02)
+
+    __hash__ = object.__hash__
 
 
 def _command_in(low: int) -> Command | None:
@@ -101,20 +105,29 @@ class Machine:
     Args:
         option: reads an option code, by its index.
         permitted: whether the power stage lets a transition (its number) happen now.
+
+    Attributes:
+        state: where it is; the next four follow from it.
+        word: bits 0 to 6 of the statusword.
+        powered: the motor has current.
+        enabled: operation is enabled.
+        faulted: it is in FAULT.
+        after_stop: where to go once the axis rests.
+        ramp: how the axis comes to rest, None when it need not.
     """
+
+    after_stop: State | None
+    ramp: Ramp | None
 
     def __init__(self, option: Callable[[int], int], permitted: Callable[[int], bool]) -> None:
         self._option = option
         self._permitted = permitted
-        self._controlword = 0
-        self.state = State.SWITCH_ON_DISABLED  # after the automatic transitions 0 and 1
-        self.after_stop: State | None = None  # where to go once the axis rests
-        self.ramp: Ramp | None = None  # how it comes to rest, None when it need not
+        self.reset()
 
     def reset(self) -> None:
         """Begin anew, as a reset of the node does."""
         self._controlword = 0
-        self._enter(State.SWITCH_ON_DISABLED)
+        self._enter(State.SWITCH_ON_DISABLED)  # after the automatic transitions 0 and 1
 
     def control(self, controlword: int, *, fault_present: bool) -> None:
         """Follow a controlword that has been received.
@@ -125,7 +138,7 @@ class Machine:
         """
         reset = controlword & ~self._controlword & 0x80
         self._controlword = controlword
-        if self.state is State.FAULT:
+        if self.faulted:
             if reset and not fault_present:
                 self._enter(State.SWITCH_ON_DISABLED)  # transition 15
             return
@@ -139,7 +152,7 @@ class Machine:
     def _follow(self, command: Command) -> None:
         transition = TRANSITIONS.get((self.state, command))
         if transition is None or not self._permitted(transition.number):
-            if self.state is State.OPERATION_ENABLED and command is Command.ENABLE_OPERATION:
+            if self.enabled and command is Command.ENABLE_OPERATION:
                 self.after_stop = self.ramp = None
             return
         if transition.number == 16 and self._option(0x605A) < _STAYS:
@@ -165,7 +178,7 @@ class Machine:
         if self.state in (State.FAULT, State.FAULT_REACTION):
             return
         ramp = RAMPS[0x605E][self._option(0x605E)]
-        if self.state not in POWERED or ramp is Ramp.COAST:
+        if not self.powered or ramp is Ramp.COAST:
             self._enter(State.FAULT)
             return
         self._enter(State.FAULT_REACTION)
@@ -186,4 +199,8 @@ class Machine:
 
     def _enter(self, state: State) -> None:
         self.state = state
+        self.word = state.value
+        self.powered = state in POWERED
+        self.enabled = state is State.OPERATION_ENABLED
+        self.faulted = state is State.FAULT
         self.after_stop = self.ramp = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import IntEnum
+from typing import Final
 
 from crtk_sim_backends.canopen.aborts import Abort, SdoAbort
 from crtk_sim_backends.canopen.dictionary import ObjectDictionary
@@ -18,6 +19,12 @@ class NmtState(IntEnum):
     PRE_OPERATIONAL = 0x7F
 
 
+INITIALISING: Final = NmtState.INITIALISING
+STOPPED: Final = NmtState.STOPPED
+OPERATIONAL: Final = NmtState.OPERATIONAL
+PRE_OPERATIONAL: Final = NmtState.PRE_OPERATIONAL
+
+
 class Command(IntEnum):
     """Command specifier of an NMT message."""
 
@@ -29,9 +36,9 @@ class Command(IntEnum):
 
 
 ENTERS = {
-    Command.START: NmtState.OPERATIONAL,
-    Command.STOP: NmtState.STOPPED,
-    Command.ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,
+    Command.START: OPERATIONAL,
+    Command.STOP: STOPPED,
+    Command.ENTER_PRE_OPERATIONAL: PRE_OPERATIONAL,
 }
 
 

@@ -12,9 +12,9 @@ from crtk_sim_backends.can import frames
 from crtk_sim_backends.can.hub import Hub
 from crtk_sim_backends.can.loop import Timer
 from crtk_sim_backends.can.port import DEAF, State
-from crtk_sim_backends.canopen import injection, machine
+from crtk_sim_backends.canopen import injection
 from crtk_sim_backends.canopen.drive import Drive, DriveConfig, Frame
-from crtk_sim_backends.canopen.nmt import NmtState
+from crtk_sim_backends.canopen.nmt import INITIALISING, OPERATIONAL
 from crtk_sim_backends.control import Handlers
 from crtk_sim_backends.faults import Fault, KindTable
 
@@ -36,7 +36,7 @@ class BusDrive:
         self.lost = 0  # frames that the bus did not take
         self._hub = hub
         self._happened = happened
-        self._seen = NmtState.INITIALISING, False, False, False
+        self._seen = INITIALISING, False, False, False
         self._bus_state = State(0)
         self._answers: deque[Frame] = deque()  # SDO frames that wait
         self._node = hub.add(f"drive-{drive.node_id}", self)
@@ -128,17 +128,16 @@ class BusDrive:
         drive, before = self.drive, self._seen
         enabled = moving = faulted = False
         for axis in drive.axes:
-            state = axis.machine.state
-            enabled = enabled or state is machine.State.OPERATION_ENABLED
+            enabled = enabled or axis.machine.enabled
             moving = moving or axis.setpoint.velocity != 0.0
-            faulted = faulted or state is machine.State.FAULT
+            faulted = faulted or axis.machine.faulted
         now = drive.state, enabled, moving, faulted
         if now == before:
             return
         self._seen = now
-        if before[0] is NmtState.INITIALISING and now[0] is not NmtState.INITIALISING:
+        if before[0] is INITIALISING and now[0] is not INITIALISING:
             self._happened("boot_up")
-        if now[0] is NmtState.OPERATIONAL and before[0] is not now[0]:
+        if now[0] is OPERATIONAL and before[0] is not now[0]:
             self._happened("operational")
         names = ("enabled", "moving", "faulted")
         for name, was, is_now in zip(names, before[1:], now[1:], strict=True):

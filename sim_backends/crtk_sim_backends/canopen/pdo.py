@@ -74,7 +74,9 @@ class ProcessData:
         self._operational = operational
         self.receiving: dict[int, Pdo] = {}
         self.transmitting: list[Pdo] = []
+        self.synchronous: list[Pdo] = []  # of those that are transmitted
         self.event_driven: list[Pdo] = []
+        self._sync_size = 0  # bytes of SYNC
         for base in (RECEIVE, TRANSMIT):
             for index in self._indices(base):
                 dictionary.guards[index] = self._guard_parameter(index)
@@ -83,6 +85,7 @@ class ProcessData:
                 dictionary.written[index + _MAPPING] = lambda sub: self.rebuild()
         dictionary.guards[0x1005] = self._guard_sync
         dictionary.guards[0x1019] = self._guard_counter
+        dictionary.written[0x1019] = lambda sub: self._note_counter()
         self.rebuild()
 
     # Configuration
@@ -160,7 +163,12 @@ class ProcessData:
         self.transmitting = [
             self._build(index) for index in self._indices(TRANSMIT) if self._exists(index)
         ]
+        self.synchronous = [pdo for pdo in self.transmitting if pdo.kind <= _CYCLIC]
         self.event_driven = [pdo for pdo in self.transmitting if pdo.kind > _CYCLIC]
+        self._note_counter()
+
+    def _note_counter(self) -> None:
+        self._sync_size = 1 if self._dictionary[0x1019, 0] else 0
 
     def _build(self, index: int) -> Pdo:
         od = self._dictionary
@@ -228,19 +236,16 @@ class ProcessData:
 
     def check_sync(self, data: bytes) -> bool:
         """Whether a SYNC message has the length that 1019 asks for; reports it when not."""
-        expected = 1 if self._dictionary[0x1019, 0] else 0
-        if len(data) == expected:
+        if len(data) == self._sync_size:
             self._emergency.end(SYNC_LENGTH)
             return True
-        self._emergency.begin(SYNC_LENGTH, bytes((len(data), expected)))
+        self._emergency.begin(SYNC_LENGTH, bytes((len(data), self._sync_size)))
         return False
 
     def on_sync(self, counter: int | None) -> list[tuple[int, bytes]]:
         """Sample and return the synchronous TPDOs of this SYNC."""
         frames = []
-        for pdo in self.transmitting:
-            if pdo.kind > _CYCLIC:
-                continue
+        for pdo in self.synchronous:
             if pdo.start and counter is not None and not pdo.started and counter != pdo.start:
                 continue
             pdo.syncs = pdo.syncs + 1 if pdo.started or not pdo.start else max(1, pdo.kind)
