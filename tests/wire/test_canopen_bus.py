@@ -337,6 +337,18 @@ def test_values_go_both_ways(peers: ScriptedBus, master: Master) -> None:
     ]
 
 
+def test_nothing_is_sent_before_the_sync(peers: ScriptedBus) -> None:
+    sent: list[int] = []
+    link = CanLink(address(peers.channel), lambda frame: sent.append(frame.can_id))
+    with closing(link):
+        link.open()
+        cycle = started(Master(link, node=100, sdo_timeout=0.5, period=1e-6))
+        sent.clear()
+        assert run(cycle)
+        assert sent[:2] == [0x080, 0x764]
+        assert sorted(sent[2:]) == [0x181, 0x182]
+
+
 def test_what_does_not_come_is_told(peers: ScriptedBus, master: Master) -> None:
     cycle = started(master)
     assert run(cycle)

@@ -118,6 +118,21 @@ def test_own_frames_that_come_back_are_marked(kind: Any, sim: RunningSim, stack:
     assert received(port, 1) == [FRAMES[1]]
 
 
+def test_what_is_there_is_received_without_waiting(
+    port: Port, sim: RunningSim, stack: ExitStack
+) -> None:
+    peer = at_hub(sim, stack)
+    peer.send(message(FRAMES[2]))
+    found: list[Frame] = []
+
+    def receive() -> bool:
+        found.extend(port.receive(0.0))
+        return bool(found)
+
+    until(receive, "it has been received")
+    assert found[0].data == FRAMES[2].data
+
+
 def test_a_wait_ends_in_time(port: Port) -> None:
     began = time.monotonic()
     assert port.receive(0.05) == ()
@@ -208,10 +223,12 @@ def test_a_socket_receives_with_the_time_of_the_kernel(
     assert port.receive(0.01) == ()
     before = time.time()
     far.send(pack(FRAMES[2]))
+    far.send(pack(FRAMES[3]))
     after = time.time()
-    (frame,) = port.receive(SOON)
-    assert frame._replace(time=0.0) == FRAMES[2]
-    assert before <= frame.time <= after
+    for timeout, expected in ((SOON, FRAMES[2]), (0.0, FRAMES[3])):
+        (frame,) = port.receive(timeout)
+        assert frame._replace(time=0.0) == expected
+        assert before <= frame.time <= after
 
 
 def test_a_socket_without_room_takes_no_more() -> None:

@@ -251,7 +251,7 @@ class Cycle:
         return self.tpdos.unpack(self._data)
 
     def begin(self, deadline: float) -> bool:
-        """Begin a cycle: send the SYNC, or wait for that of the kernel.
+        """Begin a cycle: send the SYNC, or wait for that of the kernel; then what else is to be sent.
 
         Args:
             deadline: monotonic seconds; only for the kernel's.
@@ -262,7 +262,6 @@ class Cycle:
         Raises:
             BusLost: the bus cannot be used.
         """
-        self.master.tick(time.monotonic())
         if self.sync.own:
             begun = self._wait_for_sync(deadline)
         else:
@@ -272,6 +271,7 @@ class Cycle:
             self.counters.cycles += 1
             self.ages = [age + 1 for age in self.ages]
             self._open = {slot for slot, every in enumerate(self._every) if every}
+        self.master.tick(time.monotonic())
         self._link.send_posted()
         return begun
 

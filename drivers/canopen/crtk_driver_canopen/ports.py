@@ -122,6 +122,21 @@ def _frame_of(message: can.Message) -> Frame:
     return Frame(message.arbitration_id | flags, data, not message.is_rx, message.timestamp)
 
 
+class _Readable:
+    """Whether there is something to be received: asking takes a quarter of the time of receiving in vain."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptors = [descriptor]
+        self._poll = select.poll()
+        self._poll.register(descriptor, select.POLLIN)
+
+    def within(self, timeout: float) -> bool:
+        """Wait for at most `timeout` seconds; 0 or less: not at all."""
+        if timeout <= 0.0:
+            return bool(self._poll.poll(0))
+        return bool(select.select(self._descriptors, [], [], timeout)[0])
+
+
 _TIMESPEC: Final = struct.Struct("@ll")
 _SO_TIMESTAMPNS: Final = 35  # asm-generic/socket.h
 _ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size)
@@ -134,6 +149,7 @@ class SocketPort:
 
     def __init__(self, raw: socket.socket) -> None:
         self._socket = raw
+        self._readable = _Readable(raw.fileno())
 
     def send(self, frames: Sequence[Frame]) -> int:
         """Send one after the other; see `Port.send`."""
@@ -149,7 +165,7 @@ class SocketPort:
 
     def receive(self, timeout: float) -> Sequence[Frame]:
         """Return the next frame; see `Port.receive`."""
-        if timeout > 0.0 and not select.select([self._socket], [], [], timeout)[0]:
+        if not self._readable.within(timeout):
             return ()
         try:
             raw, ancillary, flags, _ = self._socket.recvmsg(
@@ -171,7 +187,7 @@ class HubPort:
 
     def __init__(self, bus: Any) -> None:
         self._bus = bus
-        self._descriptor: int = bus.fileno()
+        self._readable = _Readable(bus.fileno())
 
     def send(self, frames: Sequence[Frame]) -> int:
         """Send them together; see `Port.send`."""
@@ -180,7 +196,7 @@ class HubPort:
 
     def receive(self, timeout: float) -> Sequence[Frame]:
         """Return all that are there; see `Port.receive`."""
-        if timeout > 0.0 and not select.select([self._descriptor], [], [], timeout)[0]:
+        if not self._readable.within(timeout):
             return ()
         return [
             Frame(can_id, data[:length], bool(own))
