@@ -24,6 +24,7 @@ from crtk_sim_backends.ur import SIM
 POWER_OFF, RUNNING = 3, 7
 PLAYING = 2
 FAR = [2.5, *HOME[1:]]
+NEAR = [1.0, *HOME[1:]]
 SAMPLE_TIMEOUT = 1.0
 CONFIG = {"sample_timeout": SAMPLE_TIMEOUT, "open_timeout": 2.0}
 
@@ -59,8 +60,8 @@ def restart_safety(bench: UrBench) -> None:
     assert dashboard(bench, "restart safety") == "Restarting safety"
 
 
-def start_moving(bench: UrBench):
-    move = bench.arm.move_jp(FAR)
+def start_moving(bench: UrBench, goal=FAR):
+    move = bench.arm.move_jp(goal)
     bench.until_moving()
     return move
 
@@ -533,7 +534,7 @@ def test_f17_an_error_in_the_io_thread_is_a_fault_and_it_goes_on(bench, monkeypa
 
 @pytest.mark.parametrize("jump", [3600.0, -3600.0])
 def test_f18_clock_jump(bench, monkeypatch, jump):
-    move = start_moving(bench)
+    move = start_moving(bench, NEAR)
     wall = time.time_ns
     _, before = bench.arm.measured_js(extra=True)
     monkeypatch.setattr(time, "time_ns", lambda: wall() + int(jump * 1e9))
