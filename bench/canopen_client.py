@@ -156,8 +156,8 @@ def paced(step: Step, rate: float, seconds: float) -> dict[str, Any]:
     for _ in range(SETTLE):
         step()
     late, overruns, missed = [], 0, 0
-    cpu = time.process_time()
-    due = time.monotonic() + period
+    cpu, began = time.process_time(), time.monotonic()
+    due = began + period
     for _ in range(int(rate * seconds)):
         time.sleep(max(0.0, due - time.monotonic()))
         late.append(time.monotonic() - due)
@@ -167,7 +167,7 @@ def paced(step: Step, rate: float, seconds: float) -> dict[str, Any]:
         if now > due:
             overruns += 1
             due = now  # nothing is caught up
-    used = time.process_time() - cpu
+    used, elapsed = time.process_time() - cpu, time.monotonic() - began
     return {
         "cycles": len(late),
         "p50": float(np.median(late)),
@@ -175,7 +175,7 @@ def paced(step: Step, rate: float, seconds: float) -> dict[str, Any]:
         "max": max(late),
         "overruns": overruns,
         "missed": missed,
-        "cpu": used / seconds,
+        "cpu": used / elapsed,
     }
 
 
