@@ -19,6 +19,7 @@ class NmtState(IntEnum):
     PRE_OPERATIONAL = 0x7F
 
 
+# For those who ask at every frame: a member is looked up slowly in Python 3.11.
 INITIALISING: Final = NmtState.INITIALISING
 STOPPED: Final = NmtState.STOPPED
 OPERATIONAL: Final = NmtState.OPERATIONAL
