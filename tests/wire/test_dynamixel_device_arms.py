@@ -328,6 +328,21 @@ def test_both_protocols_on_one_bus():
         assert not any(bench.torques())
 
 
+def test_a_servo_that_is_not_heard_at_first_is_restarted_all_the_same():
+    joints = {name: {"id": id, "model": "xm430-w350"} for name, id in (("base", 1), ("tip", 2))}
+    with dynamixel_bench({**PATIENT, "fast_read": False, "joints": joints}) as bench:
+        bench.arm.enable()
+        bench.sim.control.inject("overload", id=1)
+        bench.until_state("FAULT", "overload")
+        bench.sim.control.clear()
+        mark = bench.mark()
+        bench.sim.control.inject("drop", id=1, duration=1.5)
+        bench.until_state("FAULT", "servo 1 on main) does not answer")
+        bench.arm.enable()
+        assert REBOOT in {entry["code"] for entry in bench.trace(mark)}
+        assert all(bench.torques())
+
+
 TURNING = {"id": 1, "model": "xm430-w350", "mode": "extended_position", "lower": -20.0}
 
 

@@ -488,15 +488,6 @@ class ChainLink:
         state = self.states[place]
         self._buses[state.servo.bus].reboot(state.servo.id)
 
-    def answers(self, place: int) -> bool:
-        """Whether a servo answers a ping now."""
-        state = self.states[place]
-        try:
-            self._buses[state.servo.bus].ping(state.servo.id)
-        except (ServoSilent, ServoCorrupt):
-            return False
-        return True
-
     # ------------------------------------------------------------------------------------- figures
 
     @property

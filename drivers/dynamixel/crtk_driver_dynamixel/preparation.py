@@ -23,30 +23,18 @@ REBOOT_TIME: Final = 3.0
 
 
 def recover(link: ChainLink, places: Sequence[int]) -> Steps:
-    """Restart the servos that report an error, once, and wait for all that are silent.
+    """Wait for all servos that are silent, and restart those that report an error, once.
 
     Raises:
         TransitionFailed: one stays silent, or has its error still.
     """
-    answered = link.read_health(places)
-    broken = [p for p in answered if link.health[p].hardware_error]
+    yield from _heard(link, places)
+    broken = [place for place in places if link.health[place].hardware_error]
     for place in broken:
         _reboot(link, place)
-    restarted = [p for p in places if p in broken or p not in answered]
-    waited = restarted
-    end = time.monotonic() + REBOOT_TIME
-    while waited and time.monotonic() < end:
+    if broken:
         yield
-        waited = [place for place in waited if not link.answers(place)]
-    if waited:
-        names = ", ".join(link.chain.servos[place].place for place in waited)
-        raise TransitionFailed(
-            f"{names} does not answer",
-            where=link.address,
-            remedy="Check its power and cable.",
-        )
-    if restarted:
-        link.read_health(restarted)
+        yield from _heard(link, broken)
     errors = [
         f"{link.chain.servos[p].place}: {text}"
         for p in places
@@ -58,6 +46,27 @@ def recover(link: ChainLink, places: Sequence[int]) -> Steps:
             where=link.address,
             remedy="It is there after a restart, too: check supply, load and temperature.",
         )
+
+
+def _heard(link: ChainLink, places: Sequence[int]) -> Steps:
+    """Read how servos are, until each has answered.
+
+    Raises:
+        TransitionFailed: one does not.
+    """
+    end = time.monotonic() + REBOOT_TIME
+    while True:
+        answered = link.read_health(places)
+        places = [place for place in places if place not in answered]
+        if not places:
+            return
+        if time.monotonic() >= end:
+            break
+        yield
+    names = ", ".join(link.chain.servos[place].place for place in places)
+    raise TransitionFailed(
+        f"{names} does not answer", where=link.address, remedy="Check its power and cable."
+    )
 
 
 def _reboot(link: ChainLink, place: int) -> None:
