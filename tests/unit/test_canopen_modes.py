@@ -66,6 +66,14 @@ def test_modes_in_words() -> None:
     assert mode_text(-3) == "mode -3"
 
 
+def test_any_mode_is_right_before_one_is_wanted() -> None:
+    change = ModeChange(timeout=0.5)
+    for now in (1.0, 1.4, 9.0):
+        assert change.step(8, now)
+        assert change.done
+        assert not change.failure
+
+
 def test_a_change_of_mode_is_waited_for() -> None:
     change = ModeChange(timeout=0.5)
     change.request(8)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from canopen_arm import SOON, arm_of, arm_on, device_of, drives, stream, until
+from canopen_arm import PERIOD, SOON, arm_of, arm_on, device_of, drives, stream, until
 
 from crtk_driver_canopen import PLUGIN
 from crtk_driver_canopen.modes import OpMode
@@ -70,6 +70,15 @@ def test_connecting_gives_no_power_and_disabling_takes_it(sim: RunningSim) -> No
         assert all(axis.is_enabled for axis in axes)
         arm.disable(SOON)
         assert not any(axis.is_enabled for axis in axes)
+
+
+def test_it_stays_disabled_until_somebody_enables_it(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT)) as arm:
+        counters = device_of(arm).link.counters
+        enough = counters.cycles + 1.5 / PERIOD  # longer than a drive may take to show its mode
+        until(lambda: counters.cycles > enough, "it has been connected for a while")
+        assert state_is(arm, "DISABLED")()
+        assert all(axis.failure == "" for axis in device_of(arm).axes)
 
 
 def test_drives_with_safe_torque_off_are_reached_and_say_why_they_cannot_be_enabled(

@@ -157,13 +157,13 @@ class ModeChange:
         timeout: seconds.
 
     Attributes:
-        wanted: the mode; NONE before the first `request`.
+        wanted: the mode; None before the first `request`, when any is right.
         done: whether it is shown.
         failure: why it is not, in words; empty while there is time.
     """
 
     def __init__(self, timeout: float = 1.0) -> None:
-        self.wanted: int = OpMode.NONE
+        self.wanted: int | None = None
         self.done = True
         self.failure = ""
         self._timeout = timeout
@@ -180,7 +180,8 @@ class ModeChange:
             shown: mode of operation display (6061).
             now: monotonic seconds.
         """
-        self.done = shown == self.wanted
+        wanted = shown if self.wanted is None else self.wanted
+        self.done = shown == wanted
         if self.done:
             self.failure, self._since = "", None
             return True
@@ -188,7 +189,7 @@ class ModeChange:
             self._since = now
         if now - self._since > self._timeout:
             self.failure = (
-                f"it still shows {mode_text(shown)} {self._timeout:g} s after {mode_text(self.wanted)} "
+                f"it still shows {mode_text(shown)} {self._timeout:g} s after {mode_text(wanted)} "
                 "was asked for"
             )
         return False
