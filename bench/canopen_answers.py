@@ -6,14 +6,15 @@ same cores. They are set up as any others, and the first cycles are those of the
 
 from __future__ import annotations
 
-import subprocess
+import signal
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bench.processes import ROOT, STOP_TIMEOUT, module
+from bench.processes import module, running, wait_ready
 from crtk_sim_backends.can.hub import Hub
 from crtk_sim_backends.canopen.drive import DriveConfig
 from crtk_sim_backends.canopen.node import BusDrives
@@ -55,29 +56,20 @@ def answers(nodes: int) -> Iterator[str]:
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "bus.sock")
         command = [*module("bench.canopen_answers"), path, str(nodes)]
-        with subprocess.Popen(
-            command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE
-        ) as process:
-            assert process.stdin is not None
-            assert process.stdout is not None
-            if not process.stdout.readline():
-                raise RuntimeError(f"{' '.join(command)} did not start")
-            try:
-                yield path
-            finally:
-                process.stdin.close()
-                process.wait(STOP_TIMEOUT)
+        with running(command, Path(folder)) as child:
+            wait_ready(child)
+            yield path
 
 
 def main() -> None:
-    """Run until the standard input ends."""
+    """Run until SIGTERM."""
     path, nodes = sys.argv[1], int(sys.argv[2])
     with Hub() as hub:
         BusDrives(hub, {node: DriveConfig() for node in range(1, nodes + 1)})
         Answers(hub)
         hub.open_socket(path)
-        hub.loop.watch(sys.stdin.fileno(), lambda _: hub.stop())
-        print("ready", flush=True)
+        signal.signal(signal.SIGTERM, lambda *_: hub.stop())
+        print("ready", time.monotonic(), flush=True)
         hub.run()
 
 

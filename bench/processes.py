@@ -68,6 +68,17 @@ def module(name: str) -> list[str]:
 
 
 @contextmanager
+def on_core(core: int) -> Iterator[None]:
+    """Let this thread, and processes that are started within, run on that core alone."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {core})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+@contextmanager
 def running(
     command: Sequence[str], records: Path, **environment: str
 ) -> Iterator[subprocess.Popen[str]]:

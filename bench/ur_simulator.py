@@ -44,24 +44,13 @@ CIRCLE = (
 
 
 @contextlib.contextmanager
-def on_core(core: int) -> Iterator[None]:
-    """Let processes that are started within run on that core alone."""
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {core})
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, before)
-
-
-@contextlib.contextmanager
 def neighbour(core: int | None, records: Path) -> Iterator[None]:
     """Burn a core, unless it is None."""
     if core is None:
         yield
         return
     with (
-        on_core(core),
+        processes.on_core(core),
         processes.running([sys.executable, "-c", "while True: pass"], records),
     ):
         yield
@@ -99,7 +88,7 @@ class Segment:
             os.environ[DIRECTORY] = folder
             flags = ["--realtime"] if realtime else []
             with contextlib.ExitStack() as stack:
-                with on_core(cores[0]):
+                with processes.on_core(cores[0]):
                     sim = stack.enter_context(process.spawn("bench.recorded_sim", flags))
                     watched = [sim.pid]
                     if servo:

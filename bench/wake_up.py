@@ -10,6 +10,8 @@ import sys
 import time
 from statistics import median
 
+from bench.processes import ROOT, module, on_core
+
 PACKETS = 3000
 WAIT = 5.0
 
@@ -25,28 +27,22 @@ def round_trip() -> float:
     """Return the median of the seconds until a packet is back; nobody has anything to reckon."""
     mine, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     cores = os.sched_getaffinity(0)
-    arguments = [str(other.fileno()), str(max(cores))]
-    command = [sys.executable, "-m", "bench.wake_up", *arguments]
+    with on_core(max(cores)), other:
+        command = [*module("bench.wake_up"), str(other.fileno())]
+        peer = subprocess.Popen(command, cwd=ROOT, pass_fds=[other.fileno()])
     took = []
-    os.sched_setaffinity(0, {min(cores)})
-    try:
-        with subprocess.Popen(command, pass_fds=[other.fileno()]), mine:
-            other.close()
-            for _ in range(PACKETS):
-                began = time.perf_counter()
-                mine.send(b"\0")
-                receive(mine)
-                took.append(time.perf_counter() - began)
-    finally:
-        os.sched_setaffinity(0, cores)
+    with peer, mine, on_core(min(cores)):
+        for _ in range(PACKETS):
+            began = time.perf_counter()
+            mine.send(b"\0")
+            receive(mine)
+            took.append(time.perf_counter() - began)
     return median(took[PACKETS // 10 :])
 
 
 def main() -> None:
     """Send everything back until the other end is closed."""
-    descriptor, core = map(int, sys.argv[1:])
-    os.sched_setaffinity(0, {core})
-    with socket.socket(fileno=descriptor) as mine:
+    with socket.socket(fileno=int(sys.argv[1])) as mine:
         while packet := receive(mine):
             mine.send(packet)
 
