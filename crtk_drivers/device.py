@@ -117,11 +117,45 @@ class StopPolicy:
     """How the device stops when the stream of commands, the process or the link stops.
 
     `description` is for people and goes in the manifest; `link_timeout` is how long, in seconds, the
-    hardware goes on by itself after this process died.
+    hardware goes on by itself after this process died. `time` is within how many seconds after `Device.stop`
+    its joints stand: past it the stop counts as not carried out.
     """
 
     link_timeout: float
     description: str
+    time: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.time < math.inf:
+            raise ValueError(f"stop: time must be above zero and finite, not {self.time}")
+
+
+@dataclass(frozen=True, slots=True)
+class Following:
+    """How closely the joints of a device follow the positions that they are sent.
+
+    Attributes:
+        error: one for each joint, in rad (m): how far a joint may be from all that was asked of it in the
+            last `lag` seconds; further away it does not follow, and the device is in FAULT.
+        arrival: the same for the end of a move: nearer than this the joint is there.
+        lag: seconds that the hardware takes to carry a setpoint out (transport, smoothing, its own loop).
+
+    Raises:
+        ValueError: no number above zero, or not as many of one as of the other.
+    """
+
+    error: tuple[float, ...]
+    arrival: tuple[float, ...]
+    lag: float
+
+    def __post_init__(self) -> None:
+        if len(self.error) != len(self.arrival):
+            raise ValueError(f"following: {len(self.error)} error, {len(self.arrival)} arrival")
+        for name, values in (("error", self.error), ("arrival", self.arrival)):
+            if not all(0.0 < value < math.inf for value in values):
+                raise ValueError(f"following: {name} must be above zero and finite, not {values}")
+        if not 0.0 <= self.lag < math.inf:
+            raise ValueError(f"following: lag must be finite and not negative, not {self.lag}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +187,8 @@ class Capabilities:
         base_frame, tool_frame: frame ids of poses and of what is attached to the tool.
         base_pose: of the device's own base in the base frame, where these are two (``local/``).
         transition_timeout: bound of enable, home, ... in seconds.
+        stop: what stops it, and in what time.
+        following: how closely its joints follow positions; None: that cannot be told, and is not watched.
     """
 
     joints: tuple[str, ...] = ()
@@ -178,12 +214,15 @@ class Capabilities:
     base_pose: Pose | None = None
     transition_timeout: float = 30.0
     stop: StopPolicy = field(default=StopPolicy(0.0, "holds its position"))
+    following: Following | None = None
 
     def __post_init__(self) -> None:
         if len(self.limits) != len(self.joints):
             raise ValueError(f"{len(self.limits)} limits for {len(self.joints)} joints")
         if len(self.move_limits) not in (0, len(self.joints)):
             raise ValueError(f"{len(self.move_limits)} move_limits for {len(self.joints)} joints")
+        if self.following is not None and len(self.following.error) != len(self.joints):
+            raise ValueError(f"following: {len(self.following.error)} for {len(self.joints)} joints")
         if len(set(self.joints)) != len(self.joints) or not all(self.joints):
             raise ValueError(f"joints need names of their own: {', '.join(map(repr, self.joints))}")
         for name, value in (("rate", self.rate), ("transition_timeout", self.transition_timeout)):
@@ -393,7 +432,12 @@ class Device(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Release everything; the hardware is left holding. May be called twice."""
+        """Release everything. May be called twice, and after a `ConnectionLost`.
+
+        The core has called `stop` before and has waited for `has_stopped`. Where that could not be read back,
+        what stops the hardware by itself stays armed. Hardware that can be left in more than one way is left
+        as the key ``on_close`` of its configuration says (``hold`` or ``power_off``).
+        """
 
     @abstractmethod
     def read(self, deadline: float) -> Sample | None:
@@ -414,6 +458,23 @@ class Device(ABC):
         May be called from the watchdog's thread at any time, also while `read` waits: it must not
         take a lock that `read` holds.
         """
+
+    @property
+    def has_stopped(self) -> bool:
+        """Whether what `stop` asked for last has been read back from the hardware.
+
+        That the joints stand is judged by the core from what is measured; this is for what it cannot see: the
+        goal in a register, the mode of a drive. Until it is true the core goes on calling `stop`.
+        """
+        return True
+
+    @property
+    def found(self) -> str:
+        """In what powered or moving state `open` found it: ``torque is on``, ``brakes are released``.
+
+        Empty if it cannot move by itself. It is told as the detail of DISABLED.
+        """
+        return ""
 
     @property
     def takes_setpoints(self) -> bool:

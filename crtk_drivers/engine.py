@@ -335,7 +335,7 @@ class Engine:
         self._connected = True
         self._health.connected = True
         self._sample_deadman.feed(self._clock())
-        self._board.update(OperatingState.DISABLED)
+        self._board.update(OperatingState.DISABLED, self.device.found)
 
     def cycle(self, deadline: float) -> None:
         """Read, follow the hardware's condition, advance transition and motion. Once a period.

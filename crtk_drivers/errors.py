@@ -9,6 +9,7 @@
     │   ├── ConnectionLost         was reached, and is gone (also ConnectionError)
     │   ├── ProtocolError          the peer sent something that its protocol does not allow
     │   ├── DeviceFault            the hardware reports a fault (protective stop, EMCY, hardware error)
+    │   ├── StopUnconfirmed        a stop was asked for, and the hardware has not been seen to stand
     │   └── TransitionFailed       enable, home, ... did not reach their end
     ├── CommandRefused             your command was not accepted, and nothing was sent (also ValueError)
     ├── MotionAborted              an accepted motion ended before its goal
@@ -86,6 +87,10 @@ class DeviceFault(DeviceError):
     """The hardware reports a fault that keeps it from moving."""
 
 
+class StopUnconfirmed(DeviceError):
+    """A stop was asked for, and it could not be read back that the hardware stands."""
+
+
 class TransitionFailed(DeviceError):
     """A change of operating state (enable, home, ...) did not reach its end."""
 
@@ -111,6 +116,7 @@ class Reason(StrEnum):
     STEP_TOO_LARGE = "step_too_large"
     UNREACHABLE = "unreachable"
     MODE_SWITCH = "mode_switch"
+    STREAM_OWNED = "stream_owned"
     NOT_CONNECTED = "not_connected"
     LOCAL_CONTROL = "local_control"
 

@@ -55,6 +55,14 @@ class WrappedDevice(Device):
         return self.inner.has_arrived
 
     @property
+    def has_stopped(self) -> bool:
+        return self.inner.has_stopped
+
+    @property
+    def found(self) -> str:
+        return self.inner.found
+
+    @property
     def condition(self) -> Condition:
         return self.inner.condition
 
