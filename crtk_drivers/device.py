@@ -222,7 +222,9 @@ class Capabilities:
         if len(self.move_limits) not in (0, len(self.joints)):
             raise ValueError(f"{len(self.move_limits)} move_limits for {len(self.joints)} joints")
         if self.following is not None and len(self.following.error) != len(self.joints):
-            raise ValueError(f"following: {len(self.following.error)} for {len(self.joints)} joints")
+            raise ValueError(
+                f"following: {len(self.following.error)} for {len(self.joints)} joints"
+            )
         if len(set(self.joints)) != len(self.joints) or not all(self.joints):
             raise ValueError(f"joints need names of their own: {', '.join(map(repr, self.joints))}")
         for name, value in (("rate", self.rate), ("transition_timeout", self.transition_timeout)):
