@@ -19,17 +19,32 @@ from crtk_drivers.capabilities import missing_for, offered
 from crtk_drivers.checks import CommandCheck
 from crtk_drivers.commands import Command, Level
 from crtk_drivers.device import Device, Ratios
-from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceError, DeviceFault, Reason
+from crtk_drivers.errors import (
+    CommandRefused,
+    ConnectionLost,
+    DeviceError,
+    DeviceFault,
+    Reason,
+    StopUnconfirmed,
+)
 from crtk_drivers.executor import MotionExecutor
 from crtk_drivers.feedback import Feedback
+from crtk_drivers.following import FollowingWatch
 from crtk_drivers.health import Health, HealthRecorder
 from crtk_drivers.limits import LimitPolicy, SetpointLimiter
 from crtk_drivers.moves import Move, Outcome
 from crtk_drivers.orders import LINE, OrderMaker
 from crtk_drivers.reach import Reach
 from crtk_drivers.requests import Request, Requests
-from crtk_drivers.samples import EMPTY, Flag, Number, Pose, Stamp, Value, Vector
-from crtk_drivers.state import HOMING_COMMANDS, OperatingState, Status, parse_command
+from crtk_drivers.samples import EMPTY, Flag, Number, Pose, Sample, Stamp, Value, Vector
+from crtk_drivers.state import (
+    HOMING_COMMANDS,
+    OperatingState,
+    StateCommand,
+    Status,
+    parse_command,
+)
+from crtk_drivers.stopping import Stopping
 from crtk_drivers.transitions import Transitions
 from crtk_drivers.watchdog import Deadman
 
@@ -86,6 +101,7 @@ class Engine:
         name: of the device, for messages.
         options: the user's choices.
         clock: monotonic seconds.
+        sleep: lets seconds pass on that clock.
     """
 
     def __init__(
@@ -94,6 +110,7 @@ class Engine:
         name: str,
         options: EngineOptions | None = None,
         clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] = time.sleep,
     ) -> None:
         self.device = device
         self.name = name
@@ -104,6 +121,7 @@ class Engine:
         self.on_sample: Callable[[], None] | None = None
         """Called by the I/O thread at the end of each cycle that brought a sample; must return at once."""
         self._clock = clock
+        self._sleep = sleep
         self._connected = False
         self._alarm = ""
         period = 1.0 / self.capabilities.rate
@@ -117,7 +135,16 @@ class Engine:
         not_yet = Status(OperatingState.FAULT, homed, False, "not connected yet")
         self._board = StatusBoard(not_yet, self.where, self._health)
         self._check = CommandCheck(self.capabilities, self.options.limits, self.where)
-        limiter = SetpointLimiter(self.capabilities, self.options.limits, self.where)
+        has_kinematics = self.capabilities.has_kinematics
+        limiter = SetpointLimiter(
+            self.capabilities,
+            self.options.limits,
+            self.where,
+            device.jacobian if has_kinematics else None,
+        )
+        self._stopping = Stopping(device, clock)
+        self._stop_asked = False
+        self._broken_sample = ""
         reach = Reach(device, self.where, self._check, self._feedback)
         self._orders = OrderMaker(
             device, reach, self._check, limiter, self._feedback, self.where, self.options.move_cp
@@ -133,6 +160,8 @@ class Engine:
             self._feedback,
             self._board,
             self._health,
+            self._stopping,
+            FollowingWatch(self.capabilities, self.options.limits.following_error),
             self.options.stream_timeout,
             self.options.interpolate_timeout,
         )
@@ -140,7 +169,7 @@ class Engine:
         timeout = self.capabilities.transition_timeout
         self._requests = Requests(self.services, self.where, timeout)
         self._transitions = Transitions(
-            device, self.where, self._board, self._motion.end, self._feedback.seed
+            device, self.where, self._board, self._motion.end, self._stopping, self._feedback.seed
         )
 
     # ------------------------------------------------------------------ for the fronts, any thread
@@ -230,8 +259,11 @@ class Engine:
         """
         try:
             command = self._require(name)
-            if name == "hold" and self._holds_anyway():
-                return None
+            if name == "hold":
+                self._transitions.end_homing()
+                if self._holds_anyway():
+                    self._stop_asked = True
+                    return None
             if command.level is Level.SETTING:
                 self._set(command, self._check.check(command, value))
                 return None
@@ -334,6 +366,8 @@ class Engine:
             raise
         self._connected = True
         self._health.connected = True
+        self._broken_sample = ""
+        self._stopping.begin_anew()
         self._sample_deadman.feed(self._clock())
         self._board.update(OperatingState.DISABLED, self.device.found)
 
@@ -347,26 +381,48 @@ class Engine:
         now = self._clock()
         if sample is not None:
             self._sample_deadman.feed(min(sample.stamp.monotonic, now))
-            self._health.samples += 1
-            self._feedback.take(sample)
+            sample = self._sound(sample)
         if self._sample_deadman.expired(now):
             raise ConnectionLost(
                 f"the newest sample is {self._sample_deadman.age(now):.3f} s old",
                 where=self.where,
                 remedy="Is it on, and the network free? The driver connects again by itself.",
             )
-        if self._alarm:
-            self._motion.end(self._alarm)
-            self._alarm = ""
         try:
+            if self._alarm:
+                self._motion.end(self._alarm)
+                self._alarm = ""
+                self._stopping.stop()
+            self._stopping.follow(sample, now)
             self._requests.step(now)
             self._motion.apply_settings()
             self._advance(now)
         except DeviceFault as fault:
             self._leave(OperatingState.FAULT, str(fault))
+        except DeviceError:
+            raise
+        except Exception as error:
+            # The link is sound, and whoever shares it goes on.
+            logger.exception("%s: unexpected error in its motion", self.where)
+            text = f"unexpected {type(error).__name__}: {error}. Please report this."
+            self._leave(OperatingState.FAULT, text)
         self._health.cycle(now)
         if sample is not None and self.on_sample is not None:
             self.on_sample()
+
+    def _sound(self, sample: Sample) -> Sample | None:
+        """Return a sample that can be used: one with anything that is not finite is none."""
+        broken = sample.not_finite
+        if not broken:
+            self._broken_sample = ""
+            self._health.samples += 1
+            self._feedback.take(sample)
+            return sample
+        self._health.broken_samples += 1
+        if not self._broken_sample:
+            self._board.warned(f"a sample is dropped: {broken}")
+        self._broken_sample = broken
+        return None
 
     def disconnect(self, reason: str) -> None:
         """Close the device after the link was lost; the state is FAULT until it is open again."""
@@ -384,15 +440,43 @@ class Engine:
             self.device.close()
 
     def shut_down(self) -> None:
-        """Stop, leave the hardware holding, and close."""
+        """Stop, wait until that is read back, leave the hardware as it is configured to be left, and close.
+
+        Raises:
+            StopUnconfirmed: it was not seen to stand within the time that the device declares.
+            DeviceError: it could not be told.
+        """
+        overdue = ""
         try:
             if self._connected:
                 self._leave(OperatingState.DISABLED, "shut down")
+                overdue = self._await_stop()
         finally:
             self._connected = False
             self._health.connected = False
             self._requests.end(ConnectionLost("shut down", where=self.where))
             self.device.close()
+        if overdue:
+            raise StopUnconfirmed(
+                overdue,
+                where=self.where,
+                remedy="Look at the hardware, and take its power away if it moves.",
+            )
+
+    def _await_stop(self) -> str:
+        """Read until the stop has been carried out, and return ""; or what to say when it was not."""
+        period = 1.0 / self.capabilities.rate
+        while not self._stopping.confirmed:
+            now = self._clock()
+            overdue = self._stopping.overdue(now)
+            if overdue:
+                return overdue
+            if not self.capabilities.paced_by_stream:
+                self._sleep(period)
+            sample = self.device.read(now + period)
+            usable = sample if sample is not None and not sample.not_finite else None
+            self._stopping.follow(usable, self._clock())
+        return ""
 
     # -------------------------------------------------------------------- for the watchdog's thread
 
@@ -454,10 +538,14 @@ class Engine:
             )
 
     def _holds_anyway(self) -> bool:
-        """Whether `hold` has nothing to do: the device is there, and nothing of ours can move it."""
+        """Whether `hold` has nothing to end: the device is there, and motion of ours has been ended.
+
+        A stop that has not been read back yet is sent again all the same.
+        """
         with self._board.lock:
-            idle = self._transitions.running is None
-            return self._connected and idle and self.status.state is not OperatingState.ENABLED
+            running = self._transitions.running is not None
+            enabled = self.status.state is OperatingState.ENABLED
+            return self._connected and (running or not enabled)
 
     def _order(self, command: Command, value: Value | None, stamp_ns: int) -> Order:
         self._require_enabled(command.name)
@@ -490,6 +578,9 @@ class Engine:
 
     def _advance(self, now: float) -> None:
         running = self._transitions.running
+        self._judge_stop(running, now)
+        if self._broken_sample and self._feedback.sample_age(now) > self.options.sample_timeout:
+            self._to_fault(f"no sample that can be used: {self._broken_sample}")
         if running is None or running in HOMING_COMMANDS:
             self._follow_condition()
         self._transitions.step(now)
@@ -500,6 +591,22 @@ class Engine:
                 self._leave(
                     after, f"{ended} stopped for more than {self._stream_timeout(ended):g} s"
                 )
+
+    def _judge_stop(self, running: StateCommand | None, now: float) -> None:
+        """Send a stop again that a client asks for again; one that is overdue is a fault."""
+        if self._stop_asked:
+            self._stop_asked = False
+            if not self._stopping.confirmed:
+                self._stopping.stop()
+        overdue = self._stopping.overdue(now)
+        if overdue and running is not StateCommand.DISABLE:
+            self._to_fault(overdue)
+
+    def _to_fault(self, reason: str) -> None:
+        if self.status.state is OperatingState.FAULT:
+            self._board.update(detail=reason)
+        else:
+            self._leave(OperatingState.FAULT, reason)
 
     def _stream_timeout(self, name: str) -> float:
         is_slow = self.commands[name].level is Level.INTERPOLATE
@@ -525,7 +632,7 @@ class Engine:
         self._board.update(state, reason, busy=False)
         self._motion.end(reason)
         if was_enabled:
-            self.device.stop()
+            self._stopping.stop()
 
 
 def _ratio_values(ratios: Ratios) -> dict[str, Value]:

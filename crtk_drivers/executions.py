@@ -17,6 +17,12 @@ from crtk_drivers.samples import JointState
 ARRIVAL_TIMEOUT: Final = 10.0
 """Seconds, at full pace, in which hardware that smooths setpoints must be where a trajectory of ours ends."""
 
+SETTLING_TIME: Final = 2.0
+"""Seconds in which the joints must be measured at the goal of a move that the hardware says it has ended."""
+
+Missing = Callable[[float], str | None]
+"""Says which joint is not at the goal, empty if none is; None without a sample since that monotonic time."""
+
 PACE_TIME: Final = 0.2
 """Seconds in which a trajectory goes from rest to full pace, or back, where the hardware's own pace jumps."""
 
@@ -39,17 +45,29 @@ class MoveExecution(ABC):
 class NativeMove(MoveExecution):
     """The hardware plans and executes; this one watches."""
 
-    def __init__(self, move: Move, device: Device, goal: Goal) -> None:
+    def __init__(self, move: Move, device: Device, goal: Goal, missing: Missing) -> None:
         super().__init__(move)
         self._device = device
+        self._missing = missing
+        self._ended: float | None = None
         device.move(goal)
 
     def step(self, now: float) -> bool:
-        """Ask the hardware how far it is."""
+        """Ask the hardware how far it is, and look whether it is there when it says so."""
         progress = self._device.move_progress()
         if progress is MoveProgress.FAILED:
             raise MotionAborted(f"the hardware ended {self.move.name} before its goal")
-        return progress is MoveProgress.DONE
+        if progress is not MoveProgress.DONE:
+            return False
+        if self._ended is None:
+            self._ended = now
+        missing = self._missing(self._ended)
+        if missing and now - self._ended > SETTLING_TIME:
+            raise MotionAborted(
+                f"the hardware says that {self.move.name} has ended, but {missing}",
+                remedy="Look at what holds it.",
+            )
+        return missing == ""
 
 
 class StreamedMove(MoveExecution):
@@ -62,6 +80,7 @@ class StreamedMove(MoveExecution):
         move: the handle.
         device: whose pace it follows.
         send: takes the name of the command, a point, and monotonic seconds.
+        missing: which joint is not at the goal.
         now: monotonic seconds.
         period: of the I/O cycle, s.
         pace: of the trajectory at its beginning, of real time.
@@ -75,6 +94,7 @@ class StreamedMove(MoveExecution):
         move: Move,
         device: Device,
         send: Callable[[str, Point, float], None],
+        missing: Missing,
         now: float,
         period: float,
         pace: float,
@@ -82,6 +102,8 @@ class StreamedMove(MoveExecution):
         super().__init__(move)
         self._device = device
         self._send = send
+        self._missing = missing
+        self._ended: float | None = None
         self._last = now - period  # when the setpoint went out from which it starts
         self._longest = 2.0 * period
         self._time = 0.0
@@ -97,12 +119,18 @@ class StreamedMove(MoveExecution):
         self._time += step
         self._send(self.move.name, self._point(self._time, step).at_pace(self.pace), now)
         late = self._time - self._duration
+        if late < 0.0:
+            return False
+        if self._ended is None:
+            self._ended = now
+        missing = self._missing(self._ended)
         if late > ARRIVAL_TIMEOUT:
             raise MotionAborted(
-                f"the hardware has not come to rest where {self.move.name} ends in {ARRIVAL_TIMEOUT:g} s",
+                f"the hardware has not come to rest where {self.move.name} ends in {ARRIVAL_TIMEOUT:g} s"
+                + (f": {missing}" if missing else ""),
                 remedy="Look at what holds it.",
             )
-        return late >= 0.0 and self._device.has_arrived
+        return self._device.has_arrived and missing == ""
 
     @property
     @abstractmethod
@@ -123,11 +151,12 @@ class ProfileMove(StreamedMove):
         device: Device,
         profile: JointProfile,
         send: Callable[[str, Point, float], None],
+        missing: Missing,
         now: float,
         period: float,
         pace: float,
     ) -> None:
-        super().__init__(move, device, send, now, period, pace)
+        super().__init__(move, device, send, missing, now, period, pace)
         self._profile = profile
 
     @property
@@ -150,11 +179,12 @@ class LineMove(StreamedMove):
         profile: LineProfile,
         output: PoseOutput,
         send: Callable[[str, Point, float], None],
+        missing: Missing,
         now: float,
         period: float,
         pace: float,
     ) -> None:
-        super().__init__(move, device, send, now, period, pace)
+        super().__init__(move, device, send, missing, now, period, pace)
         self._profile = profile
         self._output = output
 

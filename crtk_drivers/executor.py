@@ -8,14 +8,15 @@ waits until that has come to its end.
 
 from __future__ import annotations
 
+import logging
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from crtk_drivers.arbiter import Arbiter, Order, combined
 from crtk_drivers.board import StatusBoard
 from crtk_drivers.commands import Kind, Level, Space, find
 from crtk_drivers.device import Device, Goal, Mode, Setpoint, Steps
-from crtk_drivers.errors import CommandRefused, MotionAborted, Reason
+from crtk_drivers.errors import CommandRefused, CrtkError, DeviceFault, MotionAborted, Reason
 from crtk_drivers.executions import (
     LineMove,
     MoveExecution,
@@ -24,6 +25,7 @@ from crtk_drivers.executions import (
     StreamedMove,
 )
 from crtk_drivers.feedback import Feedback, Point
+from crtk_drivers.following import FollowingWatch
 from crtk_drivers.health import HealthRecorder
 from crtk_drivers.limits import SetpointLimiter
 from crtk_drivers.mixed import MixedAxesStream, MixedJointStream
@@ -34,6 +36,7 @@ from crtk_drivers.profiles import JointProfile, LineProfile
 from crtk_drivers.reach import Reach
 from crtk_drivers.samples import Value, Vector, vector
 from crtk_drivers.state import OperatingState
+from crtk_drivers.stopping import Stopping
 from crtk_drivers.streams import (
     STREAM_MODES,
     HeldStream,
@@ -44,6 +47,8 @@ from crtk_drivers.streams import (
     Stream,
 )
 from crtk_drivers.watchdog import Deadman
+
+logger = logging.getLogger(__name__)
 
 SLOWEST_PACE = 0.05
 """Of real time, below which a trajectory counts as standing."""
@@ -64,6 +69,8 @@ class MotionExecutor:
         feedback: told what was sent.
         board: told when moves end, and what is refused.
         health: counts.
+        stopping: stops the device.
+        following: watches that the joints are where they were sent.
         stream_timeout: seconds after which a silent servo stream has ended.
         interpolate_timeout: the same for an interpolated stream.
     """
@@ -78,6 +85,8 @@ class MotionExecutor:
         feedback: Feedback,
         board: StatusBoard,
         health: HealthRecorder,
+        stopping: Stopping,
+        following: FollowingWatch,
         stream_timeout: float,
         interpolate_timeout: float,
     ) -> None:
@@ -90,6 +99,8 @@ class MotionExecutor:
         self._feedback = feedback
         self._board = board
         self._health = health
+        self._stopping = stopping
+        self._follows = following
         self._stream = Deadman(stream_timeout)
         self._interpolate_timeout = interpolate_timeout
         self._following: Stream | None = None
@@ -97,6 +108,7 @@ class MotionExecutor:
         self._starting: Move | None = None
         self._freeing: Steps | None = None
         self._last_setpoint: Setpoint | None = None
+        self._velocity: Order | None = None
         self._waiting: Order | None = None
         self._waits_since = 0.0
         self._gravity: deque[bool] = deque(maxlen=1)
@@ -133,10 +145,12 @@ class MotionExecutor:
             the name of the stream that ended in this cycle because it fell silent, or "".
 
         Raises:
+            DeviceFault: a joint does not follow.
             DeviceError: writing failed.
         """
         order = self._arbiter.take()
         try:
+            self._watch()
             if self._waiting is not None:
                 order = self._waited(order, now)
                 if order is None:
@@ -151,11 +165,65 @@ class MotionExecutor:
                 next(self._freeing, None)
             elif self._stream.expired(now):
                 return self._end_stream()
+            elif self._velocity is not None:
+                self._hold_velocity(self._velocity, now)
             elif self._last_setpoint is not None and self._capabilities.writes_every_cycle:
                 self._write(self._last_setpoint)
         except (CommandRefused, MotionAborted) as error:
             self._interrupt(error)
+        except CrtkError:
+            raise
+        except Exception as error:
+            raise self._broken(order, error) from error
         return ""
+
+    def _broken(self, order: Order | None, error: Exception) -> DeviceFault:
+        """Refuse the command that raised what it must not, and return the fault that stops this device."""
+        name = order.name if order is not None else self._health.stream or "motion"
+        text = f"{type(error).__name__}: {error}"
+        logger.error("%s: %s", self._where, name, exc_info=error)
+        refusal = CommandRefused(
+            name, Reason.INTERNAL_ERROR, text, where=self._where, remedy="Please report this."
+        )
+        self._refuse(refusal, order)
+        return DeviceFault(f"unexpected {text} in {name}", remedy="Please report this.")
+
+    def _refuse(self, refusal: CommandRefused, order: Order | None) -> None:
+        refusal.stamp_ns = self._stamp_ns if order is None else order.stamp_ns
+        self._board.refused(refusal)
+
+    def _watch(self) -> None:
+        """See that joints follow the positions that were sent, and that efforts do not run away with them.
+
+        Raises:
+            DeviceFault: a joint does not follow.
+            CommandRefused: efforts drive a joint too fast, or out of its range.
+        """
+        last = self._last_setpoint
+        if last is None:
+            return
+        measured, at = self._feedback.measured_state()
+        if last.mode.kind is Kind.EFFORT:
+            self._limiter.check_driven(self._health.stream or "servo", measured)
+        trouble = self._follows.trouble(measured.position, at, self._device.pace)
+        if trouble:
+            raise DeviceFault(
+                trouble,
+                where=self._where,
+                remedy="Look at what holds it, and whether commands arrive at it; then send enable.",
+            )
+
+    def _hold_velocity(self, wanted: Order, now: float) -> None:
+        """Lower the velocity of a stream, between its commands, where the range of a joint comes near."""
+        setpoint, last = wanted.setpoint, self._last_setpoint
+        assert setpoint is not None
+        limited = self._limiter.judge(
+            wanted.name, setpoint, self._feedback.before(setpoint.mode)
+        ).setpoint
+        if last is None or limited.values.tolist() != last.values.tolist():
+            self._send(Point(limited), now, wanted.stamp_ns)
+        elif self._capabilities.writes_every_cycle:
+            self._write(limited)
 
     def end(self, reason: str) -> None:
         """End all motion of ours because the device leaves ENABLED; the hardware is not told."""
@@ -195,10 +263,11 @@ class MotionExecutor:
             if not isinstance(self._move, NativeMove) and self._move is not None:
                 self._step_move(self._move, now)
         elif order.name == "hold":
-            self._device.stop()
+            self._stopping.stop()
             self._feedback.hold()
         else:
             self._feedback.release()
+            self._stopping.moves_again()
             self._freeing = self._device.free()
 
     def _stream_on(self, order: Order, now: float) -> None:
@@ -258,7 +327,7 @@ class MotionExecutor:
         self._starting = order.move
         self._supersede(order.name)
         if not is_free:
-            self._device.stop()
+            self._stopping.stop()
         self._forget_stream()
         self._feedback.hold()
         if self._device.takes_setpoints:
@@ -309,11 +378,9 @@ class MotionExecutor:
         self._supersede(order.name)
         self._send(Point(limited), now, order.stamp_ns)
         self._stream.feed(now)
+        if limited.mode.kind is Kind.VELOCITY:
+            self._velocity = order
         self._health.stream = order.name
-
-    def _refuse(self, refusal: CommandRefused, order: Order) -> None:
-        refusal.stamp_ns = order.stamp_ns
-        self._board.refused(refusal)
 
     def _target(self, order: Order) -> Setpoint:
         if order.setpoint is not None:
@@ -391,9 +458,10 @@ class MotionExecutor:
         assert move is not None
         if self._is_native(goal):
             self._feedback.follow_device()
-            self._move = NativeMove(move, self._device, goal)
+            self._stopping.moves_again()
+            self._move = NativeMove(move, self._device, goal, self._missing(order))
             return
-        period = 1.0 / self._capabilities.rate
+        period, missing = 1.0 / self._capabilities.rate, self._missing(order)
         position, velocity, acceleration = self._feedback.motion(now)
         pace = self._pace(velocity, before)
         # In the time of the trajectory, in which the motion that it goes on from is as much faster.
@@ -403,7 +471,7 @@ class MotionExecutor:
             speed, change = vector(velocity * share), vector(acceleration * share * share)
             profile = JointProfile(position, speed, change, order.joints, limits, goal.ratios)
             self._move = ProfileMove(
-                move, self._device, profile, self._send_point, now, period, pace
+                move, self._device, profile, self._send_point, missing, now, period, pace
             )
             return
         command = find(order.name)
@@ -418,7 +486,23 @@ class MotionExecutor:
             vector(self._feedback.reference_twist_change(now) * share * share),
         )
         output = PoseOutput(command, self._device, self._feedback, self._reach, now, share)
-        self._move = LineMove(move, self._device, line, output, self._send_point, now, period, pace)
+        self._move = LineMove(
+            move, self._device, line, output, self._send_point, missing, now, period, pace
+        )
+
+    def _missing(self, order: Order) -> Callable[[float], str | None]:
+        """Return what says which joint is not yet at the goal of a move; see `MoveExecution`."""
+
+        if self._capabilities.following is None:
+            return lambda since: ""
+
+        def missing(since: float) -> str | None:
+            measured, at = self._feedback.measured_state()
+            if at < since:
+                return None
+            return self._follows.missing(measured.position, order.joints)
+
+        return missing
 
     def _step_move(self, move: MoveExecution, now: float) -> None:
         if move.step(now):
@@ -430,6 +514,8 @@ class MotionExecutor:
 
     def _limit(self, name: str, setpoint: Setpoint, now: float) -> Setpoint:
         before = self._feedback.before(setpoint.mode)
+        if setpoint.mode.kind is Kind.EFFORT:
+            self._limiter.check_driven(name, self._feedback.measured_state()[0])
         limited = self._limiter.limit(name, setpoint, before, now)
         if limited.warning:
             self._warn_clamped(name, limited.warning)
@@ -443,19 +529,24 @@ class MotionExecutor:
         self._write(point.setpoint)
         self._health.setpoints += 1
         self._last_setpoint = point.setpoint
+        if point.setpoint.mode is Mode.JOINT_POSITION:
+            self._follows.sent(point.setpoint.values, self._feedback.measured_joints(), now)
+        else:
+            self._follows.forget()
         self._feedback.sent(point, now, stamp_ns)
 
     def _write(self, setpoint: Setpoint) -> None:
         # The watchdog may have intervened since this cycle began.
         if self._board.status.state is OperatingState.ENABLED:
+            self._stopping.moves_again()
             self._device.write(setpoint)
 
     def _supersede(self, name: str) -> None:
         freeing, self._freeing = self._freeing, None
         if freeing is not None:
             close(freeing, self._where)
-            self._device.stop()
-        self._following = None
+            self._stopping.stop()
+        self._following = self._velocity = None
         superseded, self._move = self._move, None
         if superseded is not None:
             superseded.move.finish(Outcome.PREEMPTED, f"by {name}")
@@ -482,16 +573,20 @@ class MotionExecutor:
             self._board.refused(error)
         else:
             self._board.warned(f"{starting.name if starting else name}: {error}")
-        if self._following is not None:
-            self._forget_stream()
-        self._device.stop()
+        self._forget_stream()
+        self._stopping.stop()
         self._feedback.hold()
 
     def _forget_stream(self) -> None:
         self._stream.disarm()
-        self._following = None
+        self._following = self._velocity = None
         self._health.stream = ""
+        self._forget_setpoint()
+
+    def _forget_setpoint(self) -> None:
+        """What was sent last is not in force any more."""
         self._last_setpoint = None
+        self._follows.forget()
 
     def _not_busy(self) -> None:
         """Announce that no move is running, unless the next one has been accepted."""
@@ -501,14 +596,14 @@ class MotionExecutor:
 
     def _end_stream(self) -> str:
         self._stream.disarm()
-        self._following = None
+        self._following = self._velocity = None
         self._feedback.stream_ended()
         self._health.stream_timeouts += 1
         ended, self._health.stream = self._health.stream, ""
         last = self._last_setpoint
         if last is None or last.mode.kind is not Kind.POSITION:
             # A position is held by itself; a velocity or an effort would go on.
-            self._last_setpoint = None
-            self._device.stop()
+            self._forget_setpoint()
+            self._stopping.stop()
             self._feedback.hold()
         return ended

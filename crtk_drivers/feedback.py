@@ -342,6 +342,11 @@ class Feedback:
         """Return the joint position (n,) that was measured last."""
         return self._measured().position
 
+    def measured_state(self) -> tuple[JointState, float]:
+        """Return the joints as measured last, and when that was, in monotonic seconds."""
+        sample = self._sample
+        return self._measured(), -math.inf if sample is None else sample.stamp.monotonic
+
     def motion(self, now: float) -> tuple[Vector, Vector, Vector]:
         """Return joint position, velocity and acceleration (n,) that a new motion starts from."""
         active = self._active
@@ -432,7 +437,10 @@ class Feedback:
         return self._active.joints.effort if is_effort else EMPTY
 
     def before(self, mode: Mode) -> Vector:
-        """Return what a new setpoint of `mode` is compared with to find a jump."""
+        """Return what a new setpoint of `mode` is judged by.
+
+        For positions and poses what was sent before them, to find a jump; else the joints as measured.
+        """
         if mode is Mode.JOINT_POSITION:
             return self.reference_joints()
         if mode is Mode.CARTESIAN_POSITION:
@@ -440,7 +448,7 @@ class Feedback:
                 return self._active.pose
             pose = self._measured_pose()
             return EMPTY if pose is None else vector((*pose.position, *pose.orientation))
-        return EMPTY
+        return self._measured().position
 
     def _measured_pose(self) -> Pose | None:
         sample = self._sample

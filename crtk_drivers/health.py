@@ -16,7 +16,7 @@ _RATE_WINDOW = 100
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """A snapshot. Times in s, rates in Hz."""
+    """A snapshot. Times in s, rates in Hz. `broken_samples` held something that is not finite."""
 
     connected: bool = False
     rate: float = 0.0
@@ -25,6 +25,7 @@ class Health:
     late_cycles: int = 0
     worst_cycle: float = 0.0
     samples: int = 0
+    broken_samples: int = 0
     setpoints: int = 0
     sample_age: float = float("inf")
     stream: str = ""
@@ -49,6 +50,7 @@ class HealthRecorder:
         self.connected = False
         self.stream = ""
         self.samples = 0
+        self.broken_samples = 0
         self.setpoints = 0
         self.reconnects = 0
         self.stream_timeouts = 0
@@ -104,6 +106,7 @@ class HealthRecorder:
             late_cycles=self._late_cycles,
             worst_cycle=self._worst_cycle,
             samples=self.samples,
+            broken_samples=self.broken_samples,
             setpoints=self.setpoints,
             sample_age=sample_age,
             stream=self.stream,

@@ -14,15 +14,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from crtk_drivers.braking import stoppable_speed
 from crtk_drivers.device import Capabilities, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.samples import Pose, Vector, vector
+from crtk_drivers.resolved_rate import Damping
+from crtk_drivers.samples import Array, JointState, Pose, Vector, vector
 
 _VELOCITY_TOLERANCE = 0.01
 """By how much a stream of positions may exceed the velocity limits for ever: clocks and rounding differ."""
 
 _ROUNDING = 1e-9
 """Seconds of motion."""
+
+_BRAKING_CYCLES = 2.0
+"""Cycles from a sample until what follows from it takes effect."""
+
+_DAMPING = Damping()
+
+_OVERSPEED = 1.1
+"""By how much a joint that an effort drives may exceed its speed: what is measured is noisy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,12 +47,14 @@ class LimitPolicy:
         max_linear_step: the same for the tool, in m; it may turn as far as its angular velocity limit takes
             it in `max_step`.
         max_command_age: in seconds; a command whose stamp is older is refused. None: not checked.
+        following_error: in rad (m), how far a joint may be from what it was sent; None: as declared.
     """
 
     clamp_servo: bool = True
     max_step: float = 0.1
     max_linear_step: float = 0.05
     max_command_age: float | None = None
+    following_error: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,9 +71,21 @@ class SetpointLimiter:
     `judge` looks at one setpoint alone. `limit`, for the I/O thread only, also keeps the account of a
     stream's velocity: a joint position may be as far away as the velocity limits allow in the time since
     the last one, plus what was left of `LimitPolicy.max_step`.
+
+    Args:
+        capabilities: of the device.
+        policy: the user's choices.
+        where: the device, for messages.
+        jacobian: (6, n) of a joint position, for twists that hardware carries out; None: unknown.
     """
 
-    def __init__(self, capabilities: Capabilities, policy: LimitPolicy, where: str) -> None:
+    def __init__(
+        self,
+        capabilities: Capabilities,
+        policy: LimitPolicy,
+        where: str,
+        jacobian: Callable[[Vector], Array] | None = None,
+    ) -> None:
         self._joints = capabilities.joints
         self._policy = policy
         self._where = where
@@ -72,6 +96,10 @@ class SetpointLimiter:
         self._fastest = self._velocity.tolist()
         self._effort = vector([limit.effort for limit in capabilities.limits])
         self._cartesian = capabilities.cartesian_limits
+        self._jacobian = jacobian
+        lag = 0.0 if capabilities.following is None else capabilities.following.lag
+        delay = lag + _BRAKING_CYCLES / capabilities.rate
+        self._braking = [(limit.acceleration, delay) for limit in capabilities.limits]
         self._credit = policy.max_step
         self._credited = -math.inf
         self._judges: dict[Mode, Callable[[str, Vector, Vector], tuple[Vector, str]]] = {
@@ -87,19 +115,20 @@ class SetpointLimiter:
         """Return the setpoint that may be sent.
 
         Positions are clamped to their range and refused when they jump; velocities, efforts and
-        wrenches are scaled as a whole vector, so that their direction is kept.
+        wrenches are scaled as a whole vector, so that their direction is kept. A velocity is then lowered to
+        that from which each joint still stops before its range ends, with its own deceleration.
 
         Args:
             name: of the command it comes from.
             setpoint: to be sent.
-            before: the position (pose) that the hardware was sent last, or has, in the same space;
-                empty if unknown. Not used for velocities and efforts.
+            before: the position (pose) that the hardware was sent last, or has, in the same space; for
+                velocities, efforts and twists the joint position (n,) that is measured. Empty if unknown.
 
         Raises:
             CommandRefused: not finite, further than the largest step away, or out of range where
                 the policy is not to clamp.
         """
-        self._check_finite(name, setpoint)
+        self._check_finite(name, setpoint, before)
         return _limited(setpoint, *self._judges[setpoint.mode](name, setpoint.values, before))
 
     def limit(self, name: str, setpoint: Setpoint, before: Vector, now: float) -> Limited:
@@ -110,7 +139,7 @@ class SetpointLimiter:
         """
         if setpoint.mode is not Mode.JOINT_POSITION or not before.size:
             return self.judge(name, setpoint, before)
-        self._check_finite(name, setpoint)
+        self._check_finite(name, setpoint, before)
         values, warning = self.into_range(name, setpoint.values, before)
         longest, index = self._time_between(values, before)
         self._check_jump(name, longest, index)
@@ -131,7 +160,7 @@ class SetpointLimiter:
 
     def _credit_after(self, name: str, longest: float, index: int, now: float) -> float:
         credit = self.credit(now)
-        if longest > credit + _ROUNDING:
+        if not longest <= credit + _ROUNDING:
             raise self._refusal(
                 name,
                 Reason.STEP_TOO_LARGE,
@@ -157,10 +186,17 @@ class SetpointLimiter:
     def _refusal(self, name: str, reason: Reason, message: str, remedy: str) -> CommandRefused:
         return CommandRefused(name, reason, message, where=self._where, remedy=remedy)
 
-    def _check_finite(self, name: str, setpoint: Setpoint) -> None:
+    def _check_finite(self, name: str, setpoint: Setpoint, before: Vector) -> None:
         if not all(map(math.isfinite, setpoint.values.tolist())):
             raise self._refusal(
                 name, Reason.NOT_FINITE, "a value to be sent is not finite", "Please report this."
+            )
+        if not all(map(math.isfinite, before.tolist())):
+            raise self._refusal(
+                name,
+                Reason.NOT_FINITE,
+                "it is not known where the joints are: what is measured is not finite",
+                "Look at the device's encoders and at its link.",
             )
 
     def _position(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
@@ -170,7 +206,7 @@ class SetpointLimiter:
         return values, warning
 
     def _check_jump(self, name: str, longest: float, index: int) -> None:
-        if longest > self._policy.max_step:
+        if not longest <= self._policy.max_step:
             speed = self._fastest[index]
             raise self._refusal(
                 name,
@@ -223,10 +259,83 @@ class SetpointLimiter:
         return np.clip(values, lower, upper), f"{text}: clamped"
 
     def _joint_velocity(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
-        return _scaled_into(values, self._velocity), ""
+        values = _scaled_into(values, self._velocity)
+        if not before.size:
+            return values, ""
+        bounds = self._stoppable(before)
+        pairs = list(zip(values.tolist(), bounds, strict=True))
+        if all(low <= value <= high for value, (low, high) in pairs):
+            return values, ""
+        slowed = [min(max(value, low), high) for value, (low, high) in pairs]
+        index = next(i for i, (value, (low, high)) in enumerate(pairs) if not low <= value <= high)
+        return vector(slowed), self._slowed_text(index, before, slowed[index])
+
+    def _stoppable(self, joints: Vector) -> list[tuple[float, float]]:
+        """Return the velocities down and up (n) from which each joint still stops before its range ends."""
+        rows = zip(joints.tolist(), self._ranges, self._braking, strict=True)
+        return [
+            (-stoppable_speed(here - low, *braking), stoppable_speed(high - here, *braking))
+            for here, (low, high), braking in rows
+        ]
+
+    def _slowed_text(self, index: int, joints: Vector, speed: float) -> str:
+        low, high = self._ranges[index]
+        return (
+            f"{self._joints[index]} at {joints[index]:.4f} is near the end of [{low:.4f}, {high:.4f}]: "
+            f"slowed to {speed:.4f}"
+        )
 
     def _joint_effort(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
+        if before.size:
+            self._check_outward(name, values, before)
         return _scaled_into(values, self._effort), ""
+
+    def _check_outward(self, name: str, values: Vector, joints: Vector) -> None:
+        rows = zip(self._joints, values.tolist(), joints.tolist(), self._ranges, strict=True)
+        for joint, effort, here, (low, high) in rows:
+            if (here > high and effort > 0.0) or (here < low and effort < 0.0):
+                raise self._refusal(
+                    name,
+                    Reason.OUT_OF_RANGE,
+                    f"{joint} at {here:.4f} is outside [{low:.4f}, {high:.4f}], and this pushes it on",
+                    "Bring it back: with move_jp, or an effort in the other direction.",
+                )
+
+    def check_driven(self, name: str, state: JointState) -> None:
+        """Refuse to go on with efforts when a joint is too fast, or could not stop before its range ends.
+
+        Args:
+            name: of the command that drives it.
+            state: as measured; what is not known of it is not judged.
+
+        Raises:
+            CommandRefused: with the joint, where it is and how fast.
+        """
+        velocity, position = state.velocity, state.position
+        if velocity.size != len(self._joints):
+            return
+        bounds = (
+            self._stoppable(position) if position.size else [(-math.inf, math.inf)] * velocity.size
+        )
+        rows = zip(self._joints, velocity.tolist(), self._fastest, bounds, strict=True)
+        for index, (joint, speed, fastest, (down, up)) in enumerate(rows):
+            if not abs(speed) <= _OVERSPEED * fastest:
+                raise self._refusal(
+                    name,
+                    Reason.OUT_OF_RANGE,
+                    f"{joint} moves at {speed:.4f}, faster than {fastest:.4f}",
+                    "Stopped. Send smaller efforts.",
+                )
+            margin = (_OVERSPEED - 1.0) * fastest
+            if position.size and not down - margin <= speed <= up + margin:
+                low, high = self._ranges[index]
+                raise self._refusal(
+                    name,
+                    Reason.OUT_OF_RANGE,
+                    f"{joint} at {position[index]:.4f} moves at {speed:.4f} towards the end of "
+                    f"[{low:.4f}, {high:.4f}]",
+                    "Stopped. Bring it back with move_jp, or an effort in the other direction.",
+                )
 
     def _pose(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
         if before.size:
@@ -236,7 +345,7 @@ class SetpointLimiter:
 
     def _check_step(self, name: str, after: Vector, before: Vector) -> None:
         step = math.dist(after, before)
-        if step > self._policy.max_linear_step:
+        if not step <= self._policy.max_linear_step:
             raise self._refusal(
                 name,
                 Reason.STEP_TOO_LARGE,
@@ -250,7 +359,7 @@ class SetpointLimiter:
             return
         turn = 2.0 * math.acos(min(1.0, abs(float(np.dot(after, before)))))
         largest = self._cartesian.angular_velocity * self._policy.max_step
-        if turn > largest:
+        if not turn <= largest:
             raise self._refusal(
                 name,
                 Reason.STEP_TOO_LARGE,
@@ -259,10 +368,23 @@ class SetpointLimiter:
             )
 
     def _twist(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
-        if self._cartesian is None:
+        if self._cartesian is not None:
+            limit = self._cartesian
+            values = norms_into(values, limit.linear_velocity, limit.angular_velocity)
+        if not before.size or self._jacobian is None or not values.any():
             return values, ""
-        limit = self._cartesian
-        return norms_into(values, limit.linear_velocity, limit.angular_velocity), ""
+        left, sizes, right = np.linalg.svd(self._jacobian(before), full_matrices=False)
+        speeds = right.T @ (_DAMPING.gains(sizes) * (left.T @ values))
+        share, slowest = 1.0, 0
+        for index, (speed, (low, high)) in enumerate(
+            zip(speeds.tolist(), self._stoppable(before), strict=True)
+        ):
+            bound = high if speed > 0.0 else low
+            if abs(speed) > abs(bound) and bound / speed < share:
+                share, slowest = bound / speed, index
+        if share == 1.0:
+            return values, ""
+        return vector(values * share), self._slowed_text(slowest, before, speeds[slowest] * share)
 
     def _wrench(self, name: str, values: Vector, before: Vector) -> tuple[Vector, str]:
         if self._cartesian is None:

@@ -72,6 +72,8 @@ class ModelledDevice(WrappedDevice):
         state = None if sample is None else sample.values.get("measured_js")
         if sample is None or not isinstance(state, JointState) or not state.position.size:
             return sample
+        if sample.not_finite:
+            return sample  # the core drops it
         values: dict[str, Value] = dict(sample.values)
         values["measured_cp"] = self.forward_kinematics(state.position)
         if state.velocity.size:

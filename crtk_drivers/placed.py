@@ -45,8 +45,8 @@ class PlacedDevice(WrappedDevice):
     def read(self, deadline: float) -> Sample | None:
         """Put what was read into the other frame."""
         sample = self.inner.read(deadline)
-        if sample is None:
-            return None
+        if sample is None or sample.not_finite:
+            return sample  # the core drops what is not finite
         values: dict[str, Value] = {}
         for name, value in sample.values.items():
             values[name] = value

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from crtk_drivers.braking import braking_way, stoppable_speed
 from crtk_drivers.device import CartesianLimits, JointLimits
 from crtk_drivers.rotation import turn
 from crtk_drivers.samples import Array, Pose, Vector, vector
@@ -93,7 +94,7 @@ class ResolvedRate:
                 limit.upper,
                 limit.velocity,
                 limit.acceleration / 2.0,
-                _braking_way(limit.velocity, limit.acceleration / 2.0, cycle),
+                braking_way(limit.velocity, limit.acceleration / 2.0, cycle),
             )
             for limit in limits
         ]
@@ -188,11 +189,11 @@ class ResolvedRate:
         self, joints: Vector, wanted: Vector, before: Vector | None
     ) -> tuple[Vector, float]:
         """Return the velocity (n,) within the limits, and by how much all of `wanted` was scaled."""
-        targets = wanted.tolist()
+        targets, cycle = wanted.tolist(), self._cycle
         rooms = [
             (
-                -top if here - low >= way else -self._stoppable(here - low, brake),
-                top if high - here >= way else self._stoppable(high - here, brake),
+                -top if here - low >= way else -stoppable_speed(here - low, brake, cycle),
+                top if high - here >= way else stoppable_speed(high - here, brake, cycle),
             )
             for here, (low, high, top, brake, way) in zip(
                 joints.tolist(), self._bounds, strict=True
@@ -211,18 +212,6 @@ class ResolvedRate:
             for old, step, (down, up) in zip(start, change, rooms, strict=True)
         ]
         return vector(slewed), scale
-
-    def _stoppable(self, room: float, braking: float) -> float:
-        """Return the speed towards a limit `room` away that can still be stopped there."""
-        if room <= 0.0:
-            return 0.0
-        t = self._cycle
-        return braking * (math.sqrt(t * t + 2.0 * room / braking) - t)
-
-
-def _braking_way(speed: float, braking: float, cycle: float) -> float:
-    """Return how far a joint goes that is stopped from `speed` after one more cycle."""
-    return speed * cycle + speed * speed / (2.0 * braking)
 
 
 def _fitting(values: list[float], bounds: Sequence[tuple[float, float]]) -> float:

@@ -75,6 +75,7 @@ class BusThread:
             raise ValueError(f"{bus}: a device that paces its stream cannot share its bus")
         self._heartbeat = Deadman(STALL_LIMIT + 2.0 * self._period)
         self._stopping = threading.Event()
+        self._failures: list[DeviceError] = []
         self._thread = threading.Thread(target=self._run, name=f"io {bus}", daemon=True)
 
     @property
@@ -91,6 +92,16 @@ class BusThread:
         self._stopping.set()
         for engine in self.engines:
             engine.device.abort_open()
+
+    @property
+    def failures(self) -> list[DeviceError]:
+        """What went wrong while its devices were shut down."""
+        return list(self._failures)
+
+    @property
+    def time_to_close(self) -> float:
+        """Seconds in which its devices say that they have stopped."""
+        return sum(engine.capabilities.stop.time for engine in self.engines)
 
     def join(self, deadline: float) -> bool:
         """Wait for the end until the monotonic `deadline`; return whether it came."""
@@ -179,8 +190,12 @@ class BusThread:
     def _shut_down(self, member: _Member) -> None:
         try:
             member.engine.shut_down()
-        except Exception:
+        except DeviceError as error:
+            logger.error("%s: shutting down: %s", member.engine.where, error)
+            self._failures.append(error)
+        except Exception as error:
             logger.exception("%s: shutting down failed", member.engine.where)
+            self._failures.append(DeviceError(f"unexpected {error}", where=member.engine.where))
 
 
 def _ask_for_real_time() -> None:
@@ -221,12 +236,17 @@ class Runtime:
     def close(self, timeout: float = 1.5) -> None:
         """Stop and close every device, and end the threads.
 
+        Args:
+            timeout: seconds, besides those that the devices declare for stopping.
+
         Raises:
-            DeviceError: a thread did not end in `timeout` seconds.
+            StopUnconfirmed: a device was not seen to stand.
+            DeviceError: it could not be told to stop, or a thread did not end in time.
         """
         if not self._started:
             return
         self._started = False
+        timeout += max((bus.time_to_close for bus in self._buses), default=0.0)
         deadline = time.monotonic() + timeout
         for bus in self._buses:
             bus.stop()
@@ -242,6 +262,9 @@ class Runtime:
                 f"did not end in {timeout:g} s",
                 remedy="The hardware's own watchdog stops it. Please report this.",
             )
+        for bus in self._buses:
+            for failure in bus.failures:
+                raise failure
 
     def _watch(self) -> None:
         alarmed: set[str] = set()

@@ -8,6 +8,7 @@ stamped together.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -281,3 +282,22 @@ class Sample:
 
     stamp: Stamp
     values: Mapping[str, Value] = field(default_factory=dict)
+
+    @property
+    def not_finite(self) -> str:
+        """Name the first number that is none, as ``measured_js position[2] is nan``; empty if all are."""
+        for name, value in self.values.items():
+            for part in _MEASURED_PARTS.get(type(value), ()):
+                numbers = getattr(value, part).tolist()
+                if not math.isfinite(sum(numbers)):
+                    index = next((i for i, n in enumerate(numbers) if not math.isfinite(n)), 0)
+                    return f"{name} {part}[{index}] is {numbers[index]:g}"
+        return ""
+
+
+_MEASURED_PARTS: Mapping[type, tuple[str, ...]] = {
+    JointState: ("position", "velocity", "effort"),
+    Pose: ("position", "orientation"),
+    Twist: ("linear", "angular"),
+    Wrench: ("force", "torque"),
+}

@@ -7,6 +7,7 @@ talk to, and any other error of ours is FAULT with the reason. Before a procedur
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,12 +16,29 @@ from crtk_drivers.device import Device, Steps
 from crtk_drivers.errors import CommandRefused, ConnectionLost, CrtkError, Reason
 from crtk_drivers.procedures import close
 from crtk_drivers.state import HOMING_COMMANDS, OperatingState, StateCommand, target_of
+from crtk_drivers.stopping import Stopping
+
+logger = logging.getLogger(__name__)
+
+_DONE_WHERE_REACHED = frozenset({StateCommand.ENABLE, StateCommand.PAUSE, StateCommand.RESUME})
+"""State commands that have nothing to do in the state that they lead to.
+
+Not `disable`: after a connection DISABLED says nothing of the hardware, and power may be on."""
+
+
+def _ends(command: StateCommand, running: StateCommand) -> bool:
+    """Whether a state command takes the place of one that is being carried out."""
+    return command is StateCommand.DISABLE or (command, running) == (
+        StateCommand.PAUSE,
+        StateCommand.HOME,
+    )
 
 
 @dataclass(slots=True)
 class _Running:
     command: StateCommand
     target: OperatingState
+    stops: bool = False
     steps: Steps | None = None
     deadline: float = 0.0
 
@@ -33,6 +51,7 @@ class Transitions:
         where: the device, for messages.
         board: where the reached state is announced.
         end_motion: called before a procedure begins.
+        stopping: stops the device, before a procedure begins and where one fails.
         seed: called when ENABLED is reached: the setpoint becomes the measured position. ENABLED waits
             for as long as it returns False: there is no fresh sample.
     """
@@ -43,6 +62,7 @@ class Transitions:
         where: str,
         board: StatusBoard,
         end_motion: Callable[[str], None],
+        stopping: Stopping,
         seed: Callable[[float], bool],
     ) -> None:
         self._device = device
@@ -51,6 +71,7 @@ class Transitions:
         self._where = where
         self._board = board
         self._end_motion = end_motion
+        self._stopping = stopping
         self._seed = seed
         self._running: _Running | None = None
         self._abandoned: list[_Running] = []
@@ -73,12 +94,13 @@ class Transitions:
         """Begin with the next cycle, or announce the state at once if it is reached already.
 
         Raises:
-            CommandRefused: invalid in this state, or another one is running (`disable` replaces it).
+            CommandRefused: invalid in this state, or another one is running. `disable` replaces any, and
+                `pause` what moves: a stop is never refused.
         """
         with self._board.lock:
             running = self._running
             if running is not None:
-                if command is not StateCommand.DISABLE:
+                if not _ends(command, running.command):
                     raise CommandRefused(
                         "state_command",
                         Reason.TRANSITION_RUNNING,
@@ -86,15 +108,21 @@ class Transitions:
                         where=self._where,
                         remedy="Wait for it, or send disable.",
                     )
-                if running.command is StateCommand.DISABLE:
+                if running.command is command:
                     return
             state = self._board.status.state
             target = target_of(state, command)
-            if target is state and command not in HOMING_COMMANDS and running is None:
+            if target is state and command in _DONE_WHERE_REACHED and running is None:
                 self._board.announce()
                 return
             self.cancel()
             self._running = _Running(command, target)
+
+    def end_homing(self) -> None:
+        """End `home`, which moves, for `hold`. From any thread."""
+        with self._board.lock:
+            if self._running is not None and self._running.command is StateCommand.HOME:
+                self.cancel()
 
     def cancel(self) -> None:
         """Forget the running command. From any thread; the next `step` closes its procedure."""
@@ -115,8 +143,8 @@ class Transitions:
         if running is None:
             return
         try:
-            if running.steps is None:
-                self._begin(running, now)
+            if running.steps is None and not self._begin(running, now):
+                return
             assert running.steps is not None
             next(running.steps)
         except StopIteration:
@@ -130,18 +158,32 @@ class Transitions:
         except CrtkError as error:
             self._failed(running, f"{running.command}: {error}")
             return
+        except Exception as error:
+            logger.exception("%s: %s", self._where, running.command)
+            text = f"unexpected {type(error).__name__}: {error}. Please report this."
+            self._failed(running, f"{running.command}: {text}")
+            return
         if now > running.deadline:
             close(running.steps, self._where)
             self._failed(running, f"{running.command} did not finish in {self._timeout:g} s")
 
-    def _begin(self, running: _Running, now: float) -> None:
-        self._end_motion(str(running.command))
-        if self._board.status.state is OperatingState.ENABLED:
-            self._device.stop()
-        running.steps = self._procedures[running.command]()
-        running.deadline = now + self._timeout
+    def _begin(self, running: _Running, now: float) -> bool:
+        """Begin the procedure, and return True; False while the hardware comes to rest before it."""
+        if not running.stops:
+            running.stops = True
+            self._end_motion(str(running.command))
+            if self._board.status.state is OperatingState.ENABLED:
+                self._stopping.stop()
+                return False
+        if not self._stopping.confirmed and not self._stopping.overdue(now):
+            return False
         if running.command in HOMING_COMMANDS:
             self._board.update(busy=True)
+        if running.command is not StateCommand.DISABLE:
+            self._stopping.moves_again()
+        running.steps = self._procedures[running.command]()
+        running.deadline = now + self._timeout
+        return True
 
     def _ended(self, running: _Running) -> bool:
         """Whether `running` was still the command that runs; now none does."""
@@ -163,11 +205,13 @@ class Transitions:
             if self._ended(running):
                 self._board.update(OperatingState.FAULT, reason, busy=False)
         if moving:
-            self._device.stop()
+            self._stopping.stop()
 
     def _reached(self, running: _Running, now: float) -> bool:
         """Announce the end, and return True; False if it is not known yet where the device is."""
         homing = running.command in HOMING_COMMANDS
+        if running.command is StateCommand.DISABLE and not self._stopping.confirmed:
+            self._stopping.begin_anew()  # without power it may stand soon
         if running.target is OperatingState.ENABLED and not homing and not self._seed(now):
             return False
         homed = self._device.is_homed if self._needs_homing else True

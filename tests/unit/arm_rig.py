@@ -174,7 +174,7 @@ class ArmRig(Rig):
     ) -> None:
         self.clock = FakeClock()
         self.device = ArmDevice(self.clock, six_joints(*modes, **changes), at)
-        self.engine = Engine(self.device, "rig", options, self.clock)
+        self.engine = Engine(self.device, "rig", options, self.clock, self.clock.advance)
         self.told = Recorder()
         self.engine.add_observer(self.told)
 

@@ -112,8 +112,9 @@ class ScriptedDevice(Device):
         joints = vector(self.position)
         values: dict[str, Any] = {
             "measured_js": JointState(position=joints, name=self.declared.joints),
-            "measured_cp": self.forward_kinematics(joints),
         }
+        if np.isfinite(joints).all():
+            values["measured_cp"] = self.forward_kinematics(joints)
         if self.native_setpoint is not None:
             values["setpoint_js"] = self.native_setpoint
         return Sample(self.stamp or self.clock.stamp(), values)
@@ -216,7 +217,7 @@ class Rig:
     ) -> None:
         self.clock = FakeClock()
         self.device = ScriptedDevice(self.clock, capabilities)
-        self.engine = Engine(self.device, "rig", options, self.clock)
+        self.engine = Engine(self.device, "rig", options, self.clock, self.clock.advance)
         self.told = Recorder()
         self.engine.add_observer(self.told)
 
@@ -242,8 +243,9 @@ class Rig:
             self.engine.cycle(self.clock() + period)
 
     def command(self, text: str) -> None:
+        stands_first = self.state is OperatingState.ENABLED and text != "enable"
         self.engine.state_command(text)
-        self.cycle()
+        self.cycle(2 if stands_first else 1)
 
     def enabled(self) -> "Rig":
         if not self.engine.connected:

@@ -353,7 +353,7 @@ class MotionRig:
         self.clock = FakeClock()
         self.arm = Arm(self.clock, VARIANTS[variant], every_cycle)
         options = EngineOptions(interpolate_timeout=0.06, mode_switch_dwell=0.0)
-        self.engine = Engine(self.arm, "arm", options, self.clock)
+        self.engine = Engine(self.arm, "arm", options, self.clock, self.clock.advance)
         self.judge = self.arm.judge = Judge(self.arm, self.engine)
         self.engine.connect(math.inf)
         self.cycle()

@@ -89,7 +89,7 @@ def test_enable_waits_for_a_sample_of_this_connection() -> None:
     rig.cycle(3)
     assert rig.state is S.DISABLED, "the setpoint would be a position from before the reconnection"
     rig.device.silent = False
-    rig.cycle()
+    rig.cycle(2)  # in the first of them it is seen to stand
     assert rig.state is S.ENABLED
     assert rig.setpoint()["position"] == [0.5, 0.5]
 
@@ -762,16 +762,42 @@ def test_hold_is_welcome_where_nothing_moves_and_leaves_nothing_behind(
     assert rig.device.calls == [*calls, "enable"], "no hold from before reaches an enabled device"
 
 
-def test_hold_is_refused_where_it_could_not_be_obeyed() -> None:
+def test_hold_ends_homing_and_is_refused_only_where_nobody_is_there_to_obey() -> None:
     rig = Rig().enabled()
     rig.device.procedures["home"] = lambda: (None for _ in range(50))
     rig.command("home")
-    refusal = rig.refused("hold")
-    assert refusal.reason is Reason.TRANSITION_RUNNING
-    assert "disable" in refusal.remedy
+    assert rig.engine.status.is_busy
+    del rig.device.calls[:]
+    rig.engine.submit("hold")
+    rig.cycle()
+    assert rig.device.calls == ["stop"]
+    assert rig.engine.transition_ended
+    assert not rig.engine.status.is_busy
+    assert rig.state is S.ENABLED
     rig.engine.disconnect("gone")
     with pytest.raises(CommandRefused, match="gone"):
         rig.engine.submit("hold")
+
+
+def test_pause_ends_homing() -> None:
+    rig = Rig().enabled()
+    rig.device.procedures["home"] = lambda: (None for _ in range(50))
+    rig.command("home")
+    rig.command("pause")
+    assert rig.state is S.PAUSED
+    assert not rig.engine.status.is_busy
+
+
+@pytest.mark.parametrize("running", ["enable", "unhome", "pause", "disable"])
+def test_hold_is_welcome_during_every_other_state_command(running: str) -> None:
+    rig = Rig().connect()
+    if running != "enable":
+        rig.enabled()
+    rig.device.procedures[running] = lambda: (None for _ in range(5))
+    rig.command(running)
+    rig.engine.submit("hold")
+    rig.cycle(10)
+    assert rig.engine.transition_ended
 
 
 def test_hold_stops_a_velocity_and_the_setpoint_says_so() -> None:

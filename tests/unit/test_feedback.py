@@ -120,7 +120,7 @@ def test_a_jump_is_seen_against_the_measurement_until_something_was_sent(bench: 
     sent = vector((1, 2, 3, 0, 0, 0, 1))
     bench.feedback.sent(Point(Setpoint(Mode.CARTESIAN_POSITION, sent)), 0.0)
     assert bench.feedback.before(Mode.CARTESIAN_POSITION).tolist() == sent.tolist()
-    assert bench.feedback.before(Mode.JOINT_VELOCITY).size == 0
+    assert bench.feedback.before(Mode.JOINT_VELOCITY).tolist() == [0.1, 0.2]
 
 
 def test_the_cartesian_setpoint_is_the_pose_of_the_joint_setpoint(bench: Bench) -> None:

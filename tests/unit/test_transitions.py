@@ -139,12 +139,21 @@ def test_disable_is_not_lost_if_the_enable_that_it_replaces_fails_at_that_moment
 
 def test_a_second_disable_does_not_start_it_again() -> None:
     rig = Rig().enabled()
-    rig.device.procedures["disable"] = lambda: cycles(3)
-    rig.command("disable")
-    for _ in range(5):
+    rig.device.procedures["disable"] = lambda: cycles(9)
+    for _ in range(4):
         rig.command("disable")
+    rig.cycle(5)
     assert rig.state is S.DISABLED
     assert rig.device.calls.count("disable") == 1
+
+
+def test_disable_is_carried_out_in_every_state() -> None:
+    """After a connection DISABLED says nothing of the hardware: there may be power, and torque."""
+    rig = Rig().connect()
+    assert rig.state is S.DISABLED
+    rig.command("disable")
+    assert rig.device.calls[-1] == "disable"
+    assert rig.state is S.DISABLED
 
 
 def test_an_alarm_in_the_midst_of_a_step_wins() -> None:

@@ -1,0 +1,123 @@
+"""Stops, which are believed only when they are read back.
+
+Every stop that the I/O thread asks the hardware for goes through here. From then on the joints are watched
+until a sample that was acquired afterwards shows them standing, and the device says of itself that it was
+carried out (`Device.has_stopped`). Until then the stop is sent again and again; past the time that the device
+declares (`StopPolicy.time`) it counts as not carried out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from crtk_drivers.device import Device
+from crtk_drivers.samples import JointState, Sample, Vector
+
+REPEAT: float = 0.05
+"""Seconds after which a stop that was not carried out is sent again."""
+
+_STILL = 0.03
+"""Share of its velocity limit below which a joint stands: noise, and the steps of what is measured."""
+
+_HALF = 0.5
+"""Share of the declared time after which a stop is sent again to a device that does not say if it arrived."""
+
+_SHORTEST = 1e-3
+"""Seconds between two positions from which a speed can be told."""
+
+
+class Stopping:
+    """The stops of one device. Belongs to the I/O thread.
+
+    Args:
+        device: that is stopped.
+        clock: monotonic seconds.
+    """
+
+    def __init__(self, device: Device, clock: Callable[[], float]) -> None:
+        capabilities = device.capabilities
+        self._device = device
+        self._clock = clock
+        self._joints = capabilities.joints
+        self._still = [_STILL * limit.velocity for limit in capabilities.limits]
+        self._time = capabilities.stop.time
+        self._asked = -math.inf
+        self._sent = -math.inf
+        self._watches = False
+        self._position: tuple[float, Vector] | None = None
+        self._moving = ""
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether nothing that was told to stop is still to be seen standing."""
+        return not self._watches
+
+    def stop(self) -> None:
+        """Stop the hardware, and watch from now on that it does.
+
+        Raises:
+            DeviceError: it could not be told.
+        """
+        now = self._clock()
+        if not self._watches:
+            self._asked = now
+        self._watches, self._sent = True, now
+        self._device.stop()
+
+    def moves_again(self) -> None:
+        """Something else was begun on purpose: what moves now is no stop that failed."""
+        self._watches = False
+
+    def begin_anew(self) -> None:
+        """A stop that was not read back gets its time once more: after a connection, or once power is off."""
+        self._position = None
+        self._asked, self._sent = self._clock(), -math.inf
+
+    def follow(self, sample: Sample | None, now: float) -> None:
+        """Look at a new sample; send the stop again where it was not carried out.
+
+        Raises:
+            DeviceError: it could not be told.
+        """
+        if sample is not None:
+            self._look(sample)
+        if not self._watches:
+            return
+        is_late = now - self._asked > _HALF * self._time
+        if (is_late or not self._device.has_stopped) and now - self._sent >= REPEAT:
+            self._sent = now
+            self._device.stop()
+
+    def overdue(self, now: float) -> str:
+        """Return what to say of a stop that is past its time; empty if there is none."""
+        if not self._watches or now - self._asked <= self._time:
+            return ""
+        what = self._moving or "the hardware has not confirmed it"
+        return f"a stop has not been carried out within {self._time:g} s: {what}"
+
+    def _look(self, sample: Sample) -> None:
+        value = sample.values.get("measured_js")
+        moving: str | None = ""
+        if isinstance(value, JointState) and value.position.size == len(self._joints):
+            moving = self._motion_of(value, sample.stamp.monotonic)
+        if not self._watches or moving is None:
+            return
+        self._moving = moving
+        if not moving and sample.stamp.monotonic > self._asked and self._device.has_stopped:
+            self._watches = False
+
+    def _motion_of(self, state: JointState, at: float) -> str | None:
+        """Return what moves, in words; None if that cannot be told yet."""
+        velocity, before = state.velocity, self._position
+        if not velocity.size:
+            if before is not None and 0.0 <= at - before[0] < _SHORTEST:
+                return None
+            self._position = at, state.position
+            if before is None or at < before[0]:
+                return None
+            velocity = (state.position - before[1]) / (at - before[0])
+        for name, speed, still in zip(self._joints, velocity.tolist(), self._still, strict=True):
+            if not abs(speed) <= still:
+                return f"{name} at {speed:.3f}"
+        return ""
