@@ -43,6 +43,7 @@ from crtk_drivers.config_keys import (
 )
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.geometry import QUATERNION_TOLERANCE, quaternion_from_rpy
+from crtk_drivers.limits import MAX_STEP
 from crtk_drivers.samples import Pose, vector
 
 Seconds = Annotated[float, Field(gt=0.0, le=300.0)]
@@ -78,11 +79,11 @@ class LimitsConfig(Settings):
         description="Clamp a servo position that is out of range, and warn; if false, refuse it.",
     )
     max_step: float = Field(
-        default=0.1,
+        default=MAX_STEP,
         gt=0.0,
         le=1.0,
         description="Largest step between two servo positions, as the time in s that the joint "
-        "would need for it at its velocity limit.",
+        "would need for it at its velocity limit; for the first of a stream, at its acceleration limit.",
     )
     max_linear_step: float = Field(
         default=0.05,
@@ -96,6 +97,13 @@ class LimitsConfig(Settings):
         le=60.0,
         description="Refuse a command whose stamp is older than this, in s; not checked if null. "
         "The clocks must be synchronised.",
+    )
+    following_error: float | None = Field(
+        default=None,
+        gt=0.0,
+        le=10.0,
+        description="A joint that is further than this, in rad (m), from what it was sent does not follow: "
+        "FAULT. As the driver declares for each joint if null.",
     )
 
 

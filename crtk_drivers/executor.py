@@ -371,7 +371,11 @@ class MotionExecutor:
 
     def _servo(self, order: Order, now: float) -> None:
         try:
-            limited = self._limit(order.name, self._target(order), now)
+            target = self._target(order)
+            if target.mode is Mode.JOINT_POSITION and not self._stream.armed:
+                before, velocity, _ = self._feedback.motion(now)
+                self._limiter.check_start(order.name, target.values, before, velocity)
+            limited = self._limit(order.name, target, now)
         except CommandRefused as refusal:
             self._refuse(refusal, order)  # and what was going on goes on
             return

@@ -35,6 +35,10 @@ _OVERSPEED = 1.1
 """By how much a joint that an effort drives may exceed its speed: what is measured is noisy."""
 
 
+MAX_STEP = 0.05
+"""Seconds: two and a half periods of a stream at 50 Hz, so that one of its commands may be lost."""
+
+
 @dataclass(frozen=True, slots=True)
 class LimitPolicy:
     """The choices a user has.
@@ -42,7 +46,8 @@ class LimitPolicy:
     Attributes:
         clamp_servo: a servo position out of range is clamped with a warning; otherwise refused.
         max_step: largest distance in rad (m) between two servo positions of one joint, as a time: a
-            joint may be asked to go as far as its velocity limit takes it in this many seconds. It is
+            joint may be asked to go as far as its velocity limit takes it in this many seconds; with the
+            first of a stream no further than its acceleration takes it from how it moves then. It is
             also how far a stream may run ahead of its velocity limit before it is refused.
         max_linear_step: the same for the tool, in m; it may turn as far as its angular velocity limit takes
             it in `max_step`.
@@ -51,7 +56,7 @@ class LimitPolicy:
     """
 
     clamp_servo: bool = True
-    max_step: float = 0.1
+    max_step: float = MAX_STEP
     max_linear_step: float = 0.05
     max_command_age: float | None = None
     following_error: float | None = None
@@ -146,6 +151,44 @@ class SetpointLimiter:
         self._credit = self._credit_after(name, longest, index, now)
         self._credited = now
         return _limited(setpoint, values, warning)
+
+    def check_start(self, name: str, values: Vector, before: Vector, velocity: Vector) -> None:
+        """Refuse the first position (n,) of a stream if the joints cannot be there soon.
+
+        Args:
+            name: of the command.
+            values: to be sent.
+            before: (n,) what was sent last.
+            velocity: (n,) with which the joints move now.
+
+        Raises:
+            CommandRefused: further than the acceleration limits take a joint within `LimitPolicy.max_step`.
+        """
+        jump = self._jump_at_start(values, before, velocity)
+        if jump is not None:
+            joint, step, reach = jump
+            raise self._refusal(
+                name,
+                Reason.STEP_TOO_LARGE,
+                f"{joint} would begin with a jump of {step:.4f}; from rest it gets {reach:.4f} far",
+                "Start from setpoint_js and send smaller steps, or use move_jp.",
+            )
+
+    def can_start(self, values: Vector, before: Vector, velocity: Vector) -> bool:
+        """Whether `check_start` would let this pass."""
+        return self._jump_at_start(values, before, velocity) is None
+
+    def _jump_at_start(
+        self, values: Vector, before: Vector, velocity: Vector
+    ) -> tuple[str, float, float] | None:
+        time = self._policy.max_step
+        steps = (values - before).tolist()
+        rows = zip(self._joints, steps, velocity.tolist(), self._braking, strict=True)
+        for joint, step, speed, (acceleration, _) in rows:
+            reach, way = 0.5 * acceleration * time * time, speed * time
+            if not min(0.0, way) - reach <= step <= max(0.0, way) + reach:
+                return joint, step, reach
+        return None
 
     def check_speed(self, name: str, values: Vector, before: Vector, now: float) -> float:
         """Refuse joint positions (n,) that are too far from those before to be sent now.

@@ -88,6 +88,7 @@ def engine_options(config: DeviceConfig) -> EngineOptions:
             max_step=limits.max_step,
             max_linear_step=limits.max_linear_step,
             max_command_age=limits.max_command_age,
+            following_error=limits.following_error,
         ),
     )
 

@@ -279,6 +279,7 @@ class PursuitStream(Stream):
         self._silence.feed(now)
         self._goal: Pose | None = None
         self._joints = empty()
+        self._velocity: Vector | None = feedback.motion(now)[1]  # until the first step
 
     def feed(self, order: Order, now: float) -> None:
         """See the base class."""
@@ -303,7 +304,9 @@ class PursuitStream(Stream):
         before = self._feedback.reference_joints()
         if not self._silence.armed:
             return Point(Setpoint(Mode.JOINT_POSITION, before))
-        return self._pursuit.point(before, self._goal, self._joints, now, may_jump=True)
+        velocity, self._velocity = self._velocity, None
+        may_jump = velocity is None or self._limiter.can_start(self._joints, before, velocity)
+        return self._pursuit.point(before, self._goal, self._joints, now, may_jump)
 
     @property
     def is_over(self) -> bool:

@@ -25,6 +25,7 @@ from crtk_drivers.device import (
     CartesianLimits,
     Condition,
     Device,
+    Following,
     JointLimits,
     Mode,
     Setpoint,
@@ -125,6 +126,7 @@ class LoopbackDevice(Device):
             rate=config.rate,
             transition_timeout=5.0,
             stop=StopPolicy(0.0, "stops at once: it is only a model"),
+            following=Following((0.05, 0.05, 0.05, 0.1), (0.002,) * 4, lag=5.0 * TIME_CONSTANT),
         )
 
     def go_to_zero(self) -> None:

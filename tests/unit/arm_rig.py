@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from engine_rig import Recorder, Rig, ScriptedDevice
+from engine_rig import LONG_STEPS, Recorder, Rig, ScriptedDevice
 
 from crtk_drivers.chain import DHJoint, chain_from_dh
 from crtk_drivers.device import Capabilities, CartesianLimits, Goal, JointLimits, Mode, Setpoint
@@ -174,7 +174,9 @@ class ArmRig(Rig):
     ) -> None:
         self.clock = FakeClock()
         self.device = ArmDevice(self.clock, six_joints(*modes, **changes), at)
-        self.engine = Engine(self.device, "rig", options, self.clock, self.clock.advance)
+        self.engine = Engine(
+            self.device, "rig", options or LONG_STEPS, self.clock, self.clock.advance
+        )
         self.told = Recorder()
         self.engine.add_observer(self.told)
 

@@ -21,6 +21,7 @@ from crtk_drivers.device import (
 from crtk_drivers.engine import Engine, EngineOptions, Observer
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, KinematicsError
 from crtk_drivers.geometry import quaternion_from_rotvec, rotvec_from_quaternion
+from crtk_drivers.limits import LimitPolicy
 from crtk_drivers.samples import JointState, Pose, Sample, Stamp, Vector, vector
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.testing.clock import FakeClock
@@ -209,6 +210,10 @@ class Recorder(Observer):
         return [status.is_busy for status, _ in self.statuses]
 
 
+LONG_STEPS = EngineOptions(limits=LimitPolicy(max_step=0.1))
+"""A test has few commands; each may go further than is wise by default."""
+
+
 class Rig:
     def __init__(
         self,
@@ -217,7 +222,9 @@ class Rig:
     ) -> None:
         self.clock = FakeClock()
         self.device = ScriptedDevice(self.clock, capabilities)
-        self.engine = Engine(self.device, "rig", options, self.clock, self.clock.advance)
+        self.engine = Engine(
+            self.device, "rig", options or LONG_STEPS, self.clock, self.clock.advance
+        )
         self.told = Recorder()
         self.engine.add_observer(self.told)
 

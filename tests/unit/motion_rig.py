@@ -26,6 +26,7 @@ from crtk_drivers.engine import Engine, EngineOptions
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.geometry import quaternion_from_rotvec
 from crtk_drivers.kinematics import SerialChain
+from crtk_drivers.limits import LimitPolicy
 from crtk_drivers.rotation import turn
 from crtk_drivers.samples import (
     Array,
@@ -352,7 +353,9 @@ class MotionRig:
     def __init__(self, variant: str, every_cycle: bool = False) -> None:
         self.clock = FakeClock()
         self.arm = Arm(self.clock, VARIANTS[variant], every_cycle)
-        options = EngineOptions(interpolate_timeout=0.06, mode_switch_dwell=0.0)
+        options = EngineOptions(
+            interpolate_timeout=0.06, mode_switch_dwell=0.0, limits=LimitPolicy(max_step=0.1)
+        )
         self.engine = Engine(self.arm, "arm", options, self.clock, self.clock.advance)
         self.judge = self.arm.judge = Judge(self.arm, self.engine)
         self.engine.connect(math.inf)

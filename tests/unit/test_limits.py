@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from engine_rig import JOINTS, jp, jv, two_joints
+from engine_rig import JOINTS, Rig, jp, jv, two_joints
 from hypothesis import given
 from hypothesis import strategies as st
 
 from crtk_drivers.checks import CommandCheck
 from crtk_drivers.commands import COMMANDS
 from crtk_drivers.device import Mode, Setpoint
+from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.limits import LimitPolicy, SetpointLimiter
 from crtk_drivers.samples import EMPTY, JointState, Pose, Vector, vector
@@ -146,3 +147,25 @@ def test_a_limit_itself_is_within_the_limits() -> None:
     check = CommandCheck(two_joints(), POLICY, "here")
     check.check(COMMANDS["move_jp"], jp(LOWER, UPPER))
     check.check(COMMANDS["servo_jv"], jv(VELOCITY, -VELOCITY))
+
+
+def test_the_first_position_of_a_stream_is_one_that_the_arm_can_reach_from_how_it_moves() -> None:
+    rig = Rig(EngineOptions(limits=LimitPolicy(max_step=0.05))).enabled()
+    from_rest = 0.5 * 10.0 * 0.05**2
+    rig.servo(1.01 * from_rest, 0.0)
+    rig.cycle()
+    assert not rig.written
+    assert rig.told.refusals[-1].reason is Reason.STEP_TOO_LARGE
+    assert "begin with a jump" in str(rig.told.refusals[-1])
+    rig.servo(0.99 * from_rest, 0.0)
+    rig.cycle()
+    here = rig.written[-1].values[0]
+    for _ in range(4):  # a stream that runs may go on as fast as its joints may be
+        here += 0.01
+        rig.servo(here, 0.0)
+        rig.cycle()
+    assert rig.written[-1].values[0] == here
+    rig.cycle(30)  # it has ended, and the arm stands
+    rig.servo(here + 1.01 * from_rest, 0.0)
+    rig.cycle()
+    assert rig.written[-1].values[0] == here

@@ -129,7 +129,7 @@ def test_a_lost_device_is_opened_again_and_stays_disabled() -> None:
     device = Misbehaving()
     with running(device) as (engine,):
         enable(engine)
-        engine.submit("servo_jp", JointState(position=vector([0.01] * 4)))
+        engine.submit("servo_jp", JointState(position=vector([0.005] * 4)))
         until(lambda: device.writes)
         device.reachable = False
         until(lambda: engine.status.state is S.FAULT)

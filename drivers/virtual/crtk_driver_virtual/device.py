@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -11,11 +12,12 @@ import numpy as np
 
 from crtk_driver_virtual.config import VirtualConfig, WallConfig
 from crtk_driver_virtual.models import load_arm
-from crtk_driver_virtual.plant import FREE, HOLD, Command, Drive, Plant, Wall
+from crtk_driver_virtual.plant import FREE, HOLD, LONGEST_RAMP, Command, Drive, Plant, Wall
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import (
     Capabilities,
     Device,
+    Following,
     Input,
     Mode,
     Setpoint,
@@ -43,6 +45,12 @@ LONGEST_STEP: Final = 0.05
 """Seconds that the plant makes up for at once; of a longer pause the rest never happens in it."""
 STOP_TIMEOUT: Final = 2.0
 """Seconds that disable waits for the arm to stand before the brakes close."""
+FURTHEST: Final = 0.25
+"""rad (m) that a joint may be pushed away from where it was sent; a servo gives way to walls and hands."""
+ARRIVAL: Final = 0.01
+"""rad (m) within which a joint is where a move ends."""
+TIME_CONSTANTS: Final = 5.0
+"""Of a servo, after which it has carried a setpoint out."""
 IK_TIME_LIMIT: Final = 0.1
 """Seconds for one pose."""
 
@@ -95,6 +103,8 @@ class VirtualDevice(Device):
             modes.add(Mode.JOINT_EFFORT)
             if arm.tool.force > 0.0 and arm.tool.torque > 0.0:
                 modes.add(Mode.CARTESIAN_EFFORT)
+        count = len(self._joints)
+        lag = LONGEST_RAMP + TIME_CONSTANTS / (2.0 * math.pi * config.servo_bandwidth)
         self._capabilities = Capabilities(
             joints=self._joints,
             limits=arm.limits,
@@ -109,7 +119,8 @@ class VirtualDevice(Device):
             base_frame=BASE_FRAME,
             tool_frame=TOOL_FRAME,
             transition_timeout=STOP_TIMEOUT + config.transition_time + 1.0,
-            stop=StopPolicy(0.0, "slows down and holds; it ends with this process"),
+            stop=StopPolicy(0.0, "slows down and holds; it ends with this process", STOP_TIMEOUT),
+            following=Following((FURTHEST,) * count, (ARRIVAL,) * count, lag),
         )
 
     # ------------------------------------------------------------------------------------ description
