@@ -15,9 +15,10 @@ Published once, latched, as JSON in a std_msgs/String on ``~/crtk_capabilities``
     tool            limits of the tool, or null
     frames          {base, tool}: as they appear in messages and on /tf
     rates           {io, publish, tf, heartbeat}
-    stop            {stream_timeout, interpolate_timeout, on_stream_timeout, link_timeout, description}:
+    stop            {stream_timeout, interpolate_timeout, on_stream_timeout, link_timeout, description, time}:
                     what happens when the stream of commands, or this process, stops
-    command_limits  {clamp_servo, max_step, max_linear_step, max_command_age}
+    following       {error, arrival, lag}: how closely joints follow positions, or null
+    command_limits  {clamp_servo, max_step, max_linear_step, max_command_age, following_error}
     homing          whether `home` is needed before positions count
 """
 
@@ -121,6 +122,9 @@ def manifest(
             "on_stream_timeout": options.on_stream_timeout,
             **_finite(asdict(capabilities.stop)),
         },
+        "following": None
+        if capabilities.following is None
+        else _finite(asdict(capabilities.following)),
         "command_limits": _finite(asdict(options.limits)),
         "homing": capabilities.needs_homing,
     }

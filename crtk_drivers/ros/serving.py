@@ -21,7 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from crtk_drivers.config import NodeConfig
 from crtk_drivers.engine import Engine
-from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors import ConfigError, DeviceError
 from crtk_drivers.ros.executors import SPIN_PERIOD, make_executor
 from crtk_drivers.ros.node import PUBLISHER_TIMEOUT, DriverNode
 from crtk_drivers.session import Session
@@ -147,7 +147,8 @@ def run(
 ) -> int:
     """Serve a session on ROS 2 until SIGINT or SIGTERM; return the exit code.
 
-    The device is left holding, everything is closed within two seconds. To be called from the main thread.
+    The device is stopped and left as it is configured; everything is closed within two seconds and the time
+    that it declares for stopping. The exit code is 1 if it was not seen to stop. From the main thread only.
 
     Args:
         session: not started; it is closed at the end.
@@ -168,15 +169,20 @@ def run(
             session.close()
             raise
         serving.start()
+        code = 0
         try:
             session.start()
             serving.spin(stop, idle)
         finally:
             # The device first: what comes after may take its time.
-            session.close(CLOSE_TIMEOUT)
+            try:
+                session.close(CLOSE_TIMEOUT)
+            except DeviceError as error:
+                logger.error("%s", error)
+                code = 1
             if not serving.close():
-                _leave(0)
-    return 0
+                _leave(code)
+    return code
 
 
 @contextmanager
