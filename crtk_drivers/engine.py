@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
-from crtk_drivers.arbiter import Arbiter, Order
+from crtk_drivers.arbiter import NOBODY, Arbiter, Client, Order
 from crtk_drivers.board import Observer, StatusBoard
 from crtk_drivers.capabilities import missing_for, offered
 from crtk_drivers.checks import CommandCheck
@@ -150,7 +150,9 @@ class Engine:
             device, reach, self._check, limiter, self._feedback, self.where, self.options.move_cp
         )
         dwell, slow = self.options.mode_switch_dwell, self.options.interpolate_timeout
-        self._arbiter = Arbiter(dwell, self.where, slow_dwell=max(dwell, slow))
+        self._arbiter = Arbiter(
+            dwell, self.where, max(dwell, slow), self.options.stream_timeout, slow
+        )
         self._motion = MotionExecutor(
             device,
             self.where,
@@ -243,13 +245,20 @@ class Engine:
             reference = self._feedback.reference_joints()
         return self.device.inverse_kinematics(checked, reference)
 
-    def submit(self, name: str, value: Value | None = None, stamp_ns: int = 0) -> Move | None:
+    def submit(
+        self,
+        name: str,
+        value: Value | None = None,
+        stamp_ns: int = 0,
+        client: Client = NOBODY,
+    ) -> Move | None:
         """Accept a command, to be executed in the next cycle.
 
         Args:
             name: ``servo_jp``, ``move_cp``, ``hold``, ...
             value: of the type that the command table names; None for hold and free.
             stamp_ns: the sender's stamp, 0 if it gave none.
+            client: who asks; see `crtk_drivers.arbiter`.
 
         Returns:
             the handle of a move; None otherwise.
@@ -267,10 +276,10 @@ class Engine:
             if command.level is Level.SETTING:
                 self._set(command, self._check.check(command, value))
                 return None
-            order = self._order(command, value, stamp_ns)
+            order = self._order(command, value, stamp_ns, client)
             with self._board.lock:
                 self._require_enabled(name)
-                replaced = self._arbiter.put(order, self._clock())
+                replaced = self._arbiter.put(order, self._clock(), client)
                 if replaced is not None:
                     replaced.finish(Outcome.PREEMPTED, f"by {name}")
                 if order.move is not None:
@@ -547,8 +556,11 @@ class Engine:
             enabled = self.status.state is OperatingState.ENABLED
             return self._connected and (running or not enabled)
 
-    def _order(self, command: Command, value: Value | None, stamp_ns: int) -> Order:
+    def _order(
+        self, command: Command, value: Value | None, stamp_ns: int, client: Client
+    ) -> Order:
         self._require_enabled(command.name)
+        self._arbiter.admit(command.name, client, self._clock())
         if not command.is_motion:
             return Order(command.name)
         checked = self._check.check(command, value, stamp_ns, time.time_ns())

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from crtk_drivers import plugins
+from crtk_drivers.arbiter import Client
 from crtk_drivers.capabilities import missing_for
 from crtk_drivers.commands import Command, Direction, Kind, Level, Payload, find, is_name
 from crtk_drivers.device import READINGS, Reading
@@ -127,6 +128,7 @@ class LocalDevice(DeviceFront):
     def __init__(self, session: Session, child: str = "") -> None:
         self._session = session
         self._engine = session.children[child] if child else session.engine
+        self._client = Client("another handle of the driver's own program")
         self._watch = _StatusWatch(self._engine.status, self._engine.where)
         self._engine.add_observer(self._watch)
         for name, command in self._engine.commands.items():
@@ -321,13 +323,13 @@ class LocalDevice(DeviceFront):
         if command.payload is Payload.EMPTY:
 
             def plain() -> None:
-                self._engine.submit(name)
+                self._engine.submit(name, client=self._client)
 
             self._attach(name, plain, f"{command.summary[0].upper()}{command.summary[1:]}.")
             return
 
         def sender(value: Any) -> Move | None:
-            return self._engine.submit(name, self._payload(command, value))
+            return self._engine.submit(name, self._payload(command, value), client=self._client)
 
         self._attach(name, sender, f"{command.level}: {command.summary} ({command.units}).")
 

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from crtk_drivers.commands import Command, Direction, Payload
@@ -21,6 +20,8 @@ from crtk_drivers.ros import qos
 from crtk_drivers.ros.messages import TYPES, stamp_ns, value_of
 from crtk_drivers.ros.names import Frames
 from crtk_drivers.ros.publishing import Throttle
+from crtk_drivers.ros.senders import AttributedSubscription, Sender, Senders
+from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import Value
 
 logger = logging.getLogger(__name__)
@@ -31,31 +32,25 @@ FAILURE_INTERVAL = 2.0
 class CommandTopics:
     """The subscriptions of one device."""
 
-    def __init__(self, node: Node, engine: Engine, frames: Frames) -> None:
+    def __init__(self, node: UnlockedNode, engine: Engine, frames: Frames) -> None:
         self._engine = engine
         self._frames = frames
         self._failures = Throttle(FAILURE_INTERVAL)
-        self.subscriptions: dict[str, Subscription] = {
-            name: qos.subscription(
-                node,
-                TYPES[command.payload],
-                name,
-                self._guarded(name, self._handler(name, command)),
-                qos.of_command(command),
+        senders = Senders(node)
+        self.subscriptions: dict[str, Subscription] = {}
+        for name, command in engine.commands.items():
+            if command.direction is not Direction.COMMANDED:
+                continue
+            profile, kind = qos.of_command(command), TYPES[command.payload]
+            subscription = qos.subscription(node, kind, name, _unread, profile)
+            receive = self._guarded(name, self._handler(name, command))
+            AttributedSubscription(node, subscription, receive, senders)
+            self.subscriptions[name] = subscription
+        for name, taken in engine.inputs.items():
+            receive = self._guarded(name, self._taking(name))
+            self.subscriptions[name] = qos.subscription(
+                node, TYPES[taken.payload], name, receive, qos.NEWEST
             )
-            for name, command in engine.commands.items()
-            if command.direction is Direction.COMMANDED
-        }
-        self.subscriptions |= {
-            name: qos.subscription(
-                node,
-                TYPES[taken.payload],
-                name,
-                self._guarded(name, self._taking(name)),
-                qos.NEWEST,
-            )
-            for name, taken in engine.inputs.items()
-        }
 
     def _taking(self, name: str) -> Callable[[Any], None]:
         def take(message: Any) -> None:
@@ -63,20 +58,20 @@ class CommandTopics:
 
         return take
 
-    def _handler(self, name: str, command: Command) -> Callable[[Any], None]:
+    def _handler(self, name: str, command: Command) -> Callable[[Any, Sender], None]:
         if command.payload is Payload.TEXT:
-            return lambda message: self._engine.state_command(message.string)
+            return lambda message, sender: self._engine.state_command(message.string)
         if command.payload is Payload.EMPTY:
-            return lambda message: self._submit(name)
-        return lambda message: self._submit_value(name, message)
+            return lambda message, sender: self._submit(name, sender)
+        return lambda message, sender: self._submit_value(name, message, sender)
 
-    def _submit(self, name: str) -> None:
-        self._engine.submit(name)
+    def _submit(self, name: str, sender: Sender) -> None:
+        self._engine.submit(name, client=sender)
 
-    def _submit_value(self, name: str, message: Any) -> None:
+    def _submit_value(self, name: str, message: Any, sender: Sender) -> None:
         header = getattr(message, "header", None)
         stamp = 0 if header is None else stamp_ns(header.stamp)
-        self._engine.submit(name, self._value(name, message, stamp), stamp)
+        self._engine.submit(name, self._value(name, message, stamp), stamp, sender)
 
     def _value(self, name: str, message: Any, stamp: int = 0) -> Value:
         header = getattr(message, "header", None)
@@ -95,10 +90,10 @@ class CommandTopics:
             self._engine.report_refusal(refusal)
             raise refusal from error
 
-    def _guarded(self, name: str, handle: Callable[[Any], None]) -> Callable[[Any], None]:
-        def receive(message: Any) -> None:
+    def _guarded(self, name: str, handle: Callable[..., None]) -> Callable[..., None]:
+        def receive(*message: Any) -> None:
             try:
-                handle(message)
+                handle(*message)
             except CommandRefused:
                 pass  # the engine has counted it and told its observers
             except Exception:
@@ -106,3 +101,7 @@ class CommandTopics:
                     logger.exception("%s: %s failed", self._engine.where, name)
 
         return receive
+
+
+def _unread(message: Any) -> None:
+    """The callback of a subscription that an `AttributedSubscription` reads."""

@@ -8,11 +8,14 @@ touches no writer, and handed to rcl by ctypes, which releases the lock for the 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
+from rclpy.subscription import Subscription
+from rclpy.waitable import Waitable
 
 
 class _SerializedMessage(ctypes.Structure):
@@ -40,6 +43,13 @@ _publish.argtypes = (ctypes.c_void_p, ctypes.POINTER(_SerializedMessage), ctypes
 _publish.restype = ctypes.c_int
 
 
+def rcl_error() -> str:
+    """Return the reason of rcl's last failure in this thread, and forget it there."""
+    text: bytes = _rcutils.rcutils_get_error_string().text
+    _rcutils.rcutils_reset_error()
+    return text.decode(errors="replace")
+
+
 class UnlockedPublisher(Publisher):  # type: ignore[misc]  # rclpy has no types
     """A publisher that does not stop other threads. Made by `UnlockedNode`."""
 
@@ -54,14 +64,26 @@ class UnlockedPublisher(Publisher):  # type: ignore[misc]  # rclpy has no types
         with self.handle:
             failed = _publish(self.handle.pointer, ctypes.byref(wire), None)
         if failed:
-            text = _rcutils.rcutils_get_error_string().text.decode(errors="replace")
-            _rcutils.rcutils_reset_error()
-            raise RuntimeError(f"DDS did not take a message: {text}")
+            raise RuntimeError(f"DDS did not take a message: {rcl_error()}")
 
 
 class UnlockedNode(Node):  # type: ignore[misc]  # rclpy has no types
     """A node that makes such publishers, those of rclpy's own topics included."""
 
+    def __init__(self, *args: Any, **options: Any) -> None:
+        self._read_otherwise: list[Subscription] = []
+        super().__init__(*args, **options)
+
     def create_publisher(self, *args: Any, **options: Any) -> Publisher:
         """See rclpy."""
         return super().create_publisher(*args, **options, publisher_class=UnlockedPublisher)
+
+    def read_by(self, subscription: Subscription, reader: Waitable) -> None:
+        """Let `reader` take the messages of a subscription of this node, which no executor has yet."""
+        self._read_otherwise.append(subscription)
+        self.add_waitable(reader)
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Those that the executor reads."""
+        return (one for one in super().subscriptions if one not in self._read_otherwise)

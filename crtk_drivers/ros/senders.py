@@ -1,0 +1,226 @@
+"""Who sent a message: commands that come with their sender, as far as DDS tells it.
+
+rclpy drops the sender of a message. These subscriptions are therefore read by rcl's own function, called by
+ctypes, which gives it: the id (gid) of the publisher. All publishers of a process have the first twelve bytes
+of it in common with Fast DDS, and the graph says which node a publisher belongs to: a client is a node of a
+process. Of other middlewares only the ids are compared, so that two publishers of one topic are two clients.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+from rclpy.utilities import get_rmw_implementation_identifier
+from rclpy.waitable import NumberOfEntities, Waitable
+
+from crtk_drivers.arbiter import Client
+from crtk_drivers.ros.unlocked import UnlockedNode, rcl_error
+
+logger = logging.getLogger(__name__)
+
+KNOWN_SENDERS = 256
+"""Publishers that are remembered at most: of one that comes back after that, the name is asked for again."""
+
+_PARTICIPANT = 12
+_UNKNOWN_NAME = "_NODE_NAME_UNKNOWN_"
+_FIRST_SIZE = 1024
+_NOTHING_THERE = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED (rcl/types.h)
+
+
+class _Allocator(ctypes.Structure):
+    """``rcutils_allocator_t`` (rcutils/allocator.h)."""
+
+    _fields_ = (("functions", ctypes.c_void_p * 4), ("state", ctypes.c_void_p))
+
+
+class _SerializedMessage(ctypes.Structure):
+    """``rcutils_uint8_array_t`` (rcutils/types/uint8_array.h); rcl makes it larger where it must."""
+
+    _fields_ = (
+        ("buffer", ctypes.c_void_p),
+        ("length", ctypes.c_size_t),
+        ("capacity", ctypes.c_size_t),
+        ("allocator", _Allocator),
+    )
+
+
+class _MessageInfo(ctypes.Structure):
+    """``rmw_message_info_t`` (rmw/types.h)."""
+
+    _fields_ = (
+        ("source_timestamp", ctypes.c_int64),
+        ("received_timestamp", ctypes.c_int64),
+        ("publication_sequence_number", ctypes.c_uint64),
+        ("reception_sequence_number", ctypes.c_uint64),
+        ("implementation", ctypes.c_void_p),
+        ("gid", ctypes.c_uint8 * 16),
+        ("from_intra_process", ctypes.c_bool),
+    )
+
+
+# Both are in this process already: rclpy is linked with them.
+_rcutils = ctypes.CDLL("librcutils.so")
+_rcutils.rcutils_get_default_allocator.restype = _Allocator
+_init = _rcutils.rcutils_uint8_array_init
+_init.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
+_fini = _rcutils.rcutils_uint8_array_fini
+_fini.argtypes = (ctypes.c_void_p,)
+_take = ctypes.CDLL("librcl.so").rcl_take_serialized_message
+_take.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+
+
+class Sender(Client):
+    """A publisher. Two of one node in one process are the same client."""
+
+    def __init__(self, node: Node, topic: str, gid: bytes, has_participant: bool) -> None:
+        super().__init__("")
+        self._node = node
+        self._topic = topic
+        self._gid = gid
+        self._participant = gid[:_PARTICIPANT] if has_participant else b""
+        self._owner = ""
+
+    @property
+    def name(self) -> str:
+        """See the base class."""
+        return f"the node {self._node_name}" if self._node_name else "a node that is gone"
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the graph still knows the publisher."""
+        return self._info is not None
+
+    def is_same(self, other: Client) -> bool:
+        """See the base class."""
+        if not isinstance(other, Sender):
+            return False
+        if self._gid == other._gid:
+            return True
+        if self._participant != other._participant:
+            return False
+        if not self._participant:
+            return self._topic != other._topic  # nothing says that they are two
+        mine, others = self._node_name, other._node_name
+        return mine == others or "" in (mine, others)
+
+    @property
+    def _info(self) -> Any:
+        for info in self._node.get_publishers_info_by_topic(self._topic):
+            if bytes(info.endpoint_gid)[: len(self._gid)] == self._gid:
+                return info
+        return None
+
+    @property
+    def _node_name(self) -> str:
+        """The full name, empty as long as the graph does not know it."""
+        if not self._owner:
+            info = self._info
+            if info is not None and info.node_name != _UNKNOWN_NAME:
+                self._owner = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        return self._owner
+
+
+class Senders:
+    """The publishers that a node has heard."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._has_participant = get_rmw_implementation_identifier().startswith("rmw_fastrtps")
+        self._known: dict[tuple[str, bytes], Sender] = {}
+
+    def of(self, topic: str, gid: bytes) -> Sender:
+        """Return the sender of a message on a topic (full name)."""
+        key = topic, gid
+        if key not in self._known:
+            while len(self._known) >= KNOWN_SENDERS:
+                del self._known[next(iter(self._known))]
+            self._known[key] = Sender(self._node, topic, gid, self._has_participant)
+        return self._known[key]
+
+
+class AttributedSubscription(Waitable):  # type: ignore[misc]  # rclpy has no types
+    """Reads a subscription in the executor's stead, and hands over each message with its sender.
+
+    Args:
+        node: that the subscription was made by, before an executor has it.
+        subscription: not used otherwise from now on.
+        receive: called with the message and its sender, by the executor's thread; must not raise.
+        senders: of the node.
+    """
+
+    def __init__(
+        self,
+        node: UnlockedNode,
+        subscription: Subscription,
+        receive: Callable[[Any, Sender], None],
+        senders: Senders,
+    ) -> None:
+        super().__init__(subscription.callback_group)
+        self._handle = subscription.handle
+        self._type = subscription.msg_type
+        self._topic = subscription.topic_name
+        self._receive = receive
+        self._senders = senders
+        self._index = -1
+        self._failed = False
+        self._info = _MessageInfo()
+        self._message = _SerializedMessage()
+        allocator = _rcutils.rcutils_get_default_allocator()
+        if _init(ctypes.byref(self._message), _FIRST_SIZE, ctypes.byref(allocator)):
+            raise MemoryError(f"no memory to receive {self._topic}")
+        node.read_by(subscription, self)
+
+    def __del__(self) -> None:
+        _fini(ctypes.byref(self._message))
+
+    def __enter__(self) -> None:
+        self._handle.__enter__()
+
+    def __exit__(self, *error: object) -> None:
+        self._handle.__exit__(*error)
+
+    def get_num_entities(self) -> NumberOfEntities:
+        """See rclpy."""
+        return NumberOfEntities(num_subs=1)
+
+    def add_to_wait_set(self, wait_set: Any) -> None:
+        """See rclpy."""
+        self._index = wait_set.add_subscription(self._handle)
+
+    def is_ready(self, wait_set: Any) -> bool:
+        """See rclpy."""
+        return bool(wait_set.is_ready("subscription", self._index))
+
+    def take_data(self) -> tuple[Any, Sender] | None:
+        """Return the next message and who sent it; None if a newer one has taken its place."""
+        try:
+            return self._taken()
+        except Exception:
+            # What anybody can send must not end the executor.
+            if not self._failed:
+                logger.exception("a message on %s could not be read", self._topic)
+            self._failed = True
+            return None
+
+    async def execute(self, taken: tuple[Any, Sender] | None) -> None:
+        """See rclpy."""
+        if taken is not None:
+            self._receive(*taken)
+
+    def _taken(self) -> tuple[Any, Sender] | None:
+        info, wire = self._info, self._message
+        with self._handle:
+            failed = _take(self._handle.pointer, ctypes.byref(wire), ctypes.byref(info), None)
+        if failed:
+            text = rcl_error()
+            if failed == _NOTHING_THERE:
+                return None
+            raise RuntimeError(f"DDS did not hand over a message: {text}")
+        data = ctypes.string_at(wire.buffer, wire.length)
+        return deserialize_message(data, self._type), self._senders.of(self._topic, bytes(info.gid))
