@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crtk_drivers.commands import Command, Kind, Level, Payload
+from crtk_drivers.commands import Command, Kind, Level, Payload, find
 from crtk_drivers.device import Capabilities
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.geometry import QUATERNION_TOLERANCE
@@ -35,6 +35,10 @@ from crtk_drivers.samples import (
     joint_values,
     vector,
 )
+from crtk_drivers.state import StateCommand
+
+SETTING_GOING = frozenset({StateCommand.ENABLE, StateCommand.RESUME, StateCommand.HOME})
+"""State commands whose age counts: what stops the device is never too old."""
 
 FUTURE_TOLERANCE = 0.5
 """Seconds that a command's stamp may lie ahead of this machine's clock, if ages are checked."""
@@ -121,6 +125,15 @@ class CommandCheck:
             Flag: lambda command, flag: flag,
         }
         return checks[expected](command, value)
+
+    def check_state_command(self, command: StateCommand, stamp_ns: int, now_ns: int) -> None:
+        """Judge the age of a state command; stamps as for `check`.
+
+        Raises:
+            CommandRefused: it sets the device going, and its stamp is too old, or in the future.
+        """
+        if command in SETTING_GOING:
+            self._check_age(find("state_command"), stamp_ns, now_ns)
 
     def check_joints(self, command: Command, joints: Vector) -> Vector:
         """Return a joint position (n,) that is given as a bare vector, as kinematics queries do.

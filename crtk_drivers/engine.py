@@ -291,16 +291,22 @@ class Engine:
             raise
         return order.move
 
-    def state_command(self, text: str) -> None:
+    def state_command(self, text: str, stamp_ns: int = 0) -> None:
         """Ask for ``enable``, ``disable``, ``pause``, ``resume``, ``home`` or ``unhome``.
 
         Returns at once; the status tells when it is reached.
 
+        Args:
+            text: one of them.
+            stamp_ns: the sender's stamp, 0 if it gave none.
+
         Raises:
-            CommandRefused: unknown, invalid in this state, not connected, or another one is running.
+            CommandRefused: unknown, invalid in this state, too old for what sets the device going, not
+                connected, or another one is running.
         """
         try:
             command = parse_command(text)
+            self._check.check_state_command(command, stamp_ns, time.time_ns())
             if not self._connected:
                 raise CommandRefused(
                     "state_command",
@@ -312,6 +318,7 @@ class Engine:
             self._transitions.accept(command)
         except CommandRefused as refusal:
             refusal.where = refusal.where or self.where
+            refusal.stamp_ns = stamp_ns
             self._board.refused(refusal)
             self._board.announce()
             raise

@@ -60,7 +60,9 @@ class CommandTopics:
 
     def _handler(self, name: str, command: Command) -> Callable[[Any, Sender], None]:
         if command.payload is Payload.TEXT:
-            return lambda message, sender: self._engine.state_command(message.string)
+            return lambda message, sender: self._engine.state_command(
+                message.string, stamp_ns(message.header.stamp)
+            )
         if command.payload is Payload.EMPTY:
             return lambda message, sender: self._submit(name, sender)
         return lambda message, sender: self._submit_value(name, message, sender)

@@ -299,6 +299,27 @@ def test_age_of_commands(strict_rig: Rig, seconds: float, reason: str) -> None:
     until(lambda: strict_rig.device.writes > writes, "an unstamped command is executed")
 
 
+def state_aged(text: str, seconds: float) -> StringStamped:
+    message = StringStamped(string=text)
+    message.header.stamp.sec = int(time.time() - seconds)
+    return message
+
+
+@pytest.mark.parametrize("text", ["enable", "resume", "home"])
+def test_age_of_what_sets_the_device_going(strict_rig: Rig, text: str) -> None:
+    """I11: an `enable` of an hour ago enables nothing."""
+    since = strict_rig.client["refusals"].mark()
+    strict_rig.client.send("state_command", state_aged("disable", 3600.0))  # a stop is never too old
+    until(lambda: strict_rig.session.engine.status.state == "DISABLED", "disable is carried out")
+    strict_rig.client.send("state_command", state_aged(text, 3600.0))
+    assert told(strict_rig, "state_command", "too_old", since)
+    assert strict_rig.session.engine.status.state == "DISABLED"
+    strict_rig.client.reach("enable", "ENABLED")
+    strict_rig.client.send("state_command", state_aged("pause", 3600.0))
+    until(lambda: strict_rig.session.engine.status.state == "PAUSED", "pause is carried out")
+    strict_rig.client.reach("resume", "ENABLED")
+
+
 QUERIES = [
     ("forward_kinematics", QueryForwardKinematics.Request(jp=[0.0] * 3), "wrong_size"),
     ("forward_kinematics", QueryForwardKinematics.Request(jp=[NAN] * 4), "not_finite"),

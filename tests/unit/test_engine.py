@@ -279,6 +279,32 @@ def test_stamps_are_checked_only_if_the_user_wants_that() -> None:
     assert (old.reason, early.reason) == (Reason.TOO_OLD, Reason.FROM_FUTURE)
 
 
+def test_a_state_command_too_old_sets_nothing_going_and_stops_everything() -> None:
+    rig = Rig(EngineOptions(limits=LimitPolicy(max_command_age=0.5))).connect()
+    now = Stamp.now().wall_ns
+
+    def refused(text: str, age: float) -> Reason:
+        with pytest.raises(CommandRefused) as caught:
+            rig.engine.state_command(text, now - int(age * 1e9))
+        assert rig.told.refusals[-1] is caught.value
+        assert caught.value.stamp_ns == now - int(age * 1e9)
+        rig.cycle()
+        return caught.value.reason
+
+    assert refused("enable", 3600.0) is Reason.TOO_OLD
+    assert refused("enable", -3600.0) is Reason.FROM_FUTURE
+    assert rig.state is S.DISABLED
+    rig.engine.state_command("enable", now)
+    rig.cycle()
+    assert refused("home", 3600.0) is Reason.TOO_OLD
+    for text, state in (("pause", S.PAUSED), ("unhome", S.PAUSED), ("disable", S.DISABLED)):
+        rig.engine.state_command(text, 1)
+        rig.cycle()
+        assert rig.state is state
+        if text == "unhome":
+            assert refused("resume", 3600.0) is Reason.TOO_OLD
+
+
 @pytest.mark.parametrize("state", [S.PAUSED, S.FAULT])
 def test_the_detail_follows_what_the_hardware_says(state: OperatingState) -> None:
     rig = Rig().enabled()
