@@ -3,10 +3,11 @@
 It is one deep. A newer absolute command replaces an older one; increments are added up, so that none
 is lost; `hold`, `free` and moves replace whatever lies there.
 
-A stream has an owner, the client that began it, until it has ended: by its owner's move, by anybody's `hold`,
-or because no command came for its timeout. Streams, moves and `free` of others are refused meanwhile. Who goes
-on sending after somebody else's `hold` is refused as well, until it has been silent as long. Nor do two kinds
-of stream alternate: another kind of the same owner is refused until the first has been silent for the dwell.
+A stream has an owner, the client that began it, until it has ended: by its owner's move, by anybody's
+`hold`, or because no command came for its timeout. Streams, moves and `free` of others are refused meanwhile.
+Who goes on sending after somebody else's `hold` is refused as well, until it has been silent as long. Nor do
+two kinds of stream alternate: another kind of the same owner is refused until the first has been silent for
+the dwell.
 """
 
 from __future__ import annotations

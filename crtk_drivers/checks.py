@@ -1,7 +1,7 @@
 """What may be asked: a command is judged as it arrives, in the client's thread, and no bus is touched.
 
-Type, names, size, finite, quaternion, frame, age, range. A refusal is a `CommandRefused` with a reason and
-a remedy; it changes nothing. What is really sent is judged once more, see `crtk_drivers.limits`.
+Type, names, size, finite, how large, quaternion, frame, age, range. A refusal is a `CommandRefused` with a
+reason and a remedy; it changes nothing. What is really sent is judged once more, see `crtk_drivers.limits`.
 """
 
 from __future__ import annotations
@@ -43,6 +43,13 @@ SETTING_GOING = frozenset({StateCommand.ENABLE, StateCommand.RESUME, StateComman
 FUTURE_TOLERANCE = 0.5
 """Seconds that a command's stamp may lie ahead of this machine's clock, if ages are checked."""
 
+LARGEST = 1e6
+"""No number of a command is larger (m, rad, m/s, N, ...): far beyond any device, and far from where
+products and sums overflow."""
+
+FARTHEST = 100.0
+"""Metres that a Cartesian increment may lead away. One of a joint leads at most through its range."""
+
 _FIELD_NAME = {
     Kind.POSITION: "position",
     Kind.RELATIVE: "position",
@@ -82,6 +89,8 @@ class CommandCheck:
         self._where = where
         self._lower = vector([limit.lower for limit in capabilities.limits])
         self._upper = vector([limit.upper for limit in capabilities.limits])
+        spans = [min(limit.upper - limit.lower, LARGEST) for limit in capabilities.limits]
+        self._spans = vector(spans)
         self._velocity = vector([limit.velocity for limit in capabilities.limits])
         self._effort = vector([limit.effort for limit in capabilities.limits])
         cartesian = capabilities.cartesian_limits
@@ -142,7 +151,7 @@ class CommandCheck:
             CommandRefused: empty, wrong size or not finite.
         """
         self._check_size(command, joints, "position")
-        self._check_finite(command, joints, "position")
+        self._check_numbers(command, joints, "position")
         return joints
 
     def check_target(self, command: Command, joints: Vector) -> Vector:
@@ -188,23 +197,34 @@ class CommandCheck:
                 f"Give it in {frame!r}, or leave frame_id empty.",
             )
 
-    def _check_finite(self, command: Command, values: Vector, field: str) -> None:
-        if not all(map(math.isfinite, values.tolist())):
-            index = int(np.argmin(np.isfinite(values)))
+    def _check_numbers(self, command: Command, values: Vector, field: str) -> None:
+        if all(abs(value) <= LARGEST for value in values.tolist()):  # NaN is not
+            return
+        index, finite = int(np.argmin(np.isfinite(values))), np.isfinite(values).all()
+        if not finite:
             raise self._refusal(
                 command,
                 Reason.NOT_FINITE,
                 f"{field}[{index}] is {values[index]}",
                 "Send finite numbers.",
             )
+        index = int(np.argmax(np.abs(values)))
+        raise self._refusal(
+            command,
+            Reason.OUT_OF_RANGE,
+            f"{field}[{index}] is {values[index]:g}",
+            f"No number may exceed {LARGEST:g}.",
+        )
 
     def _check_joints(self, command: Command, value: JointState) -> JointState:
         field = _FIELD_NAME[command.kind]
         values = joint_values(command.kind, value)
         self._check_size(command, values, field)
         values = self._in_declared_order(command, value.name, values)
-        self._check_finite(command, values, field)
-        if command.level is Level.MOVE and command.kind is Kind.POSITION:
+        self._check_numbers(command, values, field)
+        if command.is_relative:
+            self._check_magnitude(command, values, self._spans)
+        elif command.level is Level.MOVE:
             self._check_range(command, values)
         elif command.kind is Kind.VELOCITY:
             self._check_magnitude(command, values, self._velocity)
@@ -243,7 +263,7 @@ class CommandCheck:
         return vector(ordered)
 
     def _check_range(self, command: Command, values: Vector) -> None:
-        outside = (values < self._lower) | (values > self._upper)
+        outside = ~((values >= self._lower) & (values <= self._upper))
         if outside.any():
             index = int(np.argmax(outside))
             text = (
@@ -253,7 +273,7 @@ class CommandCheck:
             raise self._refusal(command, Reason.OUT_OF_RANGE, text, "Stay within the limits.")
 
     def _check_magnitude(self, command: Command, values: Vector, limits: Vector) -> None:
-        excess = np.abs(values) > limits
+        excess = ~(np.abs(values) <= limits)
         if excess.any():
             index = int(np.argmax(excess))
             raise self._refusal(
@@ -279,17 +299,29 @@ class CommandCheck:
                     f"{field.size} values where a pose has {size}",
                     "A pose is a position of 3 and a quaternion of 4 (x, y, z, w).",
                 )
-        self._check_finite(command, value.position, "position")
-        self._check_finite(command, value.orientation, "orientation")
-        norm = float(np.linalg.norm(value.orientation))
-        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+        self._check_numbers(command, value.position, "position")
+        self._check_numbers(command, value.orientation, "orientation")
+        norm = math.hypot(*value.orientation.tolist())
+        if not abs(norm - 1.0) <= QUATERNION_TOLERANCE:
             raise self._refusal(
                 command,
                 Reason.BAD_QUATERNION,
                 f"the quaternion has a norm of {norm:.6g}",
                 "Send a unit quaternion (x, y, z, w).",
             )
+        if command.is_relative:
+            self._check_way(command, value.position)
         return Pose(value.position, vector(value.orientation / norm), self._frames[command.frame])
+
+    def _check_way(self, command: Command, way: Vector) -> None:
+        far = math.hypot(*way.tolist())
+        if not far <= FARTHEST:
+            raise self._refusal(
+                command,
+                Reason.OUT_OF_RANGE,
+                f"an increment of {far:.4f} m",
+                f"It may lead {FARTHEST:g} m away.",
+            )
 
     def _check_twist(self, command: Command, value: Twist) -> Twist:
         parts = (("linear velocity", value.linear), ("angular velocity", value.angular))
@@ -333,7 +365,7 @@ class CommandCheck:
             name = mode.name.lower()
             self._check_size(command, values, name)
             counted = vector(np.where(modes == mode, values[index], 0.0))
-            self._check_finite(command, counted, name)
+            self._check_numbers(command, counted, name)
             if mode in limits:
                 self._check_magnitude(command, counted, limits[mode])
             ordered[mode] = counted
@@ -414,9 +446,9 @@ class CommandCheck:
                     f"{part.size} values in {name}",
                     "Send three values for x, y and z.",
                 )
-            self._check_finite(command, part, name)
-            size = float(np.linalg.norm(part))
-            if limits and size > limits[index]:
+            self._check_numbers(command, part, name)
+            size = math.hypot(*part.tolist())
+            if limits and not size <= limits[index]:
                 raise self._refusal(
                     command,
                     Reason.OUT_OF_RANGE,

@@ -563,9 +563,7 @@ class Engine:
             enabled = self.status.state is OperatingState.ENABLED
             return self._connected and (running or not enabled)
 
-    def _order(
-        self, command: Command, value: Value | None, stamp_ns: int, client: Client
-    ) -> Order:
+    def _order(self, command: Command, value: Value | None, stamp_ns: int, client: Client) -> Order:
         self._require_enabled(command.name)
         self._arbiter.admit(command.name, client, self._clock())
         if not command.is_motion:

@@ -76,20 +76,26 @@ _take.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_vo
 
 
 class Sender(Client):
-    """A publisher. Two of one node in one process are the same client."""
+    """A publisher. Two of one node in one process are the same client.
+
+    Attributes:
+        topic: full name.
+        gid: of the publisher.
+        participant: the part of `gid` that all publishers of its process have; empty if there is none.
+    """
 
     def __init__(self, node: Node, topic: str, gid: bytes, has_participant: bool) -> None:
         super().__init__("")
         self._node = node
-        self._topic = topic
-        self._gid = gid
-        self._participant = gid[:_PARTICIPANT] if has_participant else b""
+        self.topic = topic
+        self.gid = gid
+        self.participant = gid[:_PARTICIPANT] if has_participant else b""
         self._owner = ""
 
     @property
     def name(self) -> str:
         """See the base class."""
-        return f"the node {self._node_name}" if self._node_name else "a node that is gone"
+        return f"the node {self.node_name}" if self.node_name else "a node that is gone"
 
     @property
     def is_there(self) -> bool:
@@ -100,30 +106,30 @@ class Sender(Client):
         """See the base class."""
         if not isinstance(other, Sender):
             return False
-        if self._gid == other._gid:
+        if self.gid == other.gid:
             return True
-        if self._participant != other._participant:
+        if self.participant != other.participant:
             return False
-        if not self._participant:
-            return self._topic != other._topic  # nothing says that they are two
-        mine, others = self._node_name, other._node_name
+        if not self.participant:
+            return self.topic != other.topic  # nothing says that they are two
+        mine, others = self.node_name, other.node_name
         return mine == others or "" in (mine, others)
 
     @property
-    def _info(self) -> Any:
-        for info in self._node.get_publishers_info_by_topic(self._topic):
-            if bytes(info.endpoint_gid)[: len(self._gid)] == self._gid:
-                return info
-        return None
-
-    @property
-    def _node_name(self) -> str:
+    def node_name(self) -> str:
         """The full name, empty as long as the graph does not know it."""
         if not self._owner:
             info = self._info
             if info is not None and info.node_name != _UNKNOWN_NAME:
                 self._owner = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
         return self._owner
+
+    @property
+    def _info(self) -> Any:
+        for info in self._node.get_publishers_info_by_topic(self.topic):
+            if bytes(info.endpoint_gid)[: len(self.gid)] == self.gid:
+                return info
+        return None
 
 
 class Senders:

@@ -309,7 +309,9 @@ def state_aged(text: str, seconds: float) -> StringStamped:
 def test_age_of_what_sets_the_device_going(strict_rig: Rig, text: str) -> None:
     """I11: an `enable` of an hour ago enables nothing."""
     since = strict_rig.client["refusals"].mark()
-    strict_rig.client.send("state_command", state_aged("disable", 3600.0))  # a stop is never too old
+    strict_rig.client.send(
+        "state_command", state_aged("disable", 3600.0)
+    )  # a stop is never too old
     until(lambda: strict_rig.session.engine.status.state == "DISABLED", "disable is carried out")
     strict_rig.client.send("state_command", state_aged(text, 3600.0))
     assert told(strict_rig, "state_command", "too_old", since)

@@ -44,7 +44,7 @@ PLUGIN = DevicePlugin("loopback", "remembers", LoopbackConfig, RecordingDevice)
 @pytest.fixture(scope="module")
 def shared_rig() -> Iterator[Rig]:
     # Long enough for this machine not to end a stream by being busy elsewhere.
-    with rig_of("/owned", plugin=PLUGIN, stream_timeout=1.0, mode_switch_dwell=0.1) as rig:
+    with rig_of("/owned", plugin=PLUGIN, stream_timeout=3.0, mode_switch_dwell=0.1) as rig:
         yield rig
 
 
@@ -97,7 +97,9 @@ def test_another_process_is_refused_takes_over_and_is_held(owned: Rig) -> None:
     since, before = owned.client["refusals"].mark(), refused(owned, "servo_jp")
     streaming_until(owned, lambda: MINE in written(owned), "the first is obeyed")
     with another_process("elsewhere"):
-        streaming_until(owned, lambda: refused(owned, "servo_jp") > before + 50, "it is refused")
+        graph = owned.serving.driver.node
+        streaming_until(owned, lambda: graph.count_publishers("/owned/servo_jp") == 2, "it starts")
+        streaming_until(owned, lambda: refused(owned, "servo_jp") > before + 5, "it is refused")
         told(owned, since, "the node /test_client streams servo_jp")
         assert written(owned) == {MINE}
 
