@@ -85,26 +85,34 @@ def told(rig: Rig, since: int, text: str) -> None:
 @contextmanager
 def another_process(name: str) -> Iterator[subprocess.Popen[bytes]]:
     values = (str(OTHERS), "0", "0", "0")
-    child = subprocess.Popen([sys.executable, str(SCRIPT), "/owned", name, *values])
+    child = subprocess.Popen(
+        [sys.executable, str(SCRIPT), "/owned", name, *values],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
     try:
+        assert child.stdout is not None
+        assert child.stdout.readline() == b"ready\n"
         yield child
     finally:
         child.kill()
-        child.wait()
+        child.communicate()
 
 
 def test_another_process_is_refused_takes_over_and_is_held(owned: Rig) -> None:
     since, before = owned.client["refusals"].mark(), refused(owned, "servo_jp")
-    streaming_until(owned, lambda: MINE in written(owned), "the first is obeyed")
-    with another_process("elsewhere"):
-        graph = owned.serving.driver.node
-        streaming_until(owned, lambda: graph.count_publishers("/owned/servo_jp") == 2, "it starts")
+    with another_process("elsewhere") as child:
+        streaming_until(owned, lambda: MINE in written(owned), "the first is obeyed")
+        assert child.stdin is not None
+        child.stdin.write(b"go\n")
+        child.stdin.flush()
         streaming_until(owned, lambda: refused(owned, "servo_jp") > before + 5, "it is refused")
         told(owned, since, "the node /test_client streams servo_jp")
         assert written(owned) == {MINE}
 
         until(lambda: OTHERS in written(owned), "it takes over when the first is silent")
-        owned.client.send("servo_jp", position(MINE))
+        before = refused(owned, "servo_jp")
+        streaming_until(owned, lambda: refused(owned, "servo_jp") > before, "the first is refused")
         told(owned, since, "the node /elsewhere streams servo_jp")
         owned.client.send("move_jp", position(0.3))
         until(lambda: refused(owned, "move_jp") > 0, "a move of another is refused")
