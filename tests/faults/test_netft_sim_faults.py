@@ -342,6 +342,7 @@ def test_every_kind_of_fault_leaves_a_driver_that_measures(box) -> None:
         "push": {"wrench": [1.0] * 6},
         "drift": {"ppm": 10.0},
         "web_answer": {"answer": "slow"},
+        "web_tag": {"tag": "cfgfu", "text": "1"},
         "delay": {"seconds": 0.01},
         "reboot": {"seconds": 0.05},
     }

@@ -277,6 +277,7 @@ def test_every_kind_begins_and_ends(box, kind):
         "push": {"wrench": [1.0] * 6},
         "drift": {"ppm": 10.0},
         "web_answer": {"answer": "slow"},
+        "web_tag": {"tag": "cfgfu", "text": "1"},
         "delay": {"seconds": 0.01},
         "reboot": {"seconds": 0.05},
     }

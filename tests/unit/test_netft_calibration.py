@@ -83,7 +83,8 @@ def test_the_page_of_a_gamma() -> None:
     ],
 )
 def test_units_become_si(force, torque, factors) -> None:
-    found = read_sensor(page(scfgfu=force, scfgtu=torque), "here").scale.factors
+    texts = {"scfgfu": force, "scfgtu": torque, "cfgfu": None, "cfgtu": None}
+    found = read_sensor(page(**texts), "here").scale.factors
     assert found[:3] == pytest.approx([factors[0]] * 3)
     assert found[3:] == pytest.approx([factors[1]] * 3)
 
@@ -94,7 +95,9 @@ def test_codes_of_units_count_where_there_is_no_name() -> None:
 
 
 def test_rated_loads_are_in_the_units_of_the_page() -> None:
-    found = read_sensor(page(scfgfu="lbf", scfgtu="lbf-in", cfgmr="1,2,3 4  5;6"), "here")
+    found = read_sensor(
+        page(cfgfu="1", scfgfu="lbf", cfgtu="1", scfgtu="lbf-in", cfgmr="1,2,3 4  5;6"), "here"
+    )
     assert found.rated[2] == pytest.approx(3 * 4.4482216152605)
     assert found.rated[5] == pytest.approx(6 * 0.1129848290276167)
 
@@ -121,6 +124,12 @@ def test_an_axia_says_some_things_otherwise() -> None:
         ({"scfgtu": "furlong"}, "'furlong'"),
         ({"scfgfu": None, "cfgfu": "9"}, "'9'"),
         ({"scfgfu": None, "cfgfu": None}, "missing"),
+        ({"cfgcpf": "1e-300"}, "a count would be worth 1e+300 N"),
+        ({"cfgcpt": "1e300"}, "a count would be worth 1e-300 N"),
+        ({"cfgcpf": "1e308"}, "a count would be worth"),
+        ({"cfgfu": "1"}, "cfgfu '1', scfgfu 'N'"),
+        ({"scfgtu": "lbf-ft"}, "cfgtu '3', scfgtu 'lbf-ft'"),
+        ({"prodname": "ATI Axia80", "cfgfu": "1"}, "cfgfu '1', scfgfu 'N'"),
         ({"extra": "<cfgcpf>600000</cfgcpf>"}, "cfgcpf is there twice"),
         ({"extra": "<scfgtu>Nmm</scfgtu>"}, "scfgtu is there twice"),
         ({"root": "html"}, "holds <html>"),
@@ -132,6 +141,11 @@ def test_no_scale_is_better_than_a_wrong_one(changed, message) -> None:
     assert message in caught.value.message
     assert caught.value.where == "http://1.2.3.4/netftapi2.xml"
     assert caught.value.remedy
+
+
+def test_an_axia_may_count_its_units_from_0_all_of_them() -> None:
+    found = read_sensor(page(prodname="ATI Axia80", cfgfu="1", cfgtu="2"), "here")
+    assert (found.scale.force, found.scale.torque) == (1.0, 1.0)
 
 
 def test_a_tag_that_is_there_twice_with_one_value_is_there() -> None:
@@ -158,6 +172,36 @@ def test_what_is_not_needed_may_be_nonsense_and_is_told() -> None:
     strange = read_sensor(page(scfgtdu="cubits"), "here")
     assert strange.transform.size == 0
     assert "cubits" in strange.problems[0]
+
+
+@pytest.mark.parametrize(
+    ("tag", "text"),
+    [
+        ("cfgmr", "0;0;0;0;0;0"),
+        ("cfgmr", "-1;330;990;30;30;30"),
+        ("cfgmr", "1e308;330;990;30;30;30"),
+        ("cfgmr", "nan;330;990;30;30;30"),
+        ("setbias", "1e308;2;3;4;5;6"),
+        ("runrate", "-7000"),
+        ("runrate", "0x" + "f" * 5000),
+        ("runrate", "9" * 5000),
+        ("comrdtrate", "1e308"),
+        ("comrdtbsiz", "41"),
+        ("setcfgsel", "16"),
+        ("setuserfilter", "0.5"),
+        ("runstat", "0x100000000"),
+    ],
+)
+def test_what_cannot_be_counts_as_unknown(tag, text) -> None:
+    found = read_sensor(page(**{tag: text}), "here")
+    assert [problem.split()[0] for problem in found.problems] == [tag]
+
+
+def test_names_are_one_short_line() -> None:
+    assert read_sensor(page(prodname="ATI\n\t Axia" + "x" * 1000), "here").product[:12] == (
+        "ATI Axiaxxxx"
+    )
+    assert len(read_sensor(page(prodname="x" * 1000), "here").product) == 100
 
 
 def test_a_page_with_the_scale_alone_is_enough() -> None:

@@ -19,12 +19,18 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from crtk_driver_ati_netft import units
+from crtk_driver_ati_netft.profiles import AXIA, SCHUNK, detect
+from crtk_driver_ati_netft.rdt import MOST_RECORDS
 from crtk_driver_ati_netft.units import Scale
 from crtk_drivers.errors import ProtocolError
 from crtk_drivers.samples import Vector, vector
 
 LONGEST_PAGE: Final = 262144
 """Bytes of a page at most; real ones have some 5000."""
+
+_LONGEST_NAME: Final = 100
+_LARGEST: Final = (1 << 32) - 1
+_LARGEST_COUNT: Final = float((1 << 31) - 1)
 
 _REPORT = "Report it with the page and the firmware of the sensor, or give the scale in the configuration."
 
@@ -84,21 +90,21 @@ def read_sensor(page: bytes, where: str) -> SensorInfo:
     rate_tag = "comrdtrate" if "comrdtrate" in tags.texts else "commrdtrate"
     return SensorInfo(
         scale=scale,
-        product=tags.text("prodname"),
-        serial=tags.text("mfgdigsn"),
-        firmware=tags.text("mfgdigver"),
-        configuration=tags.text("cfgnam"),
-        calibration_serial=tags.text("cfgcalsn"),
-        active_configuration=tags.optional("setcfgsel", _whole),
+        product=tags.name("prodname"),
+        serial=tags.name("mfgdigsn"),
+        firmware=tags.name("mfgdigver"),
+        configuration=tags.name("cfgnam"),
+        calibration_serial=tags.name("cfgcalsn"),
+        active_configuration=tags.optional("setcfgsel", _within(0, 15)),
         rated=tags.rated("cfgmr", scale),
         transform=tags.transform(),
         bias=tags.optional("setbias", _wholes) or (),
-        filter_code=tags.optional("setuserfilter", _whole),
-        internal_rate=tags.optional("runrate", _whole) or tags.optional("setrate", _whole),
-        rdt_rate=tags.optional(rate_tag, _whole),
+        filter_code=tags.optional("setuserfilter", _within(0, 255)),
+        internal_rate=tags.optional("runrate", _RATE) or tags.optional("setrate", _RATE),
+        rdt_rate=tags.optional(rate_tag, _RATE),
         rdt_enabled=tags.optional("comrdte", _switch),
-        buffer_size=tags.optional("comrdtbsiz", _whole),
-        status=tags.optional("runstat", _whole),
+        buffer_size=tags.optional("comrdtbsiz", _within(1, MOST_RECORDS)),
+        status=tags.optional("runstat", _within(0, _LARGEST)),
         tags=tags.texts,
         problems=tuple(tags.problems),
     )
@@ -126,10 +132,10 @@ def read_calibration(page: bytes, where: str) -> CalibrationInfo:
     scale = tags.scale("cal")
     return CalibrationInfo(
         scale,
-        tags.text("calsn"),
-        tags.text("calpn"),
-        tags.text("calfam"),
-        tags.text("caldt"),
+        tags.name("calsn"),
+        tags.name("calpn"),
+        tags.name("calfam"),
+        tags.name("caldt"),
         tags.rated("calmr", scale),
     )
 
@@ -171,11 +177,20 @@ class _Page:
         """Return the first text of a tag, empty without one."""
         return self.texts.get(tag, "")
 
+    def name(self, tag: str) -> str:
+        """Return the text of a tag for people: one line, and no long one."""
+        return " ".join(self.text(tag).split())[:_LONGEST_NAME]
+
     def scale(self, prefix: str) -> Scale:
         """Return the scale that the tags with this prefix give."""
         counts = [self._count(f"{prefix}cp{letter}") for letter in "ft"]
         force = self._unit(f"{prefix}fu", units.FORCE)
         torque = self._unit(f"{prefix}tu", units.TORQUE)
+        may_begin_with_0 = prefix == "cal" or detect(self.text("prodname")) in (AXIA, SCHUNK)
+        self._check_codes(
+            {f"{prefix}fu": units.FORCE, f"{prefix}tu": units.TORQUE},
+            (0, 1) if may_begin_with_0 else (1,),
+        )
         try:
             return Scale(counts[0], counts[1], force, torque)
         except ValueError as error:
@@ -186,7 +201,14 @@ class _Page:
         rated = self.optional(tag, _six)
         if rated is None:
             return vector([])
-        return vector(rated * np.repeat((scale.force, scale.torque), 3))
+        loads = vector(rated * np.repeat((scale.force, scale.torque), 3))
+        most = scale.factors * _LARGEST_COUNT
+        if not ((loads > 0.0) & (loads <= most)).all():
+            self.problems.append(
+                f"{tag} is {self.text(tag)[:60]!r}: not above zero, or more than 32 bits hold"
+            )
+            return vector([])
+        return loads
 
     def transform(self) -> Vector:
         """Return the tool transform (6,) in m and rad, empty if unknown."""
@@ -225,13 +247,34 @@ class _Page:
     def _unit(self, tag: str, known: Mapping[str, float]) -> float:
         """Return the factor of a unit, by its name (tag with an s before it) or else by its code."""
         name, code = self._unambiguous(f"s{tag}"), self._unambiguous(tag)
-        found = units.factor(known, name) if name else None
-        if not name and code.isdecimal():
-            found = units.factor_of_code(known, int(code))
+        found = units.factor(known, name) if name else _unit_of_code(known, code)
         if found is None:
             said = repr((name or code)[:60]) if name or code else "missing"
             raise self._wrong(f"the unit {tag} is {said}; known are {', '.join(known)}")
         return found
+
+    def _check_codes(
+        self, known: Mapping[str, Mapping[str, float]], firsts: tuple[int, ...]
+    ) -> None:
+        """Refuse units (tables by their tags) whose codes mean others than their names.
+
+        The codes begin with 1. On the console of the Axia they begin with 0: its pages are taken either way,
+        with all of their units in the same.
+        """
+        wrong: list[str] = []
+        for first in firsts:
+            wrong = [tag for tag, table in known.items() if self._contradicts(tag, table, first)]
+            if not wrong:
+                return
+        said = " and ".join(
+            f"{tag} {self.name(tag)!r}, s{tag} {self.name('s' + tag)!r}" for tag in wrong
+        )
+        raise self._wrong(f"code and name of a unit contradict each other: {said}")
+
+    def _contradicts(self, tag: str, known: Mapping[str, float], first: int) -> bool:
+        by_name = units.factor(known, self.text(f"s{tag}"))
+        by_code = _unit_of_code(known, self.text(tag), first)
+        return None not in (by_name, by_code) and by_name != by_code
 
     def _unambiguous(self, tag: str) -> str:
         text = self.text(tag)
@@ -246,15 +289,35 @@ class _Page:
         )
 
 
-def _whole(text: str) -> int:
-    if text.lower().startswith("0x"):
-        return int(text, 16)
-    (value,) = numbers(text)
-    return int(value)
+def _unit_of_code(known: Mapping[str, float], text: str, first: int = 1) -> float | None:
+    if not (text.isdecimal() and len(text) <= 3):
+        return None
+    return units.factor_of_code(known, int(text) + 1 - first)
+
+
+def _within(least: int, most: int) -> Callable[[str], int]:
+    """Return what makes a whole number, decimal or hexadecimal, of a text."""
+
+    def convert(text: str) -> int:
+        if text.lower().startswith("0x"):
+            value: float = int(text, 16)
+        else:
+            (value,) = numbers(text)
+        if not least <= value <= most or value != int(value):
+            raise ValueError(f"no whole number from {least} to {most}")
+        return int(value)
+
+    return convert
+
+
+_RATE = _within(1, 100_000)
 
 
 def _wholes(text: str) -> tuple[int, ...]:
-    return tuple(int(value) for value in numbers(text))
+    values = numbers(text)
+    if not all(abs(value) <= _LARGEST and value == int(value) for value in values):
+        raise ValueError("no whole numbers of 32 bits")
+    return tuple(int(value) for value in values)
 
 
 def _switch(text: str) -> bool:

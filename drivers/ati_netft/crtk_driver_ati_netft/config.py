@@ -32,6 +32,7 @@ class ScaleConfig(Settings):
         for name, table in (("force_unit", units.FORCE), ("torque_unit", units.TORQUE)):
             if units.factor(table, getattr(self, name)) is None:
                 raise ValueError(f"{name}: {getattr(self, name)!r} is none of {', '.join(table)}")
+        _ = self.scale
         return self
 
     @property
@@ -102,6 +103,13 @@ class NetFtConfig(DeviceConfig):
         default=True, description="Read the sensor's web page; if false, `scale` is needed."
     )
     http_timeout: float = Field(default=1.0, gt=0.0, le=10.0, description="For each page, in s.")
+    page_period: float = Field(
+        default=5.0,
+        ge=0.0,
+        le=3600.0,
+        description="The web page is read again every so many s while the sensor streams, and when the load "
+        "jumps: what it says otherwise ends in FAULT. 0: never.",
+    )
     scale: ScaleConfig | None = Field(
         default=None, description="What a count is worth; what the sensor says, if null."
     )

@@ -29,9 +29,17 @@ _UDP_SHARE = 0.5
 
 @dataclass(frozen=True)
 class Connection:
-    """A sensor that is connected and streams."""
+    """A sensor that is connected and streams.
+
+    Attributes:
+        info: what it says of itself, with the scale that counts.
+        page: the same as its web page has it; None if that was not read.
+        profile: its family.
+        source: of its measurements.
+    """
 
     info: SensorInfo
+    page: SensorInfo | None
     profile: Profile
     source: Source
 
@@ -65,11 +73,12 @@ def connect(
             info,
             f"the sensor does not say what it is, and counts as {profile.name}: give `profile`",
         )
+    page = None
     if config.http and profile.has_web and info.tags:
-        info = settings.apply(web, info, profile, wanted_settings(config), deadline)
+        page = info = settings.apply(web, info, profile, wanted_settings(config), deadline)
         if config.scale is not None:
             info = replace(info, scale=config.scale.scale)
-    return Connection(info, profile, _open(config, profile, info, source, deadline, tell))
+    return Connection(info, page, profile, _open(config, profile, info, source, deadline, tell))
 
 
 def _with_problem(info: SensorInfo, problem: str) -> SensorInfo:

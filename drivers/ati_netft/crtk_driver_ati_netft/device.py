@@ -23,6 +23,7 @@ from crtk_driver_ati_netft.compensation import Tool, ToolFit, transfer
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.monitor import LoadMonitor
 from crtk_driver_ati_netft.orientation import Arm, OrientationSource, rotation_of
+from crtk_driver_ati_netft.page_watch import JumpWatch, PageWatch
 from crtk_driver_ati_netft.pipeline import Listener, Pipeline, Published
 from crtk_driver_ati_netft.profiles import NETBOX, PROFILES, Profile
 from crtk_driver_ati_netft.recording import Recorder, Recordings, describe
@@ -63,7 +64,7 @@ class NetFtDevice(Device):
         self.info: SensorInfo | None = None
         """What the sensor said of itself when it was connected last."""
         self.profile: Profile = PROFILES.get(config.profile, NETBOX)
-        self.web = WebPages(config.host, config.http_port, config.http_timeout)
+        self.web = self._way_to_web()
         self._source: Source | None = None
         self._aborted = False
         self._connected_before = False
@@ -86,6 +87,8 @@ class NetFtDevice(Device):
             self.pipeline.set_tool(tool)
         self._recordings = Recordings(self.pipeline.ring)
         self._orientation = OrientationSource(config, self.pipeline)
+        self._page_watch = PageWatch(self._way_to_web, config.page_period, self.address)
+        self._jumps = JumpWatch(vector([]))
         self._services = SensorServices(self)
         self._capabilities = Capabilities(
             measured=("measured_cf", "raw/measured_cf"),
@@ -187,6 +190,9 @@ class NetFtDevice(Device):
             self.monitor = LoadMonitor(found.profile, self._config.alarm)
         self.monitor.clear()
         self.monitor.set_rated(found.info.rated)
+        self._jumps = JumpWatch(found.info.rated)
+        if found.page is not None and self._config.page_period:
+            self._page_watch.begin(found.page)
         self._log_connection(found.info)
         if self._connected_before:
             self._services.doubt_bias("the connection was lost")
@@ -204,6 +210,10 @@ class NetFtDevice(Device):
         if self._source is not None:
             self._source.abort()
 
+    def _way_to_web(self) -> WebPages:
+        config = self._config
+        return WebPages(config.host, config.http_port, config.http_timeout)
+
     def _about_to_open(self, source: Source) -> None:
         self._source = source
         if self._aborted:
@@ -214,6 +224,7 @@ class NetFtDevice(Device):
         self.pipeline.ring.close()
         self._recordings.pause()
         self._orientation.stop()
+        self._page_watch.end()
         self._services.close()
         if self._source is not None:
             self._source.close()
@@ -293,6 +304,7 @@ class NetFtDevice(Device):
             (Severity.INFO, "notice", ", ".join(monitor.notices)),
             (Severity.ERROR, "compensation", self._orientation.note()),
             (Severity.WARNING, "receive_buffer", self._buffer_note()),
+            (Severity.WARNING, "page", self._page_watch.trouble),
             *self._recordings.notes(),
             *self._services.notes(),
         ]
@@ -368,6 +380,15 @@ class NetFtDevice(Device):
     def _follow(self, batch: Batch) -> None:
         now = time.monotonic()
         self.monitor.take(batch, now)
+        if self._jumps.take(batch.values):
+            self._page_watch.look()
+        if change := self._page_watch.change:
+            self._services.doubt_bias("the sensor was set otherwise")
+            raise ConnectionLost(
+                f"the sensor's page says something else than when it was connected: {change}",
+                where=self.address,
+                remedy="The driver reads its configuration again. Check who sets the sensor.",
+            )
         just_opened, self._just_opened = self._just_opened, False
         for event, _ in batch.events:
             self._happened(event, just_opened)

@@ -82,6 +82,8 @@ def decode_calibration(reply: bytes) -> TcpScale:
     torque = units.factor_of_code(units.TORQUE, torque_code)
     if force is None or torque is None:
         raise ValueError(f"unknown units: codes {force_code} and {torque_code}")
+    if not all(steps):
+        raise ValueError(f"the scale of a reading is {steps}, not above zero")
     return TcpScale(Scale(per_force, per_torque, force, torque), tuple(steps))
 
 

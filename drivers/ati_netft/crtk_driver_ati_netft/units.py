@@ -64,6 +64,11 @@ def factor_of_code(units: Mapping[str, float], code: int) -> float | None:
     return list(units.values())[code - 1] if 1 <= code <= len(units) else None
 
 
+LEAST_COUNT: Final = 1e-12
+MOST_COUNT: Final = 10.0
+"""N or N·m that a count may be worth: 32 bits reach from there beyond 2 mN, or 20 GN."""
+
+
 @dataclass(frozen=True, slots=True)
 class Scale:
     """What a count is worth.
@@ -71,6 +76,9 @@ class Scale:
     Attributes:
         counts_per_force, counts_per_torque: per unit.
         force, torque: N and N·m in one unit.
+
+    Raises:
+        ValueError: no sensor's count is worth that.
     """
 
     counts_per_force: float
@@ -82,6 +90,17 @@ class Scale:
         for name in ("counts_per_force", "counts_per_torque", "force", "torque"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} is {getattr(self, name)}, not above zero")
+        for name, unit in (("force", "N"), ("torque", "N·m")):
+            worth = getattr(self, name) / getattr(self, f"counts_per_{name}")
+            if not LEAST_COUNT <= worth <= MOST_COUNT:
+                raise ValueError(
+                    f"a count would be worth {worth:.3g} {unit}, and is so in no sensor "
+                    f"({LEAST_COUNT:g} to {MOST_COUNT:g})"
+                )
+
+    def __str__(self) -> str:
+        force, torque = self.factors[[0, 3]].tolist()
+        return f"{force:.6g} N and {torque:.6g} N·m a count"
 
     @property
     def factors(self) -> Vector:

@@ -24,6 +24,8 @@ from crtk_driver_ati_netft.calibration import (
 from crtk_driver_ati_netft.tcp_socket import TcpSocket
 from crtk_drivers.errors import ConnectionFailed, ProtocolError
 
+SENSOR_PAGE: Final = "/netftapi2.xml"
+
 _LONGEST_ANSWER: Final = LONGEST_PAGE + 16384
 _ON = "The sensor's web server can be reached with a browser when it is on."
 
@@ -66,8 +68,23 @@ class WebPages:
             ConnectionFailed: no answer in time.
             ProtocolError: the answer is no configuration that can be used.
         """
-        path = "/netftapi2.xml"
-        return read_sensor(self.get(path, deadline), self.where + path)
+        return self.understand(self.sensor_page(deadline))
+
+    def sensor_page(self, deadline: float | None = None) -> bytes:
+        """Return the page of the sensor's configuration.
+
+        Raises:
+            ConnectionFailed, ProtocolError: as `get`.
+        """
+        return self.get(SENSOR_PAGE, deadline)
+
+    def understand(self, page: bytes) -> SensorInfo:
+        """Return what that page says.
+
+        Raises:
+            ProtocolError: nothing that can be used.
+        """
+        return read_sensor(page, self.where + SENSOR_PAGE)
 
     def calibration(self, index: int, deadline: float | None = None) -> CalibrationInfo:
         """Return the calibration with an index from 0 to 15; raises as `read`."""
@@ -132,8 +149,9 @@ class WebPages:
             searched = max(0, len(data) - 3)
             data += piece
             if complete == _LONGEST_ANSWER and (end := data.find(b"\r\n\r\n", searched)) >= 0:
-                length = _headers(data[:end]).get("content-length", "")
-                complete = min(complete, end + 4 + int(length)) if length.isdecimal() else complete
+                size = _size(_headers(data[:end]).get("content-length", ""))
+                if size is not None:
+                    complete = min(complete, end + 4 + size)
         return bytes(data)
 
     def _body(self, answer: bytes, path: str) -> bytes:
@@ -145,10 +163,10 @@ class WebPages:
             raise self._wrong(f"GET {path}: answered with {' '.join(words[1:])[:80]}")
         if len(answer) >= _LONGEST_ANSWER:
             raise self._wrong(f"GET {path}: the answer is longer than {LONGEST_PAGE} bytes")
-        length = _headers(head).get("content-length", "")
-        if length.isdecimal() and len(body) < int(length):
+        size = _size(_headers(head).get("content-length", ""))
+        if size is not None and len(body) < size:
             raise ConnectionFailed(
-                f"GET {path}: closed after {len(body)} of {length} bytes",
+                f"GET {path}: closed after {len(body)} of {size} bytes",
                 where=self.where,
                 remedy=_ON,
             )
@@ -158,6 +176,11 @@ class WebPages:
         return ProtocolError(
             what, where=self.where, remedy="Is this the address of a NetFT sensor?"
         )
+
+
+def _size(text: str) -> int | None:
+    """Return a length in bytes; None if it is none, or more than any answer may have."""
+    return int(text) if text.isdecimal() and len(text) < 10 else None
 
 
 def _headers(head: bytes | bytearray) -> dict[str, str]:

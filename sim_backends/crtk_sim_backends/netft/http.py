@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Final
 from urllib.parse import parse_qsl, urlsplit
 
@@ -26,6 +27,7 @@ class HttpSession:
         sender: of the client, for the trace.
         clock: monotonic seconds.
         hostile: what the server does instead of answering; None while it behaves.
+        tags: texts of tags that its XML pages have instead of the true ones.
     """
 
     def __init__(
@@ -35,6 +37,7 @@ class HttpSession:
         sender: str,
         clock: Callable[[], float],
         hostile: Hostile | None,
+        tags: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self.ended = False
         self._box = box
@@ -42,6 +45,7 @@ class HttpSession:
         self._sender = sender
         self._clock = clock
         self._hostile = hostile
+        self._tags = tags
         self._received = bytearray()
         self._answering = False
 
@@ -87,9 +91,10 @@ class HttpSession:
             body = pages.sensor_page(
                 self._box, int(index) if index.isdecimal() else None, self._host, now
             )
-            return 200, "text/xml", body.encode()
+            return 200, "text/xml", pages.with_tags(body, self._tags).encode()
         if page == "netftcalapi.xml":
-            return 200, "text/xml", pages.calibration_page(self._box).encode()
+            body = pages.calibration_page(self._box)
+            return 200, "text/xml", pages.with_tags(body, self._tags).encode()
         if self._box.write_page(page, pairs):
             return 200, "text/html", pages.form_page(page).encode()
         if page in ("", "index.htm"):

@@ -157,6 +157,12 @@ KINDS: Final[Mapping[str, FaultKind]] = {
             "the web server answers with something else than its XML pages",
             answer=Parameter(str, choices=tuple(ANSWERS)),
         ),
+        _lasting(
+            "web_tag",
+            "a tag of the XML pages says something else, and is added where it is not there",
+            tag=Parameter(str),
+            text=Parameter(str, ""),
+        ),
         FaultKind(
             "closed", "a port is closed: requests are refused", {"port": _ANY_PORT}, lasting=True
         ),

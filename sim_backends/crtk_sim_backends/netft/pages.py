@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 from xml.sax.saxutils import escape
 
@@ -49,6 +50,17 @@ def calibration_page(box: Box) -> str:
             ("calcpt", preset.counts_per_torque),
         ],
     )
+
+
+def with_tags(page: str, tags: Mapping[str, str]) -> str:
+    """Return a page in which these tags have these texts, whatever is wrong with them."""
+    for tag, text in tags.items():
+        line = f"<{tag}>{escape(text)}</{tag}>"
+        pattern = f"<{re.escape(tag)}>[^<]*</{re.escape(tag)}>"
+        page, count = re.subn(pattern, lambda _, line=line: line, page)
+        if not count:
+            page = re.sub(r"(</\w+>\n)$", lambda end, line=line: f"{line}\n{end[1]}", page)
+    return page
 
 
 def form_page(title: str) -> str:

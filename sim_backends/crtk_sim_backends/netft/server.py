@@ -96,7 +96,7 @@ class NetFtServer:
         self.ports.update((name, port.number) for name, port in self._ports.items())
         self._now = self._epoch = time.monotonic()
         self.box = Box(config, self._epoch)
-        self._faults = FaultPlayer(KINDS, faults, self._begin, self._end, ("port", "axis"))
+        self._faults = FaultPlayer(KINDS, faults, self._begin, self._end, ("port", "axis", "tag"))
         self._stalled_since: float | None = None
         self._booting: tuple[float, float] | None = None  # until when, and the change of scale
         self._seen = (0, False, False)  # streams begun, whether there is one, whether it is biased
@@ -290,7 +290,12 @@ class NetFtServer:
                 None,
             )
             hostile = None if answer is None else Hostile(answer)
-            return HttpSession(self.box, self.host, sender, lambda: self._now, hostile)
+            tags = {
+                fault.parameters["tag"]: fault.parameters["text"]
+                for fault in self._faults.active
+                if fault.kind == "web_tag"
+            }
+            return HttpSession(self.box, self.host, sender, lambda: self._now, hostile, tags)
         return Requests(
             {
                 "inject": self._inject,
