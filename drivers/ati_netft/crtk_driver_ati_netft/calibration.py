@@ -30,7 +30,9 @@ LONGEST_PAGE: Final = 262144
 
 _LONGEST_NAME: Final = 100
 _LARGEST: Final = (1 << 32) - 1
-_LARGEST_COUNT: Final = float((1 << 31) - 1)
+_FEWEST_COUNTS: Final = 100.0
+_MOST_COUNTS: Final = float((1 << 31) - 1)
+"""Of the load that an axis is rated for."""
 
 _REPORT = "Report it with the page and the firmware of the sensor, or give the scale in the configuration."
 
@@ -202,10 +204,11 @@ class _Page:
         if rated is None:
             return vector([])
         loads = vector(rated * np.repeat((scale.force, scale.torque), 3))
-        most = scale.factors * _LARGEST_COUNT
-        if not ((loads > 0.0) & (loads <= most)).all():
+        least, most = scale.factors * _FEWEST_COUNTS, scale.factors * _MOST_COUNTS
+        if not ((loads >= least) & (loads <= most)).all():
             self.problems.append(
-                f"{tag} is {self.text(tag)[:60]!r}: not above zero, or more than 32 bits hold"
+                f"{tag} is {self.text(tag)[:60]!r}: less than {_FEWEST_COUNTS:g} counts, or more than "
+                "32 bits hold"
             )
             return vector([])
         return loads
@@ -231,7 +234,7 @@ class _Page:
         try:
             return convert(text)
         except ValueError as error:
-            self.problems.append(f"{tag} is {text[:60]!r}: {error}")
+            self.problems.append(f"{tag} is {text[:60]!r}: {str(error)[:100]}")
             return None
 
     def _count(self, tag: str) -> float:

@@ -73,14 +73,17 @@ class Compensation:
     weight: Vector = field(default_factory=lambda: NO_LOAD)
     matrix: Array = field(default_factory=lambda: np.eye(6))
     _offset: Vector = field(init=False)
+    _is_known: bool = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_offset", self.matrix @ (self.bias + self.weight))
+        offset = self.matrix @ (self.bias + self.weight)
+        object.__setattr__(self, "_offset", offset)
+        object.__setattr__(self, "_is_known", bool(np.isfinite(offset).all()))
 
     @property
     def is_known(self) -> bool:
         """Whether there is something to take off."""
-        return bool(np.isfinite(self._offset[0]))
+        return self._is_known
 
     def apply(self, values: Array) -> Array:
         """Return wrenches (n, 6) or (6,) without bias and weight, at the point and in the axes wanted.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -15,8 +15,16 @@ from crtk_drivers.ros.names import checked_namespace
 
 HTTP_PORT = 80
 
-Vector3 = tuple[float, float, float]
-Vector6 = tuple[float, float, float, float, float, float]
+MOST_LOAD = 1e6
+"""N and N·m: beyond any sensor."""
+
+Load = Annotated[float, Field(ge=-MOST_LOAD, le=MOST_LOAD)]
+Small = Annotated[float, Field(ge=-100.0, le=100.0)]
+"""A length in m, an angle in rad, an acceleration in m/s²."""
+
+Vector3 = tuple[Small, Small, Small]
+Vector6 = tuple[Small, Small, Small, Small, Small, Small]
+LoadVector = tuple[Load, Load, Load, Load, Load, Load]
 
 
 class ScaleConfig(Settings):
@@ -146,7 +154,7 @@ class NetFtConfig(DeviceConfig):
         default=(0.0, 0.0, 0.0),
         description="Rotation vector of the axes of measured_cf in the sensor's frame, in rad.",
     )
-    bias: Vector6 = Field(
+    bias: LoadVector = Field(
         default=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         description="Software bias to begin with: N and N·m, in the sensor's frame.",
     )

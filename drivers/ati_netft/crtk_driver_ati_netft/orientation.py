@@ -8,11 +8,10 @@ that its pose is not valid (stamp 0), or that repeats itself gives no orientatio
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable
 from typing import Any, Final, Protocol
-
-import numpy as np
 
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.pipeline import Pipeline
@@ -211,7 +210,7 @@ class OrientationSource:
         Raises:
             CommandRefused: it has no rotation.
         """
-        length = float(np.linalg.norm(pose.orientation))
+        length = math.hypot(*pose.orientation.tolist())
         if not abs(length - 1.0) < QUATERNION_TOLERANCE:
             raise CommandRefused(
                 "orientation",

@@ -18,6 +18,7 @@ import numpy as np
 from crtk_driver_ati_netft import settings
 from crtk_driver_ati_netft.averaging import Average
 from crtk_driver_ati_netft.compensation import NO_LOAD, ToolFit, fit_tool
+from crtk_driver_ati_netft.config import MOST_LOAD
 from crtk_driver_ati_netft.profiles import Action
 from crtk_driver_ati_netft.recording import default_name
 from crtk_driver_ati_netft.residual_plot import residual_plot
@@ -113,7 +114,7 @@ class SensorServices:
         """Take a software bias, in the sensor's frame.
 
         Raises:
-            CommandRefused: it is not finite, or stated in another frame.
+            CommandRefused: it is not finite, beyond any sensor, or stated in another frame.
         """
         assert isinstance(value, Wrench)
         frame = self._device.config.frame_id
@@ -127,6 +128,13 @@ class SensorServices:
         if not np.isfinite(value.vector).all():
             raise CommandRefused(
                 "set_bias", Reason.NOT_FINITE, "not finite", remedy="Send six finite numbers."
+            )
+        if (np.abs(value.vector) > MOST_LOAD).any():
+            raise CommandRefused(
+                "set_bias",
+                Reason.OUT_OF_RANGE,
+                f"the bias is {_text(value.vector)}",
+                remedy=f"Send what a sensor can measure, up to {MOST_LOAD:g} N and N·m.",
             )
         self._device.pipeline.set_bias(vector(value.vector))
 
