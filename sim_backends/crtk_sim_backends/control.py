@@ -1,23 +1,35 @@
 """The control socket of a simulator: inject faults and read its state while it runs.
 
-One JSON object a line, both ways. A request is ``{"do": name, "with": {...}}``; the answer is
-``{"ok": true, "result": ...}`` or ``{"ok": false, "error": "..."}``. What can be done is the
-table of handlers that the simulator gives; :class:`ControlClient` has a method for each that
-every simulator has.
+One JSON object a line, and one for an answer: ``{"ok": true, "result": ...}`` or ``{"ok": false, "error":
+"..."}``. The first line is ``{"token": "..."}``, with what :func:`token` returns: whoever can read this user's
+files may use it, and a page in this user's browser cannot. A connection that begins with anything else is
+closed. Then each line is a request, ``{"do": name, "with": {...}}``. What can be done is the table of handlers
+that the simulator gives; :class:`ControlClient` has a method for each that every simulator has.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hmac
 import json
+import os
+import secrets
 import socket
+import stat
+import tempfile
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 
 from crtk_sim_backends.faults import unknown
 
 MAX_LINE: Final = 1 << 20
+MAX_FIRST_LINE: Final = 4096
+_SHORTEST: Final = 16  # characters of a token in a file
+
+TOKEN_VARIABLE: Final = "CRTK_SIM_TOKEN"
+"""Environment variable that gives the token in place of the file."""
 
 _WRONG_REQUEST: Final = (
     ValueError,
@@ -35,23 +47,116 @@ class ControlError(RuntimeError):
     """The simulator refused a request, or does not answer."""
 
 
+def token_file() -> Path:
+    """Where the token of this user's simulators is kept."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
+    if runtime and os.access(runtime, os.W_OK | os.X_OK):
+        return Path(runtime, "crtk-sim", "token")
+    return Path(tempfile.gettempdir(), f"crtk-sim-{os.getuid()}", "token")
+
+
+def token() -> str:
+    """Return the token of this user's simulators, which is made at the first use.
+
+    Raises:
+        ControlError: it cannot be kept where nobody else can read or change it.
+    """
+    given = os.environ.get(TOKEN_VARIABLE, "")
+    if given:
+        return given
+    path = token_file()
+    try:
+        path.parent.mkdir(mode=0o700, exist_ok=True)
+        _check_private(path.parent)
+        if not path.exists():
+            _write_once(path, secrets.token_hex(16))
+        found = path.read_text(encoding="ascii").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ControlError(
+            f"cannot keep the token of the simulators in {path}: {error}; give one with {TOKEN_VARIABLE}"
+        ) from error
+    if len(found) < _SHORTEST:
+        raise ControlError(f"there is no token in {path}: remove that file")
+    return found
+
+
+def _check_private(place: Path) -> None:
+    found = place.lstat()
+    private = found.st_uid == os.getuid() and not stat.S_IMODE(found.st_mode) & 0o077
+    if not (private and stat.S_ISDIR(found.st_mode)):
+        raise ControlError(
+            f"the token of the simulators is not safe in {place}, which others can read or write; "
+            f"remove it, or give a token with {TOKEN_VARIABLE}"
+        )
+
+
+def _write_once(path: Path, text: str) -> None:
+    """Write a file that only this user can read, unless somebody is first; never half of it."""
+    own = path.with_name(f"token-{os.getpid()}-{secrets.token_hex(4)}")
+    own.touch(mode=0o600, exist_ok=False)
+    try:
+        own.write_text(text + "\n", encoding="ascii")
+        with contextlib.suppress(FileExistsError):
+            os.link(own, path)
+    finally:
+        own.unlink()
+
+
+_WHERE: Final = (
+    f"in the file crtk-sim/token of the user who runs the simulator, or {TOKEN_VARIABLE}"
+)
+
+
 class ControlSession:
-    """Server side of one control connection: bytes in, bytes out."""
+    """Server side of one control connection: bytes in, bytes out. `ended` asks for it to be closed.
 
-    ended = False
+    Args:
+        handlers: what can be done, by name.
+        secret: that the first line must name.
+    """
 
-    def __init__(self, handlers: Handlers) -> None:
+    def __init__(self, handlers: Handlers, secret: str) -> None:
+        self.ended = False
         self._handlers = handlers
+        self._secret = secret
+        self._known = False
         self._buffer = bytearray()
 
     def receive(self, data: bytes) -> bytes:
         """Take received data and return the answers to the requests that it completes."""
+        if self.ended:
+            return b""
         self._buffer += data
+        first = b"" if self._known else self._take_first_line()
+        return first + self._take_requests() if self._known else first
+
+    def _take_first_line(self) -> bytes:
+        """Let the client in, or end the connection; return the answer."""
+        end = self._buffer.find(b"\n")
+        if end < 0 and len(self._buffer) <= MAX_FIRST_LINE:
+            return b""
+        line = bytes(self._buffer[:end]) if 0 <= end <= MAX_FIRST_LINE else b""
+        del self._buffer[: end + 1]
+        try:
+            first = json.loads(line)
+        except _WRONG_REQUEST:
+            first = None
+        given = first.get("token") if isinstance(first, dict) else None
+        if isinstance(given, str) and _same(given, self._secret):
+            self._known = True
+            return _line({"ok": True, "result": None})
+        self.ended = True
+        self._buffer.clear()
+        if not isinstance(first, dict):
+            return b""
+        return _line({"ok": False, "error": f"the first line must have the token: {_WHERE}"})
+
+    def _take_requests(self) -> bytes:
         answers = bytearray()
         while (end := self._buffer.find(b"\n")) >= 0:
             line = bytes(self._buffer[:end])
             del self._buffer[: end + 1]
-            answers += json.dumps(self._answer(line)).encode() + b"\n"
+            answers += _line(self._answer(line))
         if len(self._buffer) > MAX_LINE:
             self._buffer.clear()
         return bytes(answers)
@@ -71,6 +176,15 @@ class ControlSession:
             return {"ok": False, "error": f"{error}"}
 
 
+def _same(given: str, secret: str) -> bool:
+    """Say whether they are, in a time that does not tell how much of it."""
+    return hmac.compare_digest(given.encode("utf-8", "surrogatepass"), secret.encode())
+
+
+def _line(value: Mapping[str, Any]) -> bytes:
+    return json.dumps(value).encode() + b"\n"
+
+
 class ControlClient:
     """Client side: one connection to the control socket of a simulator.
 
@@ -78,13 +192,17 @@ class ControlClient:
         host: loopback address of the simulator.
         port: its control port.
         timeout: longest wait for an answer, s.
+        secret: the simulator's token, if it is not one of this user's.
 
     Raises:
         ControlError: from every method, when the simulator refuses or does not answer.
     """
 
-    def __init__(self, host: str, port: int, timeout: float = 5.0) -> None:
+    def __init__(
+        self, host: str, port: int, timeout: float = 5.0, secret: str | None = None
+    ) -> None:
         self._name = f"simulator at {host}:{port}"
+        first = _line({"token": token() if secret is None else secret})
         try:
             self._socket = socket.create_connection((host, port), timeout)
         except OSError as error:
@@ -93,12 +211,24 @@ class ControlClient:
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._lines = self._socket.makefile("rb")
+        self._let_in = False
+        with contextlib.suppress(OSError):  # the first request tells
+            self._socket.sendall(first)
 
     def call(self, do: str, **arguments: Any) -> Any:
         """Do any request by name and return its result."""
-        request = json.dumps({"do": do, "with": arguments}).encode() + b"\n"
+        request = _line({"do": do, "with": arguments})
+        if not self._let_in:
+            self._read_answer(do)
+            self._let_in = True
         try:
             self._socket.sendall(request)
+        except OSError as error:
+            raise ControlError(f"no answer to {do!r} from the {self._name}: {error}") from error
+        return self._read_answer(do)
+
+    def _read_answer(self, do: str) -> Any:
+        try:
             line = self._lines.readline()
         except OSError as error:
             raise ControlError(f"no answer to {do!r} from the {self._name}: {error}") from error

@@ -92,7 +92,9 @@ class Options:
     host: str = option(
         AUTO, "loopback address to listen on; 'auto' finds a free one in 127.0.0.0/8"
     )
-    control_port: int = option(0, "port of the control socket; 0: any free one")
+    control_port: int = option(
+        0, "port of the control socket, which asks for the token of this user; 0: any free one"
+    )
     faults: str = option("", "fault file (YAML) to play from the start")
     realtime: bool = option(
         False, "run with real-time priority (SCHED_FIFO) when the system permits it"

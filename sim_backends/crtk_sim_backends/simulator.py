@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from crtk_sim_backends import command_line, process
+from crtk_sim_backends.control import ControlError
 from crtk_sim_backends.options import ConfigError, Options
 from crtk_sim_backends.process import Readiness, RunningSim, SimStartError
 
@@ -131,7 +132,7 @@ class Simulator(ABC, Generic[ConfigT, ServerT]):
         try:
             config = self.Config(**chosen)
             return self.run(config, log.info if spawned else command_line.tell, readiness)
-        except (ConfigError, SimStartError) as error:
+        except (ConfigError, ControlError, SimStartError) as error:
             readiness.tell(error=str(error))
             if not spawned:
                 command_line.tell(error, sys.stderr)

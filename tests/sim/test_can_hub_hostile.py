@@ -1,6 +1,7 @@
 """Nonsense at every door: the hub answers as it should, serves the others, and never dies."""
 
 import contextlib
+import json
 import os
 import socket
 import tty
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from crtk_sim_backends.can import SIM, frames
 from crtk_sim_backends.can.slcan import frame_command, parse_frame
 from crtk_sim_backends.can.socketcand import CommandError, frame_message, parse_send
+from crtk_sim_backends.control import token
 
 WIRE = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -101,9 +103,14 @@ def test_slcan_survives_anything(sim, witnesses, packets):
     packets=pieces(st.sampled_from([b"{", b"}\n", b'{"do": "status"}\n', b'{"do": 1}\n', b"[]\n"]))
 )
 def test_the_control_socket_survives_anything(sim, witnesses, packets):
-    with socket.create_connection((sim.host, sim.ports["control"]), WAIT) as client:
-        for packet in packets:
-            client.sendall(packet)
+    first = json.dumps({"token": token()}).encode() + b"\n"
+    for begin in (b"", first):
+        with (
+            contextlib.suppress(ConnectionError),  # it is closed at the first line that is none
+            socket.create_connection((sim.host, sim.ports["control"]), WAIT) as client,
+        ):
+            for packet in (begin, *packets):
+                client.sendall(packet)
     still_serves(witnesses)
     assert sim.control.status()["bitrate"] == 0
 

@@ -258,6 +258,7 @@ def test_wrong_requests_are_refused_and_the_control_socket_lives(sim):
     with pytest.raises(ControlError, match="inject"):
         sim.control.call("inject", nothing=1)
     with ControlClient(sim.host, sim.ports["control"]) as other:
+        assert other.status()["model"] == "ur5e"
         wrong = (
             b'{"do": "inject", "with": {"kind": "corrupt", "parameters": {"port": "rtde", %s}}}\n'
         )

@@ -334,4 +334,6 @@ def _six(text: str) -> Vector:
     values = vector(numbers(text))
     if values.size != 6:
         raise ValueError(f"{values.size} values, not 6")
+    if (np.abs(values) > _LARGEST).any():
+        raise ValueError("beyond any sensor")
     return values

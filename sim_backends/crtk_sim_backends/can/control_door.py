@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING, Final
 
 from crtk_sim_backends.can.loop import READ, WRITE
-from crtk_sim_backends.control import ControlSession, Handlers
+from crtk_sim_backends.control import ControlSession, Handlers, token
 from crtk_sim_backends.wire import Connection
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ class _Client:
     def __init__(self, door: ControlDoor, loop: Loop, sock: socket.socket, handlers: Handlers):
         self._door = door
         self._loop = loop
-        self._session = ControlSession(handlers)
+        self._session = ControlSession(handlers, door.secret)
         self._connection = Connection(sock, _BACKLOG_LIMIT)
         self._fd = sock.fileno()
         loop.watch(self._fd, self._ready)
@@ -37,7 +37,7 @@ class _Client:
             connection.read(now)
             for piece in connection.take(now):
                 connection.send(self._session.receive(piece), now)
-        if connection.ended:
+        if connection.ended or self._session.ended:
             self._door.drop(self)
         else:
             self._loop.watch(self._fd, self._ready, READ | WRITE if connection.blocked else READ)
@@ -51,6 +51,7 @@ class ControlDoor:
     """Serves the control socket `listener`, which it closes at the end."""
 
     def __init__(self, loop: Loop, listener: socket.socket, handlers: Handlers) -> None:
+        self.secret = token()
         self._loop = loop
         self._listener = listener
         self._handlers = handlers

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from crtk_sim_backends import wire
-from crtk_sim_backends.control import ControlSession
+from crtk_sim_backends.control import ControlSession, token
 from crtk_sim_backends.dynamixel import wake_up
 from crtk_sim_backends.dynamixel.bus import make_servos
 from crtk_sim_backends.dynamixel.config import SimConfig
@@ -71,6 +71,7 @@ class DynamixelServer:
         self._stopping = False
         self._epoch = time.monotonic()
         self._folder: Path | None = None
+        self._secret = token()
         self._clients: list[tuple[wire.Connection, ControlSession]] = []
         self._trace: deque[tuple[int, int, str, Instruction]] = deque(maxlen=config.trace_size)
         self._traced = 0
@@ -264,7 +265,8 @@ class DynamixelServer:
                 "outputs": self._outputs,
                 "trace": self._trace_after,
                 "place": self._place,
-            }
+            },
+            self._secret,
         )
         try:
             connection = wire.Connection(sock, _BACKLOG_LIMIT)
@@ -281,7 +283,7 @@ class DynamixelServer:
         for data in connection.take(now):
             connection.send(session.receive(data), now)
         connection.flush(now)
-        if connection.ended:
+        if connection.ended or session.ended:
             connection.close()
             self._clients.remove((connection, session))
             self._changed = True

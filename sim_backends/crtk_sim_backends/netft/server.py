@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from crtk_sim_backends import wire
+from crtk_sim_backends.control import token
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import Fault, FaultError, read_faults
 from crtk_sim_backends.netft import rdt, rdt_port
@@ -90,6 +91,7 @@ class NetFtServer:
             raise SimStartError(str(error)) from error
         self._parent_fd = parent_fd
         self._stopping = False
+        self._secret = token()
         self._ports: dict[str, Port] = {}
         self.host, self._rdt = bind_somewhere(config.host, self._bind)
         self.ports = {rdt_port.NAME: self._rdt.number}
@@ -304,7 +306,8 @@ class NetFtServer:
                 "outputs": self._outputs,
                 "trace": self.box.trace,
                 "load": self._load,
-            }
+            },
+            self._secret,
         )
 
     def _receive(self, port: Port, client: Client) -> None:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from crtk_sim_backends import wire
-from crtk_sim_backends.control import ControlSession
+from crtk_sim_backends.control import ControlSession, token
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import Fault, FaultError, read_faults
 from crtk_sim_backends.process import (
@@ -104,6 +104,7 @@ class UrServer:
             raise SimStartError(str(error)) from error
         self._parent_fd = parent_fd
         self._stopping = False
+        self._secret = token()
         self._elapsed = 0.0  # s of the controller since the start, what it hangs included
         self._ports: dict[str, Port] = {}
         self.host, _ = bind_somewhere(config.host, self._bind)
@@ -428,7 +429,8 @@ class UrServer:
                         "picture": self._picture,
                         "outputs": self._outputs,
                         "trace": self._trace_after,
-                    }
+                    },
+                    self._secret,
                 )
         read_only = name not in _WRITABLE or (name in _DECIDED_ONCE and not self.controller.remote)
         return ScriptSession(self._scripts.refuse if read_only else self._scripts.put)
