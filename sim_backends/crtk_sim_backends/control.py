@@ -1,10 +1,10 @@
 """The control socket of a simulator: inject faults and read its state while it runs.
 
 One JSON object a line, and one for an answer: ``{"ok": true, "result": ...}`` or ``{"ok": false, "error":
-"..."}``. The first line is ``{"token": "..."}``, with what :func:`token` returns: whoever can read this user's
-files may use it, and a page in this user's browser cannot. A connection that begins with anything else is
-closed. Then each line is a request, ``{"do": name, "with": {...}}``. What can be done is the table of handlers
-that the simulator gives; :class:`ControlClient` has a method for each that every simulator has.
+"..."}``. The first line is ``{"token": "..."}``, with what :func:`token` returns: whoever can read files of
+this user may use it, and a page in this user's browser cannot. A connection that begins with anything else
+is closed. Then each line is a request, ``{"do": name, "with": {...}}``. What can be done is the table of
+handlers that the simulator gives; :class:`ControlClient` has a method for each that every simulator has.
 """
 
 from __future__ import annotations

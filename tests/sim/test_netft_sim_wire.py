@@ -128,9 +128,15 @@ def test_an_axia_has_tags_of_its_own():
         assert "setiirshift" in found
 
 
-def test_an_onrobot_box_has_no_web_server():
+def test_an_onrobot_box_has_the_one_page_that_a_client_asks_for():
+    """As the ROS 2 driver net_ft_driver does at its start: the scale, and nothing else."""
     with SIM.spawn(profile="onrobot", **FREE_PORTS) as sim:
-        assert "http" not in sim.ports
+        found = tags(page(sim, "netftcalapi.xml"))
+        assert (found["calcpf"], found["calcpt"]) == ("10000", "100000")
+        for other in ("netftapi2.xml", "setting.cgi?setbias0=1", "comm.cgi?comrdtrate=1"):
+            with pytest.raises(urllib.error.HTTPError, match="404") as caught:
+                page(sim, other)
+            caught.value.close()
 
 
 def test_the_calibration_page(box):

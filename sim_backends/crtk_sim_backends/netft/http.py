@@ -11,6 +11,7 @@ from urllib.parse import parse_qsl, urlsplit
 from crtk_sim_backends.netft import pages
 from crtk_sim_backends.netft.box import Box
 from crtk_sim_backends.netft.hostile import Hostile
+from crtk_sim_backends.netft.profiles import CALIBRATION_PAGE, SENSOR_PAGE
 
 log = logging.getLogger(__name__)
 
@@ -86,16 +87,17 @@ class HttpSession:
         page = target.path.lstrip("/")
         self._box.counters.pages += 1
         self._box.note("http", self._sender, now, {**dict(pairs), "page": page})
-        if page == "netftapi2.xml":
+        known = self._box.profile.pages
+        if page == SENSOR_PAGE and page in known:
             index = dict(pairs).get("index", "")
             body = pages.sensor_page(
                 self._box, int(index) if index.isdecimal() else None, self._host, now
             )
             return 200, "text/xml", pages.with_tags(body, self._tags).encode()
-        if page == "netftcalapi.xml":
+        if page == CALIBRATION_PAGE and page in known:
             body = pages.calibration_page(self._box)
             return 200, "text/xml", pages.with_tags(body, self._tags).encode()
-        if self._box.write_page(page, pairs):
+        if SENSOR_PAGE in known and self._box.write_page(page, pairs):
             return 200, "text/html", pages.form_page(page).encode()
         if page in ("", "index.htm"):
             return 200, "text/html", pages.form_page(self._box.profile.product).encode()

@@ -11,6 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+SENSOR_PAGE: Final = "netftapi2.xml"
+CALIBRATION_PAGE: Final = "netftcalapi.xml"
+
 Six = tuple[float, float, float, float, float, float]
 
 
@@ -35,7 +38,7 @@ class Profile:
         hold: measurements for which saturation stays in the status word.
         filters: cut-off in Hz by filter code, 0 for none; empty where code n averages with weight 2^-n.
         filter_codes: highest filter code.
-        web: whether it has a web server.
+        pages: its XML pages; one that has no page of its settings has no pages to set them by either.
     """
 
     name: str
@@ -55,7 +58,7 @@ class Profile:
     hold: int = 0
     filters: Mapping[int, float] = field(default_factory=dict)
     filter_codes: int = 0
-    web: bool = True
+    pages: frozenset[str] = frozenset({SENSOR_PAGE, CALIBRATION_PAGE})
 
     def smoothing(self, code: int, rate: float) -> float:
         """Weight of a new measurement in the first-order low-pass with a filter code; 1.0 for no filter."""
@@ -127,7 +130,7 @@ _ONROBOT = Profile(
     saturated=(0x200, 0x100, 0x80, 0x40, 0x20, 0x10),
     filters=dict(enumerate(_ONROBOT_FILTERS)),
     filter_codes=6,
-    web=False,
+    pages=frozenset({CALIBRATION_PAGE}),
 )
 
 PROFILES: Final[Mapping[str, Profile]] = {

@@ -111,10 +111,11 @@ class NetFtServer:
     def _bind(self, host: str) -> RdtPort:
         config = self.config
         stream = RdtPort(host, config.rdt_port)
-        wanted = {"tcp": config.tcp_port}
-        if config.family.web:
-            wanted["http"] = config.http_port
-        wanted[CONTROL] = config.control_port
+        wanted = {
+            "tcp": config.tcp_port,
+            "http": config.http_port,
+            CONTROL: config.control_port,
+        }
         try:
             for name, number in wanted.items():
                 self._ports[name] = Port(name, _listen(host, number, name))
