@@ -20,6 +20,7 @@ from crtk_drivers.cli.check_command import CheckGroup
 from crtk_drivers.cli.device_command import build as build_device
 from crtk_drivers.cli.list_command import list_plugins, list_simulators
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
+from crtk_drivers.cli.policy_command import PolicyGroup
 from crtk_drivers.cli.schema_command import print_schema
 from crtk_drivers.cli.sim_command import SimGroup
 from crtk_drivers.cli.terminal import print_error
@@ -27,7 +28,7 @@ from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra, PluginErro
 
 _USAGE_ERRORS = (ConfigError, PluginError, MissingExtra)
 _TOOLS = "Tools"
-_TOOL_NAMES = ("list", "schema", "check", "sim")
+_TOOL_NAMES = ("list", "schema", "check", "policy", "sim")
 
 
 class DeviceGroup(PluginGroup):
@@ -55,6 +56,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["--help", "-h"]},
 )
 sim_app = typer.Typer(cls=SimGroup, no_args_is_help=True, rich_markup_mode="rich")
+policy_app = typer.Typer(cls=PolicyGroup, no_args_is_help=True, rich_markup_mode="rich")
 check_app = typer.Typer(cls=CheckGroup, no_args_is_help=True, rich_markup_mode="rich")
 
 
@@ -134,12 +136,18 @@ def _sim_list() -> None:
     list_simulators()
 
 
+@policy_app.callback()
+def _policy() -> None:
+    """Print who may command a device, and who may listen, as an SROS2 policy."""
+
+
 @check_app.callback()
 def _check() -> None:
     """Check that a device, or its simulator, is ready to run."""
 
 
 app.add_typer(check_app, name="check", rich_help_panel=_TOOLS)
+app.add_typer(policy_app, name="policy", rich_help_panel=_TOOLS)
 app.add_typer(sim_app, name="sim", rich_help_panel=_TOOLS)
 
 

@@ -15,6 +15,7 @@ from crtk_drivers.cli.options import (
     given_settings,
     make_command,
     make_group,
+    namespace_option,
     option,
     setting_options,
 )
@@ -23,7 +24,7 @@ from crtk_drivers.cli.terminal import ERR, sentence
 from crtk_drivers.config import load
 from crtk_drivers.plugins import DevicePlugin, Tool
 from crtk_drivers.ros import environment
-from crtk_drivers.ros.names import checked_namespace, suggestion
+from crtk_drivers.ros.names import checked_namespace
 
 _TOOL_PREFIX = "tool_"
 
@@ -52,18 +53,8 @@ LOG_OPTIONS: Parameters = (
 
 def build(plugin: DevicePlugin, panel: str) -> Any:
     """Return the command of a device."""
-    namespace = suggestion(f"/{plugin.name}")
     parameters = [
-        option(
-            "ns",
-            str,
-            namespace,
-            "--ns",
-            metavar="NAMESPACE",
-            help="ROS namespace of the device: its topics are NAMESPACE/measured_js, ... "
-            f"[dim]\\[default: {namespace}][/dim]",
-            show_default=False,
-        ),
+        namespace_option(plugin.name),
         *launch_options(plugin),
         *LOG_OPTIONS,
     ]

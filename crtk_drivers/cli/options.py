@@ -21,6 +21,7 @@ from pydantic_core import PydanticUndefined
 from crtk_drivers.cli.terminal import plain, sentence
 from crtk_drivers.config import Layer, typed_value
 from crtk_drivers.config_keys import annotation_of, choices_of, description_of, setting_names
+from crtk_drivers.ros.names import suggestion
 
 Parameters = Sequence[inspect.Parameter]
 
@@ -119,6 +120,21 @@ def option(name: str, annotation: Any, default: Any, *names: str, **more: Any) -
         inspect.Parameter.KEYWORD_ONLY,
         annotation=annotation,
         default=typer.Option(default, *names, **more),
+    )
+
+
+def namespace_option(device: str) -> inspect.Parameter:
+    """Return the option ``--ns`` of a command for a device."""
+    namespace = suggestion(f"/{device}")
+    return option(
+        "ns",
+        str,
+        namespace,
+        "--ns",
+        metavar="NAMESPACE",
+        help="ROS namespace of the device: its topics are NAMESPACE/measured_js, ... "
+        f"[dim]\\[default: {namespace}][/dim]",
+        show_default=False,
     )
 
 

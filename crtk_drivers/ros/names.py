@@ -6,6 +6,10 @@ import re
 
 from crtk_drivers.errors import ConfigError
 
+NODE_NAME = "crtk_driver"
+SERVICES_NODE_NAME = "crtk_driver_services"
+"""Of what a device does beyond CRTK; a node of its own."""
+
 MAX_LENGTH = 180
 """Characters of a namespace. DDS names end at 255; the rest is for node name, topic and ROS's prefixes."""
 

@@ -21,7 +21,7 @@ from crtk_drivers.ros.feedback import FeedbackTopics, LatchedTopics, Transforms
 from crtk_drivers.ros.graph import TypeConflicts
 from crtk_drivers.ros.manifest import manifest, type_name
 from crtk_drivers.ros.messages import TYPES
-from crtk_drivers.ros.names import Frames
+from crtk_drivers.ros.names import NODE_NAME, Frames
 from crtk_drivers.ros.parameters import declare_frame_prefix, declare_rates
 from crtk_drivers.ros.publishing import PublishingThread, Throttle
 from crtk_drivers.ros.readings import ReadingTopics
@@ -35,7 +35,6 @@ from crtk_drivers.state import Status
 
 logger = logging.getLogger(__name__)
 
-NODE_NAME = "crtk_driver"
 PUBLISHER_TIMEOUT = 0.4
 WARNING_INTERVAL = 2.0
 GRAPH_RATE = 1.0

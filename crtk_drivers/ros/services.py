@@ -26,6 +26,7 @@ from crtk_drivers.errors import CommandRefused, CrtkError, KinematicsError
 from crtk_drivers.ros.executors import SPIN_PERIOD, make_executor
 from crtk_drivers.ros.manifest import CRTK_VERSION
 from crtk_drivers.ros.messages import TYPES, fill_status, pose_of, set_pose
+from crtk_drivers.ros.names import SERVICES_NODE_NAME
 from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import vector
 
@@ -105,7 +106,7 @@ class DeviceServices:
         if not engine.services:
             return
         self._node = node = UnlockedNode(
-            "crtk_driver_services", namespace=namespace, context=context, enable_rosout=False
+            SERVICES_NODE_NAME, namespace=namespace, context=context, enable_rosout=False
         )
         self._executor = make_executor(context)
         self._executor.add_node(node)

@@ -1,0 +1,188 @@
+"""Who may do what with a device: an access control policy of SROS2, from what the device offers. No ROS here.
+
+Three enclaves under the device's namespace: ``crtk_driver`` is the driver's process; ``operator`` may command
+it, set its parameters, and ask for all that it does; ``listener`` may hear everything, and ask what changes
+nothing. What is not allowed is denied: no listener can command, and nobody but the driver can say what the
+device measures. Names are those without remapping.
+
+The format is that of the schema of sros2, version 0.2.0 (sros2/policy/schemas/policy.xsd, and the design
+article "ROS 2 Access Control Policies").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+from xml.etree import ElementTree
+
+from crtk_drivers.capabilities import offered
+from crtk_drivers.commands import Direction
+from crtk_drivers.device import READINGS, Device
+from crtk_drivers.ros.names import NODE_NAME, SERVICES_NODE_NAME
+
+VERSION: Final = "0.2.0"
+
+DRIVER: Final = "crtk_driver"
+OPERATOR: Final = "operator"
+LISTENER: Final = "listener"
+
+_LOOKING: Final = (
+    "describe_parameters",
+    "get_parameter_types",
+    "get_parameters",
+    "get_type_description",
+    "list_parameters",
+)
+_SETTING: Final = ("set_parameters", "set_parameters_atomically")
+_EVERY_NODE: Final = ("/parameter_events", "/rosout")
+"""Topics that every node of rclpy publishes."""
+_TOLD_BY_ALL: Final = ("/diagnostics", "/tf", *_EVERY_NODE)
+"""Topics that the driver shares with others."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interface:
+    """What the nodes of one device have on ROS, by full names.
+
+    Attributes:
+        publishes: topics that are the device's own.
+        shares: topics that it publishes beside others.
+        takes: topics by which it is commanded.
+        answers: services that change nothing.
+        serves: services that do something.
+        nodes: full names.
+    """
+
+    publishes: tuple[str, ...]
+    shares: tuple[str, ...]
+    takes: tuple[str, ...]
+    answers: tuple[str, ...]
+    serves: tuple[str, ...]
+    nodes: tuple[str, ...]
+
+
+def interface(device: Device, namespace: str) -> Interface:
+    """Return what a device has on ROS in a namespace, without the devices behind it."""
+    space = namespace.rstrip("/")
+    commands = offered(device.capabilities)
+    by_direction = {
+        direction: [name for name, row in commands.items() if row.direction is direction]
+        for direction in Direction
+    }
+    nodes = [NODE_NAME, *([SERVICES_NODE_NAME] if device.services else [])]
+
+    def full(*names: str) -> tuple[str, ...]:
+        return tuple(sorted(f"{space}/{name}" for name in names))
+
+    def of_nodes(names: tuple[str, ...]) -> list[str]:
+        return [f"{node}/{name}" for node in nodes for name in names]
+
+    return Interface(
+        publishes=full(
+            *by_direction[Direction.PUBLISHED],
+            *(f"{READINGS}/{name}" for name in device.readings),
+            "refusals",
+            f"{NODE_NAME}/crtk_capabilities",
+        ),
+        shares=tuple(
+            topic for topic in _TOLD_BY_ALL if topic != "/tf" or "measured_cp" in commands
+        ),
+        takes=full(*by_direction[Direction.COMMANDED], *device.inputs),
+        answers=full(
+            *by_direction[Direction.SERVICE], "operating_state", "crtk_version", *of_nodes(_LOOKING)
+        ),
+        serves=full(*device.services, *of_nodes(_SETTING)),
+        nodes=full(*nodes),
+    )
+
+
+def interfaces(device: Device, namespace: str) -> Iterator[Interface]:
+    """Yield what a device and those behind it have on ROS."""
+    yield interface(device, namespace)
+    for name, behind in device.children.items():
+        yield interface(behind, f"{namespace.rstrip('/')}/{name}")
+
+
+def policy(device: Device, namespace: str) -> str:
+    """Return the policy of a device as XML.
+
+    Args:
+        device: not open.
+        namespace: of the driver, checked by `crtk_drivers.ros.names.checked_namespace`.
+    """
+    there = tuple(interfaces(device, namespace))
+    root = ElementTree.Element("policy", version=VERSION)
+    enclaves = ElementTree.SubElement(root, "enclaves")
+    space = namespace.rstrip("/")
+    for name, rules in (
+        (DRIVER, _of_driver(there)),
+        (OPERATOR, _of_operator(there)),
+        (LISTENER, _of_listener(there)),
+    ):
+        enclave = ElementTree.SubElement(enclaves, "enclave", path=f"{space}/{name}")
+        profiles = ElementTree.SubElement(enclave, "profiles")
+        profile = ElementTree.SubElement(profiles, "profile", ns=namespace, node=name)
+        for rule in rules:
+            rule.add_to(profile)
+    ElementTree.indent(root)
+    text = ElementTree.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+
+
+@dataclass(frozen=True, slots=True)
+class _Rule:
+    """One row of a profile: what may be done, or may not, with which topics or services."""
+
+    verb: str
+    names: tuple[str, ...]
+    qualifier: str = "ALLOW"
+
+    def add_to(self, profile: ElementTree.Element) -> None:
+        if not self.names:
+            return
+        kind = _KINDS[self.verb]
+        row = ElementTree.SubElement(profile, f"{kind}s", {self.verb: self.qualifier})
+        for name in dict.fromkeys(self.names):
+            ElementTree.SubElement(row, kind).text = name
+
+
+_KINDS: Final[Mapping[str, str]] = MappingProxyType(
+    {"publish": "topic", "subscribe": "topic", "request": "service", "reply": "service"}
+)
+
+
+def _all(there: tuple[Interface, ...], *fields: str) -> tuple[str, ...]:
+    return tuple(name for each in there for field in fields for name in getattr(each, field))
+
+
+def _of_driver(there: tuple[Interface, ...]) -> list[_Rule]:
+    return [
+        _Rule("publish", _all(there, "publishes", "shares")),
+        _Rule("subscribe", (*_all(there, "takes"), "/parameter_events", "/clock")),
+        _Rule("reply", _all(there, "answers", "serves")),
+    ]
+
+
+def _of_operator(there: tuple[Interface, ...]) -> list[_Rule]:
+    return [
+        *_of_client(there),
+        _Rule("publish", _all(there, "takes")),
+        _Rule("request", _all(there, "answers", "serves")),
+    ]
+
+
+def _of_listener(there: tuple[Interface, ...]) -> list[_Rule]:
+    return [*_of_client(there), _Rule("request", _all(there, "answers"))]
+
+
+def _of_client(there: tuple[Interface, ...]) -> list[_Rule]:
+    """Return what every client needs: to hear the device, and what any node of its own has."""
+    own = tuple(f"/*/{name}" for name in (*_LOOKING, *_SETTING))
+    return [
+        _Rule("reply", tuple(f"{node}/*" for node in _all(there, "nodes")), "DENY"),
+        _Rule("publish", _EVERY_NODE),
+        _Rule("subscribe", (*_all(there, "publishes", "shares"), "/clock")),
+        _Rule("reply", own),
+    ]
