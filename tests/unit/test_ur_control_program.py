@@ -33,7 +33,7 @@ VERSIONS = ((3, 5), (3, 15), (5, 0), (5, 9), (5, 10), (5, 23))
 
 
 def options(version=(5, 12), first=0) -> ProgramOptions:
-    return ProgramOptions(version, first, 5.0, 0.002, 4.5, 2.5)
+    return ProgramOptions(version, first, 5.0, 0.002, 4.5, 2.5, 0.1, 4.5, (3.14,) * 6)
 
 
 @pytest.mark.parametrize("version", VERSIONS, ids=str)

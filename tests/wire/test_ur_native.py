@@ -13,7 +13,14 @@ from ur_bench import HOME, LONG, UrBench, eventually, ur_bench
 
 from crtk_driver_ur import native_link
 from crtk_driver_ur.control_channel import ControlChannel
-from crtk_driver_ur.control_program import Kind, Phase, ProgramOptions, Setting, program_text
+from crtk_driver_ur.control_program import (
+    SERVOJ_LOOKAHEAD,
+    Kind,
+    Phase,
+    ProgramOptions,
+    Setting,
+    program_text,
+)
 from crtk_driver_ur.program_settings import AXES
 from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
 from crtk_drivers.errors import ConfigError, ConnectionFailed, MotionAborted, TransitionFailed
@@ -24,6 +31,9 @@ STOPPED, PLAYING = 1, 2
 MINE, OTHER = 77, 78
 PATIENCE = 0.1
 """Hz of a watchdog that is not what a test is about."""
+LOOKAHEAD = 0.1
+ACCELERATION = 5.0
+SPEEDS = (3.14,) * 6
 NATIVE = {"control": "native"}
 FAR = [2.5, *HOME[1:]]
 
@@ -55,7 +65,17 @@ class Rig:
         self.channel.close()
 
     def start(self, watchdog_frequency: float = PATIENCE) -> None:
-        options = ProgramOptions((5, 12), self.first, watchdog_frequency, 0.002, 5.0, 2.0)
+        options = ProgramOptions(
+            (5, 12),
+            self.first,
+            watchdog_frequency,
+            0.002,
+            5.0,
+            2.0,
+            LOOKAHEAD,
+            ACCELERATION,
+            SPEEDS,
+        )
         self.channel.address(MINE)
         with socket.create_connection((self.sim.host, 30001), LONG) as peer:
             peer.recv(1)
@@ -190,9 +210,61 @@ def test_a_newer_command_of_another_kind_begins_from_rest(rig):
     assert (steps / times).max() < 6.0, "no jump of the speed"
 
 
+def stream_through_stalls(rig: Rig, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+    """Stream 1 rad/s while what is sent arrives in lumps, and return speeds and accelerations of it."""
+    rig.start()
+    start = len(rig.states)
+    rig.sim.control.inject("coalesce", port="rtde", seconds=0.15, direction="in")
+    began = time.monotonic()
+    while (now := time.monotonic() - began) < seconds:
+        rig.channel.command(Kind.SERVO_JOINT, (now, *HOME[1:]), 1.0, 300.0)
+        time.sleep(0.002)
+    rig.sim.control.clear()
+    rig.until_done(rig.channel.command(Kind.REST))
+    states = rig.states[start:]
+    speeds = np.array([state.target_qd[0] for state in states])
+    return speeds, np.diff(speeds) / np.diff([state.timestamp for state in states])
+
+
+def test_commands_that_arrive_late_are_no_jump(rig):
+    """Without bounds in the program the arm takes up to 1.5 rad/s, and accelerates with 40 rad/s²."""
+    speeds, accelerations = stream_through_stalls(rig, 1.5)
+    assert speeds.max() > 0.5, "it follows the stream"
+    assert accelerations.max() < ACCELERATION * 1.05
+    # What it takes to stop at the last target from where the smoothing is behind it.
+    needed = 0.5 * speeds.max() / (LOOKAHEAD - SERVOJ_LOOKAHEAD)
+    assert accelerations.min() > -1.1 * max(ACCELERATION, needed)
+    assert speeds.max() < 1.5
+
+
+def test_the_program_goes_no_further_than_it_was_told_and_as_fast_as_it_may(rig):
+    rig.start()
+    goal = (2.0, *HOME[1:])
+    rig.channel.command(Kind.SERVO_JOINT, goal, 1.0, 300.0)
+    rig.until(lambda state: abs(state.target_q[0] - 2.0) < 1e-3 and state.target_qd[0] < 1e-3)
+    assert max(state.target_q[0] for state in rig.states) < 2.0 + 1e-4
+    assert max(state.target_qd[0] for state in rig.states) <= SPEEDS[0] * 1.001
+
+
+@pytest.mark.parametrize("kind", [Kind.SERVO_JOINT, Kind.SPEED_JOINT, Kind.SPEED_CARTESIAN])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -1e308])
+def test_what_cannot_be_meant_stops_the_arm(rig, kind, bad):
+    rig.start()
+    moving = {
+        Kind.SERVO_JOINT: (1.0, *HOME[1:]),
+        Kind.SPEED_JOINT: (0.5, 0.0, 0.0, 0.0, 0.0, 0.0),
+        Kind.SPEED_CARTESIAN: (0.0, 0.0, 0.1, 0.0, 0.0, 0.3),
+    }[kind]
+    rig.channel.command(kind, moving, 1.0, LONG)
+    rig.until(lambda state: max(map(abs, state.target_qd)) > 0.2)
+    done = rig.until_done(rig.channel.command(kind, (bad, *moving[1:]), 1.0, LONG))
+    assert max(map(abs, done.target_qd)) < 1e-3
+    assert done.runtime_state == PLAYING
+
+
 def test_quit_stops_and_ends_the_program(rig):
     rig.start()
-    rig.channel.command(Kind.SERVO_JOINT, (0.05, *HOME[1:]), 0.1, 300.0)
+    rig.channel.command(Kind.SERVO_JOINT, (0.05, *HOME[1:]), 1.0, 300.0)
     rig.until(lambda state: state.target_qd[0] > 0.1)
     rig.channel.command(Kind.QUIT)
     ended = rig.until(lambda state: state.runtime_state == STOPPED)

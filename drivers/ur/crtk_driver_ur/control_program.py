@@ -34,6 +34,7 @@ from typing import Final, NamedTuple
 __all__ = [
     "FEED",
     "MOTION",
+    "SERVOJ_LOOKAHEAD",
     "SETTING",
     "UPPER_RANGE",
     "Kind",
@@ -54,7 +55,7 @@ class Kind(IntEnum):
     REST = 0
     """Stop, and hold."""
     SERVO_JOINT = 1
-    """Joint angles, rad; lookahead, s, and gain."""
+    """Joint angles, rad; the pace of the controller (its speed slider), above 0 to 1, and the gain of servoJ."""
     SPEED_JOINT = 2
     """Joint speeds, rad/s; acceleration, rad/s², and for how many seconds it is good."""
     SPEED_CARTESIAN = 3
@@ -107,6 +108,16 @@ SETTING_VALUES: Final = 10
 """Most values that a setting has."""
 
 
+SERVOJ_LOOKAHEAD: Final = 0.03
+"""Seconds of lookahead of servoJ itself: the least that it takes (URScript manual)."""
+
+SHORTEST_SMOOTHING: Final = 4.0
+"""Control periods that the smoothing before it takes at least."""
+
+LARGEST_VALUE: Final = 10000.0
+"""Of a motion's values (rad, m, N, ...): what is larger, or not finite, cannot be meant."""
+
+
 class Registers(NamedTuple):
     """Registers that one package writes, counted from the first of the range."""
 
@@ -147,6 +158,9 @@ class ProgramOptions:
         period: control period of the controller, s.
         joint_deceleration: of stops of joint motions, rad/s².
         linear_deceleration: of stops of the tool, m/s².
+        lookahead: s by which the arm lags behind joint positions.
+        joint_acceleration: with which a joint speeds up at most on its way to them, rad/s².
+        joint_speeds: of each joint at most, rad/s.
     """
 
     version: tuple[int, int]
@@ -155,6 +169,14 @@ class ProgramOptions:
     period: float
     joint_deceleration: float
     linear_deceleration: float
+    lookahead: float
+    joint_acceleration: float
+    joint_speeds: tuple[float, ...]
+
+    @property
+    def smoothing_rate(self) -> float:
+        """1/s, of the smoothing that is the program's own: the lookahead without that of servoJ."""
+        return 1.0 / max(self.lookahead - SERVOJ_LOOKAHEAD, SHORTEST_SMOOTHING * self.period)
 
     @property
     def is_cb3(self) -> bool:
@@ -196,6 +218,11 @@ def program_text(options: ProgramOptions, program: int) -> str:
         "period": options.period,
         "joint_deceleration": options.joint_deceleration,
         "linear_deceleration": options.linear_deceleration,
+        "lookahead": SERVOJ_LOOKAHEAD,
+        "smoothing_rate": options.smoothing_rate,
+        "joint_acceleration": options.joint_acceleration,
+        "joint_speeds": list(options.joint_speeds),
+        "largest_value": LARGEST_VALUE,
         "kinds": _constants(Kind),
         "phases": _constants(Phase),
         "settings": _constants(Setting),

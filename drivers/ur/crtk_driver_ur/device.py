@@ -475,6 +475,8 @@ def _control_options(config: UrConfig, model: RobotModel) -> ControlOptions:
         watchdog_frequency=config.watchdog_frequency,
         upper_range_registers=config.upper_range_registers,
         robot_api_port=config.robot_api_port,
+        joint_acceleration=max(config.servo.joint_acceleration, config.move.joint_acceleration),
+        joint_speeds=model.velocity_limits,
         motion=MotionOptions(
             period=1.0 / model.frequency,
             lookahead=config.servo.lookahead,

@@ -58,6 +58,9 @@ REPLACED_AFTER: Final = 0.5
 CLOSE_TIMEOUT: Final = 0.7
 """Most seconds that `close` feeds the watchdog while the arm slows down, and waits for threads to end."""
 
+SLOWEST_PACE: Final = 0.1
+"""At which the program follows positions, or it would never reach the last of a stream."""
+
 STOP_MARGIN: Final = 0.1
 """Seconds for the last of a stop to die away."""
 
@@ -138,6 +141,7 @@ class NativeLink(ControlLink):
         self._reported = ProgramState()
         self._cycled_at = 0.0
         self._speed = 0.0
+        self._pace = 1.0
         self._starts = 0
         self._settings: deque[_PendingSetting] = deque()
         self._setting = 0
@@ -235,6 +239,7 @@ class NativeLink(ControlLink):
     def take(self, state: StateSample) -> None:
         """See the base class."""
         self._speed = max(map(abs, state.target_qd))
+        self._pace = max(SLOWEST_PACE, state.combined_speed_scaling)
         found = state.control_registers(self._first)
         if found is not None and found[0] == self._program:
             self._follow_program(ProgramState(*found), state)
@@ -310,8 +315,7 @@ class NativeLink(ControlLink):
 
     def servo_joint(self, q: Sequence[float]) -> None:
         """See the base class."""
-        motion = self._options.motion
-        self._command(Kind.SERVO_JOINT, q, motion.lookahead, motion.gain)
+        self._command(Kind.SERVO_JOINT, q, self._pace, self._options.motion.gain)
 
     def speed_joint(self, qd: Sequence[float], acceleration: float, valid_for: float) -> None:
         """See the base class."""
@@ -394,6 +398,9 @@ class NativeLink(ControlLink):
                 options.motion.period,
                 options.motion.joint_deceleration,
                 options.motion.linear_deceleration,
+                options.motion.lookahead,
+                options.joint_acceleration,
+                options.joint_speeds,
             ),
             self._program,
         )
