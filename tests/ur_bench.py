@@ -41,6 +41,9 @@ HOME = (0.0, -1.57, 1.57, -1.57, -1.57, 0.0)
 WAYS = ("ur_rtde", "native")
 """Who carries commands out: values of the option `control`."""
 
+PROTECTIVE_STOP = 3
+"""Value of `safety_mode`."""
+
 IDLE_CODES = frozenset({0, 35})
 """Values of ur-rtde's command register that ask for nothing: none, and the watchdog being set."""
 
@@ -137,6 +140,8 @@ class UrBench:
         self.sim.control.clear()
         self.until_connected()
         self.until_outputs(robot_mode=(3, 7))
+        if self.outputs("safety_mode") == PROTECTIVE_STOP:
+            self.arm.unlock_protective_stop(timeout=LONG)
         if self.status.state != OperatingState.ENABLED:
             self.enable()
         self.arm.hold()

@@ -60,6 +60,10 @@ def restart_safety(bench: UrBench) -> None:
     assert dashboard(bench, "restart safety") == "Restarting safety"
 
 
+def unlock(bench: UrBench) -> None:
+    bench.arm.unlock_protective_stop(timeout=LONG)
+
+
 def start_moving(bench: UrBench, goal=FAR):
     move = bench.arm.move_jp(goal)
     bench.until_moving()
@@ -102,7 +106,7 @@ class RobotFault:
 
 
 ROBOT_FAULTS = (
-    RobotFault("protective_stop", "FAULT", "protective stop"),
+    RobotFault("protective_stop", "FAULT", "protective stop", premature=True, repair=unlock),
     RobotFault("emergency_stop", "FAULT", "emergency stop", premature=True),
     RobotFault("safeguard_stop", "PAUSED", "safeguard", premature=True),
     RobotFault("local_control", "PAUSED", "teach pendant has control", premature=True),
@@ -113,6 +117,19 @@ ROBOT_FAULTS = (
     RobotFault("safety_fault", "FAULT", "safety fault", repair=restart_safety),
     RobotFault("power_loss", "DISABLED", "no power"),
 )
+
+
+NOT_BY_ENABLE = {
+    "protective_stop": ("FAULT", "protective stop"),
+    "emergency_stop": ("FAULT", "emergency stop"),
+    "system_emergency_stop": ("FAULT", "emergency stop"),
+    "violation": ("FAULT", "safety violation"),
+    "safety_fault": ("FAULT", "safety fault"),
+    "recovery_mode": ("FAULT", "recovery mode"),
+    "safeguard_stop": ("PAUSED", "safeguard"),
+    "local_control": ("PAUSED", "teach pendant has control"),
+}
+"""Stops that no enable clears, with state and detail."""
 
 
 @pytest.mark.parametrize("fault", ROBOT_FAULTS, ids=lambda fault: fault.kind)
@@ -142,6 +159,29 @@ def test_robot_fault_under_motion(bench, fault):
         assert bench.status.state == fault.state, "only a command leads back"
     assert_enables_at_rest(bench)
     assert fault.state in bench.log.states
+
+
+@both_ways
+@pytest.mark.parametrize("kind", NOT_BY_ENABLE)
+def test_a_stop_is_not_cleared_by_enable(control, kind):
+    """As the table in docs/ur.md says."""
+    with ur_bench({**CONFIG, "control": control}) as bench:
+        bench.enable()
+        bench.sim.control.inject(kind)
+        bench.until_state(*NOT_BY_ENABLE[kind])
+        for _ in range(3):
+            with bench.nothing_moves(), pytest.raises((DeviceError, CommandRefused)):
+                bench.enable()
+        assert bench.status.state == NOT_BY_ENABLE[kind][0]
+
+
+@both_ways
+def test_enable_unlocks_where_the_configuration_says_so(control):
+    with ur_bench({**CONFIG, "control": control, "enable_unlocks": True}) as bench:
+        bench.enable()
+        bench.sim.control.inject("protective_stop")
+        bench.until_state("FAULT", "protective stop")
+        assert_enables_at_rest(bench)
 
 
 def test_a_stream_is_cut_off_by_an_emergency_stop(bench):

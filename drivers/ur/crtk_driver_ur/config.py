@@ -152,6 +152,16 @@ class UrConfig(DeviceConfig):
     power_off_on_disable: bool = Field(
         default=True, description="Disable switches the arm's power off; otherwise it stays on."
     )
+    enable_unlocks: bool = Field(
+        default=False,
+        description="Enable leaves a protective stop too; otherwise only the service "
+        "`unlock_protective_stop` does, so that a client that enables in a loop clears no stop.",
+    )
+    on_close: Literal["hold", "power_off"] = Field(
+        default="hold",
+        description="What becomes of an enabled arm when the driver ends, once it stands: it keeps its power "
+        "and holds its position, or its power is switched off and the brakes hold it.",
+    )
     tcp: Vector6 | None = Field(
         default=None,
         description="Tool centre point from the flange: m and a rotation vector in rad. "

@@ -55,7 +55,7 @@ class Kind(IntEnum):
     REST = 0
     """Stop, and hold."""
     SERVO_JOINT = 1
-    """Joint angles, rad; the pace of the controller (its speed slider), above 0 to 1, and the gain of servoJ."""
+    """Joint angles, rad; pace of the controller (its speed slider), 0 to 1, and gain of servoJ."""
     SPEED_JOINT = 2
     """Joint speeds, rad/s; acceleration, rad/s², and for how many seconds it is good."""
     SPEED_CARTESIAN = 3

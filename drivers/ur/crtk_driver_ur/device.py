@@ -369,10 +369,11 @@ class UrDevice(Device):
     # ------------------------------------------------------------------------------------- transitions
 
     def enable(self) -> Steps:
-        """Unlock a protective stop, power on, release the brakes, start the control program."""
+        """Power on, release the brakes, start the control program; unlock a protective stop if configured."""
         with self._robot.claimed():
             yield from self._begin("enable")
-            yield from self._robot.unlock()
+            if self._config.enable_unlocks:
+                yield from self._robot.unlock()
             self._require_free("enable")
             yield from self._robot.release_brakes()
             self._geometry.check_model(self._robot.state)

@@ -116,8 +116,8 @@ SAFETY_CONDITIONS: Mapping[SafetyMode, Condition] = MappingProxyType(
         SafetyMode.REDUCED: _FREE,
         SafetyMode.PROTECTIVE_STOP: Condition(
             _FAULT,
-            "protective stop. Find out what stopped the arm; enable unlocks it, at the earliest "
-            "5 s after the stop.",
+            "protective stop. Find out what stopped the arm, unlock it by unlock_protective_stop (at the "
+            "earliest 5 s after the stop), then enable.",
         ),
         SafetyMode.RECOVERY: Condition(
             _FAULT,
