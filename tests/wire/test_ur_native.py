@@ -347,17 +347,9 @@ def test_why_the_program_ended_is_told(bench, monkeypatch):
         bench.enable()
 
 
-def test_payload_arrives_while_a_stream_is_followed_and_the_sensor_is_zeroed_at_rest(bench):
-    step = 0
-    while bench.outputs("payload") != pytest.approx(2.25):
-        if step == 20:
-            bench.arm.payload_mass(2.25)
-        bench.arm.servo_jp([0.1 * np.sin(0.01 * step), *HOME[1:]])
-        time.sleep(0.004)
-        step += 1
-        assert step < 5000
-    bench.arm.hold()
-    bench.until_still()
+def test_the_force_sensor_is_zeroed_at_rest(bench):
+    bench.arm.payload_mass(2.25)
+    bench.until_outputs(payload=(2.25,))
     bench.inject("external_force", wrench=[0.0, 0.0, 30.0, 0.0, 0.0, 0.0])
     eventually(lambda: abs(bench.arm.measured_cf().force[2] - 30.0) < 3.0, "the load is measured")
     assert "left over" in bench.arm.zero_force_sensor(timeout=LONG)

@@ -105,28 +105,22 @@ def test_the_speed_slider_slows_a_move_down(bench):
     bench.until_outputs(target_speed_fraction=(1.0,))
 
 
-def test_payload_is_taken_while_the_arm_follows_a_stream(bench):
-    q, step = np.array(HOME), 0
-    while bench.outputs("payload") != pytest.approx(2.25):
-        if step == 20:
-            bench.arm.payload_mass(2.25)
+def test_payload_is_refused_in_a_stream_and_taken_when_that_has_ended(bench):
+    q = np.array(HOME)
+    for step in range(100):
         q[0] = 0.1 * np.sin(0.01 * step)
         bench.arm.servo_jp(q)
         time.sleep(0.004)
-        step += 1
-        assert step < 2000
+    with bench.refused(Reason.INVALID_TRANSITION, "payload_mass"):
+        bench.arm.payload_mass(2.25)
+    bench.arm.hold()
+    bench.until_still()
+    eventually(lambda: bench.engine._motion.rests, "the stream has ended")
+    bench.arm.payload_mass(2.25)
+    bench.until_outputs(payload=(2.25,))
     assert bench.status.state == "ENABLED"
     assert bench.arm.move_jp([0.3, *HOME[1:]]).wait(LONG)
     np.testing.assert_allclose(bench.q()[0], 0.3, atol=1e-3)
-
-
-def test_payload_is_taken_during_a_move_that_arrives(bench):
-    move = bench.arm.move_jp([0.8, *HOME[1:]])
-    bench.until_moving()
-    bench.arm.payload_mass(1.5)
-    eventually(lambda: bench.outputs("payload") == pytest.approx(1.5), "payload")
-    assert move.wait(LONG)
-    np.testing.assert_allclose(bench.q()[0], 0.8, atol=1e-3)
 
 
 def test_payload_that_is_given_before_is_sent_by_enable():

@@ -149,7 +149,7 @@ def test_what_is_given_before_enable_is_sent_by_it():
     for control in WAYS:
         with ur_bench({"control": control, "tcp": [0.0, 0.0, 0.3, 0.0, 0.0, 0.0]}) as bench:
             bench.arm.tcp(TOOL)
-            bench.arm.gravity([0.0, 6.0, 7.0])
+            bench.arm.gravity([0.0, 6.2, 7.6])
             bench.arm.payload([2.0, 0.0, 0.01, 0.05])
             # The controller has another one still; what is told is of ours.
             assert np.allclose(of_controller(bench), transform(NONE))
@@ -162,7 +162,7 @@ def test_what_is_given_before_enable_is_sent_by_it():
             )
             bench.arm.enable(timeout=LONG)
             until_tool(bench, TOOL)
-            eventually(lambda b=bench: b.outputs("target_gravity")[1] == 6.0, "gravity")
+            eventually(lambda b=bench: b.outputs("target_gravity")[1] == 6.2, "gravity")
             eventually(lambda b=bench: b.outputs("payload") == 2.0, "payload")
             assert problems(bench) == {}
 
@@ -170,14 +170,39 @@ def test_what_is_given_before_enable_is_sent_by_it():
 # Gravity and payload
 
 
-def test_gravity_is_set_while_the_arm_moves(bench):
-    move = bench.arm.move_jp([0.4, *HOME[1:]])
-    bench.until_moving()
+def test_gravity_is_set_at_rest(bench):
     bench.arm.gravity([0.0, 0.0, 9.81])
     eventually(lambda: bench.outputs("target_gravity") == [0.0, 0.0, 9.81], "gravity")
-    assert move.wait(LONG)
     bench.arm.gravity([0.0, 0.0, 9.82])
     eventually(lambda: bench.outputs("target_gravity") == [0.0, 0.0, 9.82], "gravity")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("gravity", [0.0, 0.0, 9.81]), ("payload", [1.0]), ("payload_mass", 1.0)],
+)
+def test_what_balances_the_arm_is_refused_while_it_moves(bench, name, value):
+    before = bench.outputs("target_gravity"), bench.outputs("payload")
+    move = bench.arm.move_jp([1.0, *HOME[1:]])
+    bench.until_moving()
+    with bench.refused(Reason.INVALID_TRANSITION, name):
+        getattr(bench.arm, name)(value)
+    assert move.wait(LONG)
+    assert (bench.outputs("target_gravity"), bench.outputs("payload")) == before
+
+
+def test_a_move_waits_for_the_payload_that_was_given_before_it(bench):
+    mark = bench.mark()
+    bench.arm.payload_mass(2.5)
+    move = bench.arm.move_jp([0.2, *HOME[1:]])
+    assert move.wait(LONG)
+    assert bench.outputs("payload") == 2.5
+    if bench.control == "native":
+        sent = [entry["values"] for entry in bench.sim.control.trace(after=mark)]
+        first = next(i for i, values in enumerate(sent) if values.get("input_int_register_2"))
+        assert any(values.get("input_int_register_3") for values in sent[:first])
+    bench.arm.payload([0.0])
+    eventually(lambda: bench.outputs("payload") == 0.0, "none")
 
 
 def test_payload_with_centre_and_inertia(bench):
@@ -208,7 +233,16 @@ def test_payload_with_centre_and_inertia(bench):
         ("payload", []),
         ("payload", [1.0, 0.0]),
         ("payload", [-1.0]),
-        ("payload", [101.0, 0.0, 0.0, 0.0]),
+        ("payload", [5.1, 0.0, 0.0, 0.0]),
+        ("payload_mass", 50.0),
+        ("payload", [4.0, 0.0, 0.0, 0.9]),
+        ("payload", [0.1, 0.0, 0.0, 1.1]),
+        ("payload", [1.0, 0.0, 0.0, 0.1, -0.01, 0.01, 0.01, 0.0, 0.0, 0.0]),
+        ("payload", [1.0, 0.0, 0.0, 0.1, 0.01, 0.01, 0.05, 0.0, 0.0, 0.0]),
+        ("payload", [1.0, 0.0, 0.0, 0.1, 2.0, 2.0, 2.0, 0.0, 0.0, 0.0]),
+        ("gravity", [0.0, 9.82, 0.0]),
+        ("gravity", [0.0, 0.0, -9.82]),
+        ("gravity", [0.0, 0.0, 8.0]),
         ("gravity", [9.82]),
         ("gravity", [0.0, 15.0, 15.0]),
     ],

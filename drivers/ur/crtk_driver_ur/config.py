@@ -7,6 +7,8 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from crtk_driver_ur.calibration import Calibration
+from crtk_driver_ur.models import model_named
+from crtk_driver_ur.plausibility import gravity_problem, payload_problem
 from crtk_drivers.config import DeviceConfig, Settings
 
 Vector3 = tuple[float, float, float]
@@ -104,7 +106,7 @@ class ForceConfig(Settings):
 class PayloadConfig(Settings):
     """What the arm carries; sent to the controller by enable."""
 
-    mass: float = Field(ge=0.0, le=100.0, description="In kg.")
+    mass: float = Field(ge=0.0, le=100.0, description="In kg; no more than the model carries.")
     center_of_gravity: Vector3 = Field(
         default=(0.0, 0.0, 0.0), description="From the flange, in its axes, in m."
     )
@@ -209,6 +211,21 @@ class UrConfig(DeviceConfig):
         chosen = not all(self.free_axes) or self.free_frame != "base"
         if self.control == "ur_rtde" and chosen:
             raise ValueError("free_axes and free_frame need control: native")
+        return self
+
+    @model_validator(mode="after")
+    def _can_be(self) -> UrConfig:
+        load = self.payload
+        problems = (
+            load
+            and payload_problem(
+                model_named(self.model), load.mass, load.center_of_gravity, load.inertia
+            ),
+            self.gravity and gravity_problem(self.gravity),
+        )
+        for key, problem in zip(("payload", "gravity"), problems, strict=True):
+            if problem:
+                raise ValueError(f"{key}: {problem}")
         return self
 
     @model_validator(mode="after")

@@ -24,7 +24,7 @@ from crtk_driver_ur.motion_sequencer import MotionOptions
 from crtk_driver_ur.native_link import NativeLink
 from crtk_driver_ur.outputs import output_settings
 from crtk_driver_ur.process_link import ProcessLink
-from crtk_driver_ur.program_settings import TCP, ProgramSettings
+from crtk_driver_ur.program_settings import AT_REST, ProgramSettings
 from crtk_driver_ur.readings import UrReadings
 from crtk_driver_ur.reports import numbers_of, reports_of
 from crtk_driver_ur.robot import Robot
@@ -133,7 +133,7 @@ class UrDevice(Device):
     @property
     def takes_setpoints(self) -> bool:
         """See the base class."""
-        return not (self._link.stopping or self._tool_is_changing)
+        return not (self._link.stopping or self._is_changing)
 
     @property
     def pace(self) -> float:
@@ -151,8 +151,9 @@ class UrDevice(Device):
         return self.pace > 0.0 and self._robot.standing and self._lag.has_ended(state.target_q)
 
     @property
-    def _tool_is_changing(self) -> bool:
-        return self._in_control and self._inputs.is_changing(TCP)
+    def _is_changing(self) -> bool:
+        """Whether the controller is about to have another tool, payload or gravity."""
+        return self._in_control and any(map(self._inputs.is_changing, AT_REST))
 
     @property
     def condition(self) -> Condition:
@@ -318,7 +319,7 @@ class UrDevice(Device):
     def move(self, goal: Goal) -> None:
         """See the base class."""
         self._lag.end()
-        if self._tool_is_changing:
+        if self._is_changing:
             self._goal = goal
         else:
             self._begin_move(goal)
@@ -349,7 +350,7 @@ class UrDevice(Device):
         """See the base class."""
         goal = self._goal
         if goal is not None:
-            if not self._tool_is_changing:
+            if not self._is_changing:
                 self._goal = None
                 self._begin_move(goal)
             return MoveProgress.RUNNING

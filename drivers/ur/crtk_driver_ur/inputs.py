@@ -47,6 +47,10 @@ def _is_reported(state: StateSample, value: Any) -> bool:
     return True
 
 
+def _no_problem(value: Any) -> str:
+    return ""
+
+
 @dataclass(frozen=True)
 class Setting:
     """One input.
@@ -63,6 +67,7 @@ class Setting:
         by_dashboard: it is set by the dashboard.
         hands_off: it is refused while the driver has control.
         at_rest: see `crtk_drivers.device.Input`.
+        problem: says what is wrong with a value that is allowed; empty: nothing.
     """
 
     summary: str
@@ -76,6 +81,7 @@ class Setting:
     by_dashboard: bool = False
     hands_off: bool = False
     at_rest: bool = False
+    problem: Callable[[Any], str] = _no_problem
 
 
 class UrInputs:
@@ -171,6 +177,14 @@ class UrInputs:
                 name,
                 Reason.OUT_OF_RANGE,
                 f"{_text(value)} is not allowed",
+                remedy=f"Send {setting.range}.",
+            )
+        if problem := setting.problem(value):
+            raise CommandRefused(
+                name,
+                Reason.OUT_OF_RANGE,
+                problem,
+                where=self._where,
                 remedy=f"Send {setting.range}.",
             )
         if self._robot.state is None:

@@ -72,6 +72,12 @@ class RobotModel:
     velocity_limits: Vector6
     torque_limits: Vector6
     payload: float
+    """That it is rated for."""
+
+    @property
+    def largest_payload(self) -> float:
+        """That some software permits, in kg."""
+        return _LARGER_PAYLOADS.get(self.name, self.payload)
 
     @property
     def frequency(self) -> float:
@@ -146,6 +152,9 @@ _TABLE: Mapping[str, tuple[Generation, Vector6, Vector6, Vector6, float]] = {
         30.0,
     ),
 }
+
+_LARGER_PAYLOADS: Mapping[str, float] = MappingProxyType({"ur20": 25.0, "ur30": 35.0})
+"""Of arms whose newer software permits more than they were rated for first."""
 
 _ENDLESS_WRIST_3 = {"ur3", "ur3e"}
 

@@ -6,7 +6,7 @@ A program does not keep them: each new one is told what was given last, or is co
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -15,17 +15,21 @@ import numpy as np
 from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.frames import PoseVector, Transform
 from crtk_driver_ur.inputs import FLANGE, Setting
+from crtk_driver_ur.models import model_named
+from crtk_driver_ur.plausibility import UPRIGHT, gravity_problem, payload_problem, tilt_problem
 from crtk_driver_ur.robot import Robot
 from crtk_driver_ur.rtde.stream import StateSample
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import Note, Severity
 
-__all__ = ["AXES", "TCP", "ProgramSettings"]
+__all__ = ["AT_REST", "AXES", "TCP", "ProgramSettings"]
 
 PAYLOAD_MASS: Final = "payload_mass"
 PAYLOAD: Final = "payload"
 TCP: Final = "tcp"
 GRAVITY: Final = "gravity"
+AT_REST: Final = (TCP, PAYLOAD, PAYLOAD_MASS, GRAVITY)
+"""What the controller must have before the arm moves on."""
 FORCE_LIMITS: Final = "force_limits"
 FORCE_DAMPING: Final = "force_damping"
 FORCE_GAIN: Final = "force_gain"
@@ -36,10 +40,6 @@ AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 COMPLIANT: Final = {"free": "`free` lets the arm go", "force": "the arm gives way to servo_cf"}
 """Kinds of axes that can be chosen, with what happens along one."""
 
-LARGEST_PAYLOAD: Final = 100.0
-"""kg; each controller knows its own limit."""
-LARGEST_GRAVITY: Final = 20.0
-"""m/s²."""
 LARGEST_FORCE_LIMITS: Final = (1.0, 3.0)
 """m/s and rad/s, as in the configuration."""
 LONGEST_TOOL: Final = 5.0
@@ -67,6 +67,7 @@ class ProgramSettings:
         self._robot = robot
         self._config = config
         self._use_tool = use_tool
+        self._model = model_named(config.model)
         self._kept: dict[str, Any] = {}
 
     def keep(self, name: str, value: Any) -> None:
@@ -106,17 +107,20 @@ class ProgramSettings:
 
     def settings(self) -> Iterator[tuple[str, Setting]]:
         """Yield them by name."""
+        largest = self._model.largest_payload
         yield (
             PAYLOAD_MASS,
             Setting(
                 "mass of the payload, in kg",
                 Payload.NUMBER,
-                lambda value: 0.0 <= value <= LARGEST_PAYLOAD,
-                f"a mass from 0 to {LARGEST_PAYLOAD:g} kg",
+                lambda value: 0.0 <= value <= largest,
+                f"a mass from 0 to {largest:g} kg",
                 lambda value: self._payload_request(),
                 lambda state, value: _has_payload(state, (value,)),
-                "Is it more than the arm may carry?",
+                hint="Is it more than the arm may carry?",
+                problem=lambda value: self._payload_problem({PAYLOAD_MASS: value}),
                 by_program=True,
+                at_rest=True,
             ),
         )
         yield (
@@ -125,12 +129,14 @@ class ProgramSettings:
                 "payload: mass, kg; centre of gravity from the flange, m (3); inertia about it: xx, yy, "
                 "zz, xy, xz, yz, kg m² (6)",
                 Payload.NUMBERS,
-                lambda value: len(value) in PAYLOAD_SIZES and 0.0 <= value[0] <= LARGEST_PAYLOAD,
-                f"1, 4 or 10 numbers, the first a mass from 0 to {LARGEST_PAYLOAD:g} kg",
+                lambda value: len(value) in PAYLOAD_SIZES and 0.0 <= value[0] <= largest,
+                f"1, 4 or 10 numbers, the first a mass from 0 to {largest:g} kg",
                 lambda value: self._payload_request(),
                 _has_payload,
-                "Is it more than the arm may carry?",
+                hint="Is it more than the arm may carry?",
+                problem=lambda value: self._payload_problem({PAYLOAD: value}),
                 by_program=True,
+                at_rest=True,
             ),
         )
         yield (
@@ -142,7 +148,7 @@ class ProgramSettings:
                 f"a position within {LONGEST_TOOL:g} m of the {FLANGE}, and a unit quaternion",
                 lambda value: self._tcp_request(),
                 _has_tool,
-                "The arm's own poses are of another point until it does; send it again.",
+                hint="The arm's own poses are of another point until it does; send it again.",
                 by_program=True,
                 at_rest=True,
             ),
@@ -152,10 +158,12 @@ class ProgramSettings:
             Setting(
                 "acceleration opposite to gravity in base axes, m/s² (3)",
                 Payload.NUMBERS,
-                lambda value: len(value) == 3 and math.hypot(*value) <= LARGEST_GRAVITY,
-                f"three numbers, together at most {LARGEST_GRAVITY:g} m/s²",
+                lambda value: len(value) == 3 and not gravity_problem(value),
+                "three numbers, together 9.7 to 9.9 m/s²",
                 _gravity,
+                problem=self._tilt_problem,
                 by_program=True,
+                at_rest=True,
             ),
         )
         if self._config.control == "native":
@@ -197,18 +205,33 @@ class ProgramSettings:
         assert pose is not None
         return "set_tcp", {"pose": list(pose)}
 
-    def _payload_request(self) -> Request:
+    def _tilt_problem(self, gravity: Sequence[float]) -> str:
+        return tilt_problem(self._kept.get(GRAVITY, self._config.gravity or UPRIGHT), gravity)
+
+    def _payload_problem(self, given: Mapping[str, Any]) -> str:
+        """Return why the arm cannot carry what is kept, with what is given now."""
+        kept = {key: value for key, value in self._kept.items() if PAYLOAD not in given} | given
+        _, arguments = self._payload_request(kept)
+        return payload_problem(
+            self._model,
+            arguments["mass"],
+            arguments["center_of_gravity"],
+            arguments.get("inertia"),
+        )
+
+    def _payload_request(self, kept: Mapping[str, Any] | None = None) -> Request:
         """Return that for what was given; for what was not, as configured; else the controller's own."""
+        kept = self._kept if kept is None else kept
         configured, state = self._config.payload, self._robot.state
         mass, center, inertia = 0.0, state.payload_cog if state is not None else None, None
         if configured is not None:
             mass, center = configured.mass, configured.center_of_gravity
             inertia = configured.inertia
-        given = self._kept.get(PAYLOAD, ())
+        given = kept.get(PAYLOAD, ())
         if given:
             mass, center = given[0], given[1:4] or center
             inertia = given[4:] or None
-        mass = self._kept.get(PAYLOAD_MASS, mass)
+        mass = kept.get(PAYLOAD_MASS, mass)
         arguments = {"mass": mass, "center_of_gravity": list(center or (0.0,) * 3)}
         if inertia is None:
             return "set_payload", arguments
