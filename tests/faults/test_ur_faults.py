@@ -273,6 +273,31 @@ def test_link_fault_under_motion(bench, fault):
     assert_enables_at_rest(bench)
 
 
+@pytest.mark.parametrize(
+    ("variable", "value"),
+    [("actual_q", "nan"), ("actual_q", "1e308"), ("target_q", "inf"), ("actual_TCP_force", "nan")],
+)
+def test_f5_a_state_that_is_not_finite_is_never_told(bench, variable, value):
+    """One field that is no number: no sample, FAULT past its age, and the arm stops."""
+    move = start_moving(bench)
+    bench.sim.control.inject("spoiled_output", variable=variable, index=2, value=value)
+    bench.until_state("FAULT")
+    with pytest.raises(MotionAborted):
+        move.wait(LONG)
+    bench.until_still()
+    assert bench.arm.measured_js(age=0, extra=True)[1] == 0.0
+    for name in ("measured_js", "measured_cp", "measured_cv", "measured_cf", "setpoint_js"):
+        told = getattr(bench.arm, name)(age=0)
+        fields = (getattr(told, field) for field in type(told).__dataclass_fields__)
+        arrays = [field for field in fields if isinstance(field, np.ndarray)]
+        assert all(np.isfinite(array).all() for array in arrays), name
+    eventually(lambda: variable in "".join(note.text for note in bench.device.notes), "it is named")
+    bench.sim.control.clear()
+    eventually(lambda: bench.arm.measured_js(age=0, extra=True)[1] > 0.0, "valid again")
+    bench.until_state("DISABLED")
+    assert_enables_at_rest(bench)
+
+
 def test_f1_every_command_says_that_there_is_no_connection(bench):
     bench.sim.control.inject("disconnect", port="rtde", duration=60.0)
     bench.until_state("FAULT")

@@ -245,14 +245,14 @@ def test_a_stream_is_used_once(sim):
 # Against a peer written here from the protocol guide, that sends what no controller should
 
 
-def state_package(timestamp: float) -> bytes:
+def state_package(timestamp: float, spoiled: str = "", value: float = 0.0) -> bytes:
     codes = {"DOUBLE": "d", "VECTOR6D": "6d", "VECTOR3D": "3d", "VECTOR6INT32": "6i"}
     codes |= {"INT32": "i", "UINT32": "I", "UINT64": "Q"}
     body = struct.pack(">d", timestamp)
     for name, kind in list(OUTPUTS.items())[1:]:
         layout = struct.Struct(">" + codes[kind])
-        body += bytes(layout.size)
-        assert name
+        count = len(layout.unpack(bytes(layout.size)))
+        body += layout.pack(*(value if name == spoiled else 0,) * count)
     return struct.pack(">HBB", 4 + len(body), ord("U"), 1) + body
 
 
@@ -357,6 +357,23 @@ def test_package_with_an_old_or_impossible_stamp_is_no_sample(stamp, counter):
         assert getattr(stream.counters, counter) == 1
         send(state_package(1.004))
         assert next_sample(stream).timestamp == 1.004
+
+
+REALS = [name for name, kind in OUTPUTS.items() if kind in ("DOUBLE", "VECTOR3D", "VECTOR6D")]
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e308, -1e308])
+def test_a_package_with_anything_not_finite_is_no_sample(value, caplog):
+    with talking() as (stream, send):
+        for number, name in enumerate(REALS[1:], 1):
+            send(state_package(0.5 + number, name, value))
+            assert stream.receive(soon(0.1)) is None
+            assert stream.nonsense == name
+            assert stream.counters.malformed == number
+            assert name in caplog.text
+        send(state_package(100.0))
+        assert next_sample(stream).timestamp == 100.0
+        assert stream.nonsense == ""
 
 
 def test_text_and_a_broken_package_do_not_disturb(caplog):

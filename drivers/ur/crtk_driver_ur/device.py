@@ -46,6 +46,7 @@ from crtk_drivers.device import (
     Reading,
     Service,
     Setpoint,
+    Severity,
     Steps,
 )
 from crtk_drivers.errors import (
@@ -206,6 +207,10 @@ class UrDevice(Device):
         """See the base class."""
         state = self._robot.state
         reports = () if state is None else reports_of(state)
+        nonsense = self._stream.nonsense if self._stream is not None else ""
+        if nonsense:
+            text = f"the controller sends {nonsense} as no finite number; samples are dropped"
+            reports = (Note(Severity.ERROR, "samples", text), *reports)
         calibration = (self._geometry.note,) if self._geometry.note else ()
         waiting = () if self._controls() else self._settings.waiting()
         return (*self._inputs.notes(), *waiting, *calibration, *reports)

@@ -131,6 +131,7 @@ class Controller:
         self.time = 0.0
         self.outputs: dict[str, Any] = variables.initial_image(variables.OUTPUTS)
         self.inputs: dict[str, Any] = variables.initial_image(variables.INPUTS)
+        self.spoiled: dict[str, tuple[int, float]] = {}
         self._remote_switch: bool = remote or model.is_cb3
         self.popup_text: str | None = None
         self.user_role: str = "PROGRAMMER"
@@ -579,6 +580,17 @@ class Controller:
         self._cut_power()
         self.player.end()
         self.post(ErrorMessage(0, 0, ReportLevel.FAULT, "Robot power lost"))
+
+    def spoil(self) -> dict[str, Any]:
+        """Outputs of `spoiled` (index and value by name), as RTDE clients see them."""
+        found: dict[str, Any] = {}
+        for name, (index, value) in self.spoiled.items():
+            present = self.outputs[name]
+            if isinstance(present, tuple):
+                found[name] = (*present[:index], value, *present[index + 1 :])
+            else:
+                found[name] = value
+        return found
 
     def freeze_joint(self, index: int, on: bool = True) -> None:
         """Block joint `index` (0 to 5) mechanically, or free it again."""

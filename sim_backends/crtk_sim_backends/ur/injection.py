@@ -15,6 +15,7 @@ from crtk_sim_backends.ur.config import PORTS
 from crtk_sim_backends.ur.contact import DAMPING, STIFFNESS, UP, Surface
 from crtk_sim_backends.ur.safety import SafetyMode
 from crtk_sim_backends.ur.signals import ANALOG_INPUTS
+from crtk_sim_backends.ur.variables import OUTPUTS
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller
@@ -48,6 +49,13 @@ def _hook(make: Callable[[Parameters], wire.WireHook]) -> Callable[[Parameters],
     return build
 
 
+REAL_OUTPUTS: Final = tuple(
+    name
+    for name, variable in OUTPUTS.items()
+    if variable.type in ("DOUBLE", "VECTOR3D", "VECTOR6D")
+)
+"""Outputs of RTDE that can be no number at all."""
+
 HOOKS: Final[Mapping[str, Callable[[Parameters], wire.WireHook]]] = {
     "split": _hook(lambda p: wire.split(p["size"], p["spacing"])),
     "coalesce": _hook(lambda p: wire.coalesce(p["seconds"])),
@@ -74,6 +82,9 @@ BEGIN: Final[Mapping[str, Callable[[Controller, Parameters], object]]] = {
     "power_loss": lambda c, p: c.power_loss(),
     "freeze_joint": lambda c, p: c.freeze_joint(p["joint"], True),
     "external_force": lambda c, p: c.external_force(p["wrench"]),
+    "spoiled_output": lambda c, p: c.spoiled.update(
+        {p["variable"]: (p["index"], float(p["value"]))}
+    ),
     "surface": lambda c, p: c.surroundings.place(
         p["index"],
         Surface.make(
@@ -108,6 +119,7 @@ END: Final[Mapping[str, Callable[[Controller, Parameters], object]]] = {
     "local_control": lambda c, p: c.set_remote(True),
     "freeze_joint": lambda c, p: c.freeze_joint(p["joint"], False),
     "external_force": lambda c, p: c.external_force((0.0,) * 6),
+    "spoiled_output": lambda c, p: c.spoiled.pop(p["variable"], None),
     "surface": lambda c, p: c.surroundings.place(p["index"], None),
     "pause_program": lambda c, p: c.play(),
     "speed_slider": lambda c, p: c.write_inputs(
@@ -178,6 +190,13 @@ KINDS: Final[Mapping[str, FaultKind]] = {
             "external_force",
             "somebody pushes at the TCP (N, N.m, axes of the base)",
             wrench=Parameter(list, minimum=-10000.0, maximum=10000.0, length=6),
+        ),
+        _robot_kind(
+            "spoiled_output",
+            "RTDE clients are told nonsense in an output",
+            variable=Parameter(str, choices=REAL_OUTPUTS),
+            index=Parameter(int, 0, minimum=0, maximum=5),
+            value=Parameter(str, "nan", choices=("nan", "inf", "-inf", "1e308")),
         ),
         _robot_kind(
             "surface",

@@ -279,7 +279,11 @@ class RtdeSession:
         """Build the data package due at `tick`; None when none is."""
         if not self.started or self._outputs is None or tick % self._divider:
             return None
-        return self._outputs.package(self._controller.outputs)
+        controller = self._controller
+        image = controller.outputs
+        if controller.spoiled:
+            image = {**image, **controller.spoil()}
+        return self._outputs.package(image)
 
     def close(self) -> None:
         """Free the claimed inputs; their values persist."""

@@ -8,6 +8,7 @@ Source: RTDE Guide, "Protocol".
 
 from __future__ import annotations
 
+import math
 import struct
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -39,6 +40,9 @@ HEADER = struct.Struct(">HB")
 MAX_PACKAGE = 4096
 """Longest package that is accepted; the guide limits the longest, a list of names, to 2048 bytes."""
 
+LARGEST_NUMBER = 1e12
+"""Of any output, in SI units: what is larger was damaged on its way."""
+
 Value: TypeAlias = float | int | bool | tuple[float, ...] | tuple[int, ...]
 
 
@@ -66,7 +70,6 @@ class MalformedReason(IntEnum):
     WRONG_LENGTH = 2
     UNKNOWN_RECIPE = 3
     NOT_TEXT = 4
-    NOT_FINITE = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,12 +85,14 @@ class Recipe:
     types: tuple[str, ...]
     layout: struct.Struct = field(init=False, repr=False, compare=False)
     _group: itemgetter[Any] = field(init=False, repr=False, compare=False)
+    _reals: tuple[tuple[str, int], ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if len(self.names) != len(self.types) or not self.names:
             raise ValueError(f"{len(self.names)} variables with {len(self.types)} types")
         layout = ">"
         places: list[int | slice] = []
+        reals: list[tuple[str, int]] = []
         position = 0
         for name, type_name in zip(self.names, self.types, strict=True):
             try:
@@ -95,9 +100,12 @@ class Recipe:
             except KeyError:
                 raise ValueError(f"variable {name} has the unknown type {type_name!r}") from None
             layout += f"{count}{code}"
+            if code == "d":
+                reals += [(name, position + i) for i in range(count)]
             places.append(position if count == 1 else slice(position, position + count))
             position += count
         # A second getter argument makes the result a tuple even for a single variable.
+        object.__setattr__(self, "_reals", tuple(reals))
         object.__setattr__(self, "layout", struct.Struct(layout))
         object.__setattr__(self, "_group", itemgetter(*places, slice(0, 0)))
 
@@ -105,6 +113,16 @@ class Recipe:
         """Return one value per variable: a number, or a tuple of numbers for a vector."""
         values: tuple[Value, ...] = self._group(self.layout.unpack(payload))
         return values[:-1]
+
+    def nonsense(self, payload: bytes) -> str:
+        """Return the name of the first variable that is not finite, or impossibly large; empty if none is."""
+        flat = self.layout.unpack(payload)
+        # This is done with each package: the sum finds what is not finite, which comparisons do not.
+        if min(flat) > -LARGEST_NUMBER and max(flat) < LARGEST_NUMBER and math.isfinite(sum(flat)):
+            return ""
+        return next(
+            (name for name, place in self._reals if not abs(flat[place]) < LARGEST_NUMBER), ""
+        )
 
     def pack(self, values: Sequence[Value]) -> bytes:
         """Return the payload for one value per variable.

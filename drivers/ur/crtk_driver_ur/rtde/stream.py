@@ -23,9 +23,7 @@ from crtk_driver_ur.rtde.codec import (
     ControllerVersion,
     DataPackage,
     Malformed,
-    MalformedReason,
     Message,
-    PackageType,
     Recipe,
     RtdeDecoder,
     RtdeFramingError,
@@ -178,6 +176,9 @@ class RtdeStream:
         frequency: samples per second; None for the rate of the controller.
         protocol_version: the highest to ask for, 1 or 2.
         clock: the monotonic clock.
+
+    Attributes:
+        nonsense: variable for which the last package was dropped; empty since one was good.
     """
 
     def __init__(
@@ -211,6 +212,7 @@ class RtdeStream:
         self._timestamp: float | None = None
         self._malformed_row = 0
         self._counters = StreamCounters()
+        self.nonsense = ""
 
     @property
     def address(self) -> str:
@@ -502,6 +504,13 @@ class RtdeStream:
                 remedy="Connect again; if it comes back, check for a proxy or a faulty network.",
             )
 
+    def _count_nonsense(self, name: str) -> None:
+        """Note a package that is no sample; whoever waits for samples sees that there are none."""
+        self._counters = replace(self._counters, malformed=self._counters.malformed + 1)
+        if name != self.nonsense:
+            self.nonsense = name
+            _log.warning("%s: %s is not a finite number; samples are dropped", self._where, name)
+
     def _lost(self, error: OSError | None) -> ConnectionLost:
         reason = "the controller closed the connection"
         if error is not None:
@@ -524,12 +533,10 @@ class RtdeStream:
         if self._missing:
             known = iter(values)
             values = tuple(None if name in self._missing else next(known) for name in OUTPUTS)
-        timestamp = cast(float, values[0])
-        if not math.isfinite(timestamp):
-            self._count_malformed(
-                Malformed(MalformedReason.NOT_FINITE, PackageType.DATA, package.payload)
-            )
+        if name := package.recipe.nonsense(package.payload):
+            self._count_nonsense(name)
             return None
+        timestamp = cast(float, values[0])
         last, self._timestamp = self._timestamp, timestamp
         steps = count if last is None else round((timestamp - last) * self._frequency)
         old = self._counters
@@ -538,6 +545,7 @@ class RtdeStream:
                 old, received=old.received + count, repeated=old.repeated + count
             )
             return None
+        self.nonsense = ""
         restarted = steps < 0
         lost = 0 if restarted else max(0, steps - count)
         self._counters = StreamCounters(
