@@ -7,11 +7,30 @@ import math
 from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.models import JOINT_NAMES, RobotModel
 from crtk_driver_ur.samples import BASE_FRAME, TOOL_FRAME
-from crtk_drivers.device import Capabilities, CartesianLimits, JointLimits, Mode, StopPolicy
+from crtk_drivers.device import (
+    Capabilities,
+    CartesianLimits,
+    Following,
+    JointLimits,
+    Mode,
+    StopPolicy,
+)
 
 ACCELERATION_RISE_TIME = 0.1
 """Seconds in which setpoints made here reach the acceleration limit: the controller publishes no jerk
 limit."""
+
+STOP_MARGIN = 1.0
+"""Seconds of a stop for the way to the controller and back, and for the last of it to die away."""
+
+TRANSPORT = 0.15
+"""Seconds at most, beside the smoothing, until a position that was sent is followed."""
+
+FOLLOWING_ERROR = 0.15
+"""rad beyond what can be explained by lag: the controller's own protective stop is of this size."""
+
+ARRIVAL = 0.01
+"""rad to the end of a move within which a joint is there."""
 
 NATIVE_MOVES = frozenset({"move_jp", "move_cp"})
 
@@ -55,7 +74,33 @@ def capabilities_of(config: UrConfig, model: RobotModel) -> Capabilities:
             timeout,
             f"holds its position; the controller stops the arm {timeout:g} s after this "
             "process or the link died",
+            timeout + STOP_MARGIN + _slowing_time(config, model),
         ),
+        following=_following(config, model),
+    )
+
+
+def _slowing_time(config: UrConfig, model: RobotModel) -> float:
+    """Return the seconds in which the arm comes to rest from the highest speed that it is given."""
+    servo, move = config.servo, config.move
+    return max(
+        max(model.velocity_limits) / servo.joint_acceleration,
+        max(servo.max_linear_velocity, move.linear_velocity) / servo.linear_acceleration,
+        servo.max_angular_velocity / servo.joint_acceleration,
+    )
+
+
+def _following(config: UrConfig, model: RobotModel) -> Following:
+    """Return how closely joints follow: late by the smoothing, and while they speed up to a stream."""
+    lag = config.servo.lookahead + TRANSPORT
+    acceleration = max(config.servo.joint_acceleration, config.move.joint_acceleration)
+    return Following(
+        tuple(
+            FOLLOWING_ERROR + max(0.0, speed * speed / (2.0 * acceleration) - speed * lag)
+            for speed in model.velocity_limits
+        ),
+        (ARRIVAL,) * len(JOINT_NAMES),
+        lag,
     )
 
 

@@ -17,12 +17,15 @@ from crtk_driver_ur.control_program import (
     Setting,
 )
 from crtk_driver_ur.rtde.inputs import RtdeInputs
-from crtk_drivers.errors import ConnectionFailed
+from crtk_drivers.errors import ConnectionFailed, ConnectionLost
 
 __all__ = ["FEED_PERIOD", "ControlChannel"]
 
 FEED_PERIOD: Final = 0.02
 """Seconds without a package after which the watchdog is fed."""
+
+LOCK_TIMEOUT: Final = 0.05
+"""Seconds that a stop waits for another thread."""
 
 _NO_MOTION: Final = (0.0,) * 6
 
@@ -44,6 +47,7 @@ class ControlChannel:
 
     def __init__(self, host: str, first: int, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
+        self._where = f"RTDE {host}"
         self._lock = threading.Lock()
         self._inputs = RtdeInputs(host)
         try:
@@ -95,6 +99,19 @@ class ControlChannel:
             self._sequence += 1
             self._post_motion(kind, values, first, second)
             return self._sequence
+
+    def stop(self) -> int:
+        """Send the command to rest, and return its number; does not wait for a thread that hangs in here."""
+        if not self._lock.acquire(timeout=LOCK_TIMEOUT):
+            raise ConnectionLost(
+                "another thread hangs in the connection for commands", where=self._where
+            )
+        try:
+            self._sequence += 1
+            self._post_motion(Kind.REST, _NO_MOTION, 0.0, 0.0)
+            return self._sequence
+        finally:
+            self._lock.release()
 
     def set(self, setting: Setting, values: Sequence[float]) -> int:
         """Send a setting and return its number; not before the program has taken the one before."""

@@ -10,6 +10,8 @@ from collections.abc import Generator, Mapping, Sequence
 from typing import Any
 
 from crtk_driver_ur.control_frames import Reply
+from crtk_driver_ur.dashboard_worker import client_of
+from crtk_driver_ur.request_worker import Controller
 from crtk_driver_ur.rtde.stream import StateSample
 from crtk_drivers.device import MoveProgress, Steps
 from crtk_drivers.errors import DeviceFault, MotionAborted, TransitionFailed
@@ -78,6 +80,23 @@ class ControlLink(ABC):
     @abstractmethod
     def close(self, *, lost: bool) -> None:
         """Stop the arm, end the program, and release everything; `lost`: the controller is silent."""
+
+    @property
+    @abstractmethod
+    def _controller(self) -> Controller:
+        """Whom requests go to."""
+
+    def power_off_now(self) -> None:
+        """Switch the arm's power off, and wait for the answer; after `close`.
+
+        Raises:
+            ConnectionFailed, ConnectionLost, TransitionFailed: it was not.
+        """
+        client = client_of(self._controller)
+        try:
+            client.ask("power_off")
+        finally:
+            client.close()
 
     @property
     @abstractmethod
@@ -177,7 +196,7 @@ class ControlLink(ABC):
     @property
     @abstractmethod
     def stopping(self) -> bool:
-        """Whether the arm has not come to rest yet after the last `stop`."""
+        """Whether the last `stop` has not been seen to be carried out: the program told so, or has ended."""
 
     def move_progress(self) -> MoveProgress:
         """Say where the last move (or freedrive) stands.

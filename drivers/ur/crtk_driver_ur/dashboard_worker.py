@@ -9,7 +9,15 @@ from crtk_driver_ur.dashboard import DashboardClient
 from crtk_driver_ur.request_worker import Controller, RequestWorker
 from crtk_driver_ur.robot_api import POLYSCOPE_X, RobotApiClient
 
-__all__ = ["DashboardWorker"]
+__all__ = ["DashboardWorker", "client_of"]
+
+
+def client_of(controller: Controller) -> DashboardClient | RobotApiClient:
+    """Return who speaks to the dashboard of a controller, whichever that has."""
+    host, version, port = controller
+    if version < POLYSCOPE_X:
+        return DashboardClient(host)
+    return RobotApiClient(host, port, version)
 
 
 class DashboardWorker(RequestWorker):
@@ -20,10 +28,7 @@ class DashboardWorker(RequestWorker):
 
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller)
-        host, version, port = controller
-        self._client: DashboardClient | RobotApiClient = (
-            DashboardClient(host) if version < POLYSCOPE_X else RobotApiClient(host, port, version)
-        )
+        self._client = client_of(controller)
 
     def carry_out(self, request: Request) -> Any:
         """See the base class."""

@@ -30,7 +30,7 @@ from crtk_driver_ur.reports import numbers_of, reports_of
 from crtk_driver_ur.robot import Robot
 from crtk_driver_ur.robot_api import POLYSCOPE_X, REMOTE_SINCE
 from crtk_driver_ur.rtde.stream import RTDE_PORT, RtdeStream, StateSample
-from crtk_driver_ur.safety import PROGRAM_PAUSED, RobotMode
+from crtk_driver_ur.safety import PROGRAM_PAUSED, RobotMode, found_in
 from crtk_driver_ur.samples import pose_of
 from crtk_driver_ur.services import UrServices
 from crtk_driver_ur.servo_lag import ServoLag
@@ -65,6 +65,9 @@ logger = logging.getLogger(__name__)
 
 STOP_TIMEOUT = 5.0
 """Seconds that disable waits for the arm to stand, before it goes on to switch the power off."""
+
+FIRST_STATE = 0.5
+"""Seconds at least for the first state of a connection."""
 
 DEAD_AFTER = 0.1
 """Seconds without a sample after which the controller counts as silent."""
@@ -104,6 +107,7 @@ class UrDevice(Device):
         self._lag = ServoLag()
         self._in_control = False
         self._why_stopped = _PROGRAM_STOPPED
+        self._found = ""
         self._services = UrServices(
             self._robot, self._link, self._model, self._controls, f"ur {self.address}"
         )
@@ -130,6 +134,16 @@ class UrDevice(Device):
     def address(self) -> str:
         """See the base class."""
         return f"{self._config.host or '(no host)'}:{RTDE_PORT}"
+
+    @property
+    def has_stopped(self) -> bool:
+        """See the base class: the program says so, or none of ours runs; and the controller aims at rest."""
+        return self._robot.standing and not self._link.stopping
+
+    @property
+    def found(self) -> str:
+        """See the base class."""
+        return self._found
 
     @property
     def takes_setpoints(self) -> bool:
@@ -237,6 +251,7 @@ class UrDevice(Device):
             self._link.open(version, has_local_control=_tells_who_has_control(version))
             if not self._aborted:
                 self._geometry.learn_calibration(deadline)
+            self._found = found_in(stream.receive(max(deadline, time.monotonic() + FIRST_STATE)))
         except BaseException:
             stream.close()
             raise
@@ -271,8 +286,12 @@ class UrDevice(Device):
             stream.close()
         state = self._robot.state
         silent = state is None or time.monotonic() - state.received > DEAD_AFTER
-        self._link.close(lost=self._stream_lost or silent)
+        lost = self._stream_lost or silent
+        has_power = self._in_control or self._link.program_runs
+        self._link.close(lost=lost)
         self._robot.state, self._in_control = None, False
+        if has_power and not lost and self._config.on_close == "power_off":
+            self._link.power_off_now()
 
     def read(self, deadline: float) -> Sample | None:
         """See the base class."""

@@ -55,6 +55,14 @@ NO_PROGRAM: Final = -1
 REPLACED_AFTER: Final = 0.5
 """Seconds of the controller's clock without a cycle of our program after which it counts as replaced."""
 
+STOP_TIMEOUT: Final = 0.3
+"""Seconds without an answer of the program after which it is stopped another way."""
+
+NEVER: Final = 2**31
+"""In place of a motion's number: the program will not say that it has taken it."""
+
+STOP_PROGRAM: Final = "def crtk_stop():\n  stopj({:g})\nend\n"
+
 CLOSE_TIMEOUT: Final = 0.7
 """Most seconds that `close` feeds the watchdog while the arm slows down, and waits for threads to end."""
 
@@ -147,6 +155,10 @@ class NativeLink(ControlLink):
         self._setting = 0
         self._move = 0
         self._stopping = 0
+        self._taken = False
+        self._rests = False
+        self._stop_asked_at = -math.inf
+        self._replaced_at = -math.inf
 
     # The connection
 
@@ -157,8 +169,7 @@ class NativeLink(ControlLink):
         self._version = version
         self._program, self._reported = NO_PROGRAM, ProgramState()
         self._opened += 1
-        controller = Controller(self._host, version, self._options.robot_api_port)
-        self._workers = {kind: kind(controller) for kind in set(_WORKERS.values())}
+        self._workers = {kind: kind(self._controller) for kind in set(_WORKERS.values())}
         for worker in self._workers.values():
             worker.start()
 
@@ -176,6 +187,10 @@ class NativeLink(ControlLink):
             worker.join(deadline)
         self._opened += 1
         self._forget_requests()
+
+    @property
+    def _controller(self) -> Controller:
+        return Controller(self._host, self._version, self._options.robot_api_port)
 
     def _stop_time(self) -> float:
         """Return how long the arm needs to come to rest, s."""
@@ -257,6 +272,7 @@ class NativeLink(ControlLink):
             self._cycled_at = state.timestamp
         self._reported = found
         standing = found.phase == Phase.STANDING
+        self._taken = found.sequence >= self._stopping
         if self._stopping and found.sequence >= self._stopping and standing:
             self._stopping = 0
         if self._progress is MoveProgress.RUNNING:
@@ -345,13 +361,36 @@ class NativeLink(ControlLink):
 
     def stop(self) -> None:
         """See the base class."""
-        channel = self._channel
-        if channel is None:
+        now, again = self._clock(), self._rests and self._stopping > 0
+        if not again:
+            self._rests, self._taken, self._stop_asked_at = True, False, now
+        unanswered = not self._taken and now > self._stop_asked_at + STOP_TIMEOUT
+        if self._channel is not None and not unanswered:
+            try:
+                number = self._channel.stop()
+            except ConnectionLost as error:
+                logger.warning("%s: %s", self._where, error)
+            else:
+                # The first one counts: those that repeat it are answered later, where the way is long.
+                self._stopping = self._stopping if again else number
+                return
+        if self.program_runs:
+            self._stopping = self._stopping or NEVER
+            self._stop_otherwise()
+
+    def _stop_otherwise(self) -> None:
+        """Put a program that only stops in the place of ours, by the port for programs."""
+        now, primary = self._clock(), self._primary
+        if primary is None or now < self._replaced_at + STOP_TIMEOUT:
             return
+        self._replaced_at = now
+        text = STOP_PROGRAM.format(self._options.motion.joint_deceleration)
         try:
-            self._stopping = channel.command(Kind.REST)
-        except ConnectionLost as error:
-            logger.warning("%s; the controller's watchdog stops the arm", error)
+            primary.sendall(text.encode())
+        except OSError as error:
+            logger.warning("%s: %s; the controller's watchdog stops the arm", self._where, error)
+        else:
+            logger.warning("%s: the control program is replaced by one that stops", self._where)
 
     @property
     def stopping(self) -> bool:
@@ -363,6 +402,7 @@ class NativeLink(ControlLink):
     ) -> int:
         """Send a motion and return its sequence number."""
         remedy = "Send enable to start again."
+        self._rests = False
         if self._channel is None:
             raise DeviceFault(
                 self.loss or "the control program was not started", where=self._where, remedy=remedy

@@ -15,6 +15,7 @@ from typing import Any
 from crtk_driver_ur.control import ControlOptions, ControlSupervisor
 from crtk_driver_ur.control_frames import Event, EventKind
 from crtk_driver_ur.control_link import INTERRUPTED, PROGRAM_STOPPED, ControlLink
+from crtk_driver_ur.request_worker import Controller
 from crtk_driver_ur.rtde.stream import StateSample
 from crtk_driver_ur.safety import STANDING_PROGRAM
 from crtk_drivers.device import MoveProgress, Steps
@@ -68,6 +69,7 @@ class ProcessLink(ControlLink):
         self._connected_process = 0
         self._motion = 0
         self._stopping = 0
+        self._left_running = False
 
     # The process
 
@@ -81,11 +83,16 @@ class ProcessLink(ControlLink):
 
     def close(self, *, lost: bool) -> None:
         """See the base class."""
-        self.program_runs = False
+        self.program_runs = self._left_running = False
         if lost:
             # Waiting for a library that lost its controller too would keep the caller.
             self.process.kill()
         self.process.close(CLOSE_TIMEOUT)
+
+    @property
+    def _controller(self) -> Controller:
+        process = self.process
+        return Controller(process.host, process.version, process.options.robot_api_port)
 
     def _restart(self) -> None:
         """Kill the process and start another, at once."""
@@ -100,6 +107,7 @@ class ProcessLink(ControlLink):
             # It died as soon as it was born; `follow` will find that out.
             logger.warning("%s", error)
         self._stopping = 0
+        self._left_running |= self.program_runs
         self.program_runs = False
         self._forget_requests()
 
@@ -147,7 +155,7 @@ class ProcessLink(ControlLink):
     def take(self, state: StateSample) -> None:
         """See the base class."""
         if state.runtime_state in STANDING_PROGRAM:
-            self.program_runs = False
+            self.program_runs = self._left_running = False
             if time.monotonic() > self._interrupted_at + PROGRAM_START_ALLOWED:
                 self._interrupted_at = -math.inf
 
@@ -161,6 +169,7 @@ class ProcessLink(ControlLink):
         if event.kind is EventKind.STOPPED and event.sequence >= self._stopping:
             self._stopping = 0
         if event.kind in (EventKind.PROCESS_DIED, EventKind.CONNECTION_LOST):
+            self._left_running |= self.program_runs
             self.loss = self.loss or f"{error.text}. {error.hint}"
             logger.error("%s: %s", self._where, error.text)
         elif event.kind is EventKind.PROGRAM_STOPPED:
@@ -220,7 +229,7 @@ class ProcessLink(ControlLink):
     @property
     def stopping(self) -> bool:
         """See the base class."""
-        return self._stopping > 0
+        return self._stopping > 0 or self._left_running
 
     def _send(self, command: Callable[..., int], *arguments: Any) -> int:
         """Call one of the commands of `process` and return its number."""
@@ -252,6 +261,7 @@ class ProcessLink(ControlLink):
             self._interrupted_at = time.monotonic()
             raise
         self._connected_process, self._was_local = self.process.status.starts, False
+        self._left_running = False
 
     @property
     def left_program(self) -> bool:

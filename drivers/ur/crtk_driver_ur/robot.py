@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 from crtk_driver_ur.control_link import ControlLink
 from crtk_driver_ur.rtde.stream import StateSample
-from crtk_driver_ur.safety import RobotMode, RuntimeState, SafetyMode, condition_of
+from crtk_driver_ur.safety import STILL, RobotMode, RuntimeState, SafetyMode, condition_of
 from crtk_drivers.device import Condition, Steps
 from crtk_drivers.errors import CommandRefused, DeviceFault, Reason
 from crtk_drivers.state import OperatingState
@@ -19,9 +19,6 @@ __all__ = ["Robot"]
 UNLOCK_AFTER = 5.1
 """Seconds on the controller's clock that a protective stop lasts before it is unlocked: the controller
 refuses before 5 s (Dashboard Server manual)."""
-
-AT_REST = 1e-3
-"""rad/s below which a target speed counts as standing still."""
 
 
 class Robot:
@@ -91,7 +88,7 @@ class Robot:
     @property
     def standing(self) -> bool:
         """Whether the controller wants the arm to stand."""
-        return self.state is None or max(map(abs, self.state.target_qd)) < AT_REST
+        return self.state is None or max(map(abs, self.state.target_qd)) < STILL
 
     # Procedures
 

@@ -10,17 +10,20 @@ from collections.abc import Mapping
 from enum import IntEnum, IntFlag
 from types import MappingProxyType
 
+from crtk_driver_ur.rtde.stream import StateSample
 from crtk_drivers.device import Condition
 from crtk_drivers.state import OperatingState
 
 __all__ = [
     "STANDING_PROGRAM",
+    "STILL",
     "RobotMode",
     "RobotStatus",
     "RuntimeState",
     "SafetyMode",
     "SafetyStatus",
     "condition_of",
+    "found_in",
     "name_of",
 ]
 
@@ -185,6 +188,23 @@ ROBOT_CONDITIONS: Mapping[RobotMode, Condition] = MappingProxyType(
     }
 )
 """What each robot mode allows, when the safety system allows everything."""
+
+STILL = 1e-3
+"""rad/s below which a target speed counts as standing still."""
+
+
+def found_in(state: StateSample | None) -> str:
+    """Return in what moving or powered state an arm is, in words; empty if it cannot move by itself."""
+    if state is None or state.robot_mode != RobotMode.RUNNING:
+        return ""
+    moves = max(map(abs, state.target_qd)) >= STILL
+    parts = (
+        (True, "the brakes are released"),
+        (state.runtime_state not in STANDING_PROGRAM, "a program runs on the controller"),
+        (moves, "the arm moves"),
+    )
+    return "found as it is: " + ", ".join(text for holds, text in parts if holds)
+
 
 LOCAL_CONTROL = Condition(
     _PAUSED, "the teach pendant has control (local). Switch it to remote control, then resume."

@@ -1,0 +1,176 @@
+"""Stops of a UR arm: read back, by a second way where the first is gone, and what the driver leaves."""
+
+import socket
+import threading
+import time
+
+import pytest
+from ur_bench import HOME, LONG, WAYS, UrBench, driver_at, eventually, ur_bench
+
+from crtk_sim_backends.ur import SIM
+
+POWER_OFF, IDLE, RUNNING = 3, 5, 7
+STOPPED, PLAYING = 1, 2
+FAR = [2.5, *HOME[1:]]
+CONFIG = {"sample_timeout": 1.0, "open_timeout": 5.0}
+RELEASED = "the brakes are released"
+
+both_ways = pytest.mark.parametrize("control", WAYS)
+
+
+@pytest.fixture(scope="module", params=WAYS)
+def shared(request):
+    with ur_bench({**CONFIG, "control": request.param}) as bench:
+        yield bench
+
+
+@pytest.fixture
+def bench(shared: UrBench) -> UrBench:
+    shared.reset()
+    return shared
+
+
+# What is read back.
+
+
+def stopping(bench: UrBench, monkeypatch) -> list[bool]:
+    """Return whether each stop that the core sends from now on counts as carried out at once."""
+    stop, told = bench.device.stop, []
+
+    def told_stop() -> None:
+        stop()
+        told.append(bench.device.has_stopped)
+
+    monkeypatch.setattr(bench.device, "stop", told_stop)
+    return told
+
+
+def test_a_stop_counts_when_the_controller_has_carried_it_out(bench, monkeypatch):
+    told = stopping(bench, monkeypatch)
+    bench.arm.move_jp(FAR)
+    bench.until_moving(speed=1.0)
+    bench.arm.hold()
+    eventually(lambda: told, "it is sent")
+    assert told[0] is False, "it was only sent"
+    eventually(lambda: bench.engine._stopping.confirmed, "it is carried out")
+    assert bench.device.has_stopped
+    assert max(map(abs, bench.outputs("target_qd"))) < 1e-3
+    assert bench.outputs("runtime_state") == PLAYING, "by the program, which goes on"
+
+
+def test_a_stop_that_is_repeated_faster_than_it_is_answered_is_believed(bench, monkeypatch):
+    told = stopping(bench, monkeypatch)
+    bench.arm.move_jp(FAR)
+    bench.until_moving(speed=1.0)
+    bench.inject("delay", port="rtde", seconds=0.1)
+    bench.arm.hold()
+    eventually(lambda: len(told) > 1, "it is repeated")
+    eventually(lambda: bench.engine._stopping.confirmed, "it is read back")
+    bench.sim.control.clear()
+    assert bench.status.state == "ENABLED"
+    bench.until_still()
+
+
+# By another way.
+
+
+@pytest.mark.parametrize("shared", ["native"], indirect=True)
+def test_a_stop_does_not_wait_for_a_thread_that_hangs_in_the_connection(bench, record_property):
+    """The lock of the channel is never given back: a program that only stops takes the place of ours."""
+    bench.arm.move_jp(FAR)
+    bench.until_moving(speed=1.0)
+    channel = bench.device._link._channel
+    channel._lock.acquire()
+    try:
+        began = time.monotonic()
+        stopper = threading.Thread(target=bench.device.stop)
+        stopper.start()
+        stopper.join(LONG)
+        took = time.monotonic() - began
+        bench.until_still()
+        record_property("until it stands (s)", time.monotonic() - began)
+        assert took < LONG / 2.0, "it waited"
+    finally:
+        channel._lock.release()
+    assert bench.q()[0] < FAR[0] - 0.1
+    bench.until_outputs(runtime_state=(STOPPED,))
+    with bench.nothing_moves():
+        eventually(lambda: bench.status.state != "ENABLED", "it is told")
+
+
+# What is found, and what is left.
+
+
+@both_ways
+def test_what_the_arm_is_found_in_is_told_and_disable_ends_it(control):
+    with SIM.spawn() as sim:
+        with driver_at(sim, {**CONFIG, "control": control}) as bench:
+            assert RELEASED in bench.until_state("DISABLED").detail, "the simulated arm wakes up so"
+            assert bench.outputs("robot_mode") == RUNNING
+            bench.arm.disable(timeout=LONG)
+            bench.until_outputs(robot_mode=(POWER_OFF,))
+            with bench.nothing_moves():
+                bench.arm.disable(timeout=LONG)
+        with driver_at(sim, {**CONFIG, "control": control}) as bench:
+            assert RELEASED not in bench.until_state("DISABLED").detail
+
+
+def test_a_program_that_runs_is_found():
+    with SIM.spawn() as sim:
+        with socket.create_connection((sim.host, 30002), LONG) as peer:
+            peer.sendall(b"def other():\n  while True:\n    sync()\n  end\nend\n")
+            eventually(lambda: sim.control.status()["program"] != "", "it runs")
+        with driver_at(sim, CONFIG) as bench:
+            assert "a program runs" in bench.until_state("DISABLED").detail
+
+
+@both_ways
+@pytest.mark.parametrize(("on_close", "mode"), [("hold", RUNNING), ("power_off", POWER_OFF)])
+@pytest.mark.parametrize("moving", [False, True], ids=["at rest", "in motion"])
+def test_closing_stops_first_and_leaves_the_arm_as_it_is_configured(
+    control, on_close, mode, moving
+):
+    with ur_bench({**CONFIG, "control": control, "on_close": on_close}) as bench:
+        bench.enable()
+        if moving:
+            bench.arm.move_jp(FAR)
+            bench.until_moving(speed=1.0)
+        watch = Watch(bench)
+        bench.arm.close()
+        watch.end()
+        bench.until_outputs(robot_mode=(mode,), runtime_state=(STOPPED,))
+        bench.until_still()
+        assert bench.q()[0] < FAR[0] - 0.1
+        assert watch.standing_when_power_went, "it stands before its power goes"
+
+
+class Watch:
+    """Looks at the controller beside what a test does."""
+
+    def __init__(self, bench: UrBench) -> None:
+        self._bench = bench
+        self._ended = threading.Event()
+        self.standing_when_power_went = True
+        self._thread = threading.Thread(target=self._look)
+        self._thread.start()
+
+    def _look(self) -> None:
+        before = 0.0
+        while not self._ended.is_set():
+            found = self._bench.sim.control.outputs("robot_mode", "target_qd")
+            if found["robot_mode"] != RUNNING and before > 0.5:
+                self.standing_when_power_went = False
+            before = max(map(abs, found["target_qd"])) if found["robot_mode"] == RUNNING else 0.0
+            time.sleep(0.005)
+
+    def end(self) -> None:
+        self._ended.set()
+        self._thread.join()
+
+
+def test_an_arm_that_was_not_enabled_keeps_its_power_whatever_is_configured():
+    with SIM.spawn() as sim:
+        with driver_at(sim, {**CONFIG, "on_close": "power_off"}) as bench:
+            bench.until_state("DISABLED")
+        with driver_at(sim, CONFIG, start=False) as bench:
+            assert bench.outputs("robot_mode") == RUNNING
