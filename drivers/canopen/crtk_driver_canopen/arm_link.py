@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -21,14 +21,16 @@ from crtk_driver_canopen.config import CanopenConfig
 from crtk_driver_canopen.cycle import Cycle, CycleCounters, KernelSync, SentSync
 from crtk_driver_canopen.foreign import SYNC_TEXT, ForeignMaster
 from crtk_driver_canopen.heartbeat import NmtCommand, NmtState
-from crtk_driver_canopen.jobs import NodeJobs
+from crtk_driver_canopen.jobs import NodeJobs, one_by_one
 from crtk_driver_canopen.layout import CobIds, Layout, plan
 from crtk_driver_canopen.master import BootUp, Master
 from crtk_driver_canopen.modes import OpMode
 from crtk_driver_canopen.objects import OBJECTS
-from crtk_driver_canopen.pdo import read_cob_id
+from crtk_driver_canopen.pdo import Pdo, read_cob_id
+from crtk_driver_canopen.safeguards import PositionLimits
 from crtk_driver_canopen.sdo import Sdo
-from crtk_driver_canopen.statemachine import Control, State
+from crtk_driver_canopen.statemachine import State
+from crtk_driver_canopen.stopping import RPDO_TIMEOUT, LastResort, secure
 from crtk_driver_canopen.units import GroupUnits
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import ConnectionFailed, CrtkError, DataTimeout
@@ -95,8 +97,11 @@ class ArmLink:
         self._foreign_syncs = 0
         self._sent = True
         self._jobs = NodeJobs()
-        self._stops = NodeJobs()
-        self._stopped: set[int] = set()
+        self.last_resort = LastResort(self)
+        self.found: dict[str, str] = {}
+        """In what powered or moving state the joints were found, in words, by name."""
+        self.held: frozenset[str] = frozenset()
+        """Joints that had power when they were found, and have been left holding."""
         self._tardy: list[int] = []
         self._places: dict[str, list[int | None]] = {}
 
@@ -133,7 +138,7 @@ class ArmLink:
     def open(self, deadline: float) -> None:
         """Open the bus, set up every drive, and exchange until each has told where it is.
 
-        Drives with power lose it: the controlword is 0 until `enable`.
+        Drives with power lose it, once they stand; but those that hold, where drives are left holding.
 
         Raises:
             ConnectionFailed: the bus cannot be used; a drive is missing, another one, or cannot be set up.
@@ -157,8 +162,7 @@ class ArmLink:
     def _open(self, deadline: float) -> None:
         config = self._config
         self._jobs.join(deadline)
-        self._stops.join(deadline)
-        self._stopped.clear()
+        self.last_resort.reset(deadline)
         self.link.open()
         timeouts = dict.fromkeys(config.nodes, config.heartbeat.drives_timeout)
         self._master = Master(
@@ -177,6 +181,7 @@ class ArmLink:
         if self._layout.asked:
             self._layout = plan(config, self._read_cob_ids())
             self._foreign.watch(self._layout.rpdos.pdos)
+        self.found, self.held = secure(self, config)
         facts: dict[str, Prepared] = {}
         for node in config.nodes:
             if time.monotonic() > deadline:
@@ -187,6 +192,10 @@ class ArmLink:
                 )
             facts |= prepare(self._master, config, self._layout, [node])
         self.axes = [Axis(name, joint, facts[name]) for name, joint in config.joints.items()]
+        for axis in self.axes:
+            if axis.name in self.held:
+                axis.use(axis.mode_for(config.ways[0]))
+                axis.drive.request(State.ENABLED)
         self.units = GroupUnits({name: facts[name].units for name in config.joints})
         overflow, period = config.sync_counter, config.period
         kernel = config.kernel_sync
@@ -194,6 +203,8 @@ class ArmLink:
         self._cycle = Cycle(self._master, self._layout.tpdos, self._layout.rpdos, sync)
         self._tardy = [0] * len(self._layout.tpdos)
         self._find_places()
+        for index, axis in enumerate(self.axes):
+            self.outputs.position[index] = facts[axis.name].position
         self._start(config.nodes)
         self._settle(deadline)
 
@@ -252,9 +263,9 @@ class ArmLink:
         self._run_until(
             lambda: all(axis.drive.reached or axis.drive.failure for axis in reset), deadline
         )
-        # One that was left holding, and has not missed us yet, has its power taken now.
-        if not self._run_until(lambda: not any(axis.is_enabled for axis in self.axes), deadline):
-            powered = ", ".join(axis.place for axis in self.axes if axis.is_enabled)
+        others = [axis for axis in self.axes if axis.name not in self.held]
+        if not self._run_until(lambda: not any(axis.is_enabled for axis in others), deadline):
+            powered = ", ".join(axis.place for axis in others if axis.is_enabled)
             raise ConnectionFailed(
                 f"does not let go of the power that it has: {powered}",
                 where=self.where,
@@ -292,25 +303,46 @@ class ArmLink:
             if lives[node].state not in (None, NmtState.OPERATIONAL)
         }
 
-    def stop_those_that_left(self) -> None:
-        """Have nodes stop that went pre-operational behind our back: they hear SDO, but no PDO any more.
-
-        A drive in a velocity mode would run on; what it does at a lost connection (6007) does not cover this.
-        """
-        left = {
+    @property
+    def deaf(self) -> set[int]:
+        """Nodes that tell that our PDOs do not reach them."""
+        emergencies = self.master.emergencies
+        return {
             node
-            for node in self.left
-            if self.master.watch.nodes[node].state == NmtState.PRE_OPERATIONAL
+            for node in self._config.nodes
+            if node in emergencies and emergencies[node].code == RPDO_TIMEOUT
         }
-        self._stopped &= left
-        if left - self._stopped and not self._stops.running:
-            nodes: dict[int, list[Sdo]] = {node: [] for node in left - self._stopped}
-            for axis in self.axes:
-                if axis.config.node in nodes:
-                    sdo = Sdo(self.master.sdo(axis.config.node), axis.config.axis)
-                    nodes[axis.config.node].append(sdo)
-            self._stops.start({node: partial(_stop_all, axes) for node, axes in nodes.items()})
-            self._stopped |= left
+
+    def forget_deafness(self) -> None:
+        """Nodes that have not heard our PDOs have another chance."""
+        for node in self.deaf:
+            self.master.emergencies.pop(node)
+
+    def give_limits(self, wanted: Mapping[Axis, PositionLimits]) -> Steps:
+        """Have drives hold limits of position (607D), beside the cycle.
+
+        Raises:
+            CrtkError: one does not answer as it should.
+        """
+        yield from self._jobs.until_over()
+        nodes: dict[int, list[Callable[[], None]]] = {}
+        for axis, limits in wanted.items():
+            sdo = Sdo(self.master.sdo(axis.config.node), axis.config.axis)
+            write = partial(axis.give_limits, sdo, limits)
+            nodes.setdefault(axis.config.node, []).append(write)
+        self._jobs.start({node: partial(one_by_one, writes) for node, writes in nodes.items()})
+        yield from self._jobs.until_over()
+        if self._jobs.errors:
+            raise self._jobs.errors[0]
+
+    def rpdos(self, node: int) -> list[Pdo]:
+        """Return what a node is sent."""
+        return [pdo for pdo in self._layout.rpdos.pdos if pdo.node == node]
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the drives can be exchanged with, from this thread."""
+        return self._cycle is not None and self.link.is_open and self.link.owned
 
     def starts(self, nodes: set[int]) -> int:
         """How many times these nodes have started, all together."""
@@ -498,11 +530,3 @@ class ArmLink:
     def age(self) -> int:
         """Cycles since any drive told anything."""
         return min(self.cycle.ages, default=0)
-
-
-def _stop_all(axes: Iterable[Sdo]) -> None:
-    for sdo in axes:
-        try:
-            sdo.write(OBJECTS["controlword"], Control.QUICK_STOP)
-        except CrtkError as error:
-            logger.warning("%s: could not be told to stop: %s", sdo.where, error)

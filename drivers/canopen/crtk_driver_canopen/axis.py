@@ -16,7 +16,13 @@ from crtk_driver_canopen.modes import (
     SetpointHandshake,
     Way,
 )
-from crtk_driver_canopen.statemachine import Drive402, State, Status
+from crtk_driver_canopen.safeguards import (
+    PositionLimits,
+    position_limits,
+    write_position_limits,
+)
+from crtk_driver_canopen.sdo import Sdo
+from crtk_driver_canopen.statemachine import POWERED, Drive402, State, Status
 from crtk_driver_canopen.units import home_counts
 
 __all__ = ["Axis", "Feedback"]
@@ -53,6 +59,8 @@ class Axis:
         drive: its power state machine.
         handshake: of the set-points of profile position.
         mode: of operation that is wanted.
+        limits: of position that its drive holds itself (607D); None: none of ours.
+        notes: what is not as it should be, in words.
         homed: whether its position is that of the machine: since homing, or from the start.
     """
 
@@ -63,6 +71,8 @@ class Axis:
         self.drive = Drive402(stays_in_quick_stop=facts.stays_in_quick_stop)
         self.handshake = SetpointHandshake()
         self.mode = config.op_modes[0]
+        self.limits = facts.limits
+        self.notes = list(facts.notes)
         self.forget_home()
         self._halted = False
         self._remote = False
@@ -99,6 +109,11 @@ class Axis:
     def is_enabled(self) -> bool:
         """Whether it follows setpoints."""
         return self.drive.state is State.ENABLED
+
+    @property
+    def is_powered(self) -> bool:
+        """Whether its motor has current, as far as it told."""
+        return self.drive.state in POWERED
 
     @property
     def homing(self) -> Homing | None:
@@ -138,6 +153,20 @@ class Axis:
         """Forget the homing, and leave its mode."""
         self._homing = None
         self.drive.mode_bits = 0
+
+    def limits_here(self, position: int) -> PositionLimits:
+        """Return the limits (607D) for the drive of a joint that stands at a position, in counts."""
+        return position_limits(self.config, self.facts.units).widened(position)
+
+    def give_limits(self, sdo: Sdo, limits: PositionLimits) -> None:
+        """Have the drive hold limits of position, if it has them.
+
+        Raises:
+            SdoSilent, ProtocolError, BusLost: it does not answer as it should.
+        """
+        told: list[str] = []
+        self.limits = limits if write_position_limits(sdo, self.config, limits, told) else None
+        self.notes += [text for text in told if text not in self.notes]
 
     def halt(self) -> None:
         """Stop a move of its own. It stays halted until the next one is handed over, or in another mode.

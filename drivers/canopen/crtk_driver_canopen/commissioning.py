@@ -7,6 +7,7 @@ that names node, object, wanted and found.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -15,22 +16,32 @@ from crtk_driver_canopen.heartbeat import ensure_abort_option, ensure_heartbeat
 from crtk_driver_canopen.identity import Identity, check_identity, read_identity
 from crtk_driver_canopen.layout import Layout
 from crtk_driver_canopen.master import Master
-from crtk_driver_canopen.modes import MODES, OpMode, mode_text, supported
+from crtk_driver_canopen.modes import MODES, OpMode, Way, mode_text, supported
 from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType
 from crtk_driver_canopen.parameters import write_parameters
-from crtk_driver_canopen.pdo import MOST_PDOS, Direction, configure, disable
+from crtk_driver_canopen.pdo import MOST_PDOS, Direction, configure, disable, set_deadline
 from crtk_driver_canopen.profiles import ProfileRates
+from crtk_driver_canopen.safeguards import (
+    PositionLimits,
+    ensure_error_behaviour,
+    ensure_options,
+    note_following_error,
+    position_limits,
+    write_position_limits,
+    write_speed_limits,
+)
 from crtk_driver_canopen.sdo import Sdo
 from crtk_driver_canopen.statemachine import STAYS_IN_QUICK_STOP
 from crtk_driver_canopen.units import (
     JointUnits,
     UnitObjects,
+    check_wire,
     home_counts,
     interpolation_period,
     read_unit_objects,
     resolve,
 )
-from crtk_drivers.errors import DeviceError
+from crtk_drivers.errors import ConfigError, DeviceError
 
 __all__ = ["Prepared", "prepare"]
 
@@ -51,6 +62,8 @@ class Prepared:
         drive: what the drive tells of its units.
         units: of the joint.
         modes: that the drive has.
+        position: (6064) in counts, before it was started.
+        limits: of position that the drive holds (607D); None: none of ours.
         stays_in_quick_stop: for `crtk_driver_canopen.statemachine.Drive402`.
         notes: what is not as it should be, in words.
     """
@@ -59,6 +72,8 @@ class Prepared:
     drive: UnitObjects
     units: JointUnits
     modes: frozenset[OpMode]
+    position: int
+    limits: PositionLimits | None
     stays_in_quick_stop: bool
     notes: tuple[str, ...]
 
@@ -107,6 +122,9 @@ def _node(
         )
 
     _watched(config, watch, notes)
+    behaviour = beats.error_behaviour
+    if behaviour is not None:
+        _watched(config, lambda: ensure_error_behaviour(sdo, behaviour), notes)
     found = sdo.find(OBJECTS["synchronous_counter_overflow"])
     if config.sync_counter or found:
         sdo.ensure(OBJECTS["synchronous_counter_overflow"], config.sync_counter)
@@ -115,6 +133,13 @@ def _node(
         for name, joint in joints.items()
     }
     _map(sdo, layout, node)
+
+    def set_deadlines() -> None:
+        for pdo in layout.rpdos.pdos:
+            if pdo.node == node:
+                set_deadline(sdo, pdo, round(1000 * beats.ours_timeout))
+
+    _watched(config, set_deadlines, notes)
     for name, joint in joints.items():
         # Only one mode, and no PDO that carries it: it is set here, once.
         if len(joint.modes) == 1 and joint.homing is None:
@@ -145,8 +170,8 @@ def _axis(
 ) -> Prepared:
     modes = _modes(sdo, name, joint)
     write_parameters(sdo, name, joint)
-    if joint.quick_stop_option is not None:
-        sdo.ensure(OBJECTS["quick_stop_option"], joint.quick_stop_option)
+    halts = config.drives_plan or joint.homing is not None
+    _watched(config, lambda: ensure_options(sdo, name, joint, notes, halts=halts), notes)
     if joint.abort_option is not None:
         option = joint.abort_option
         _watched(config, lambda: ensure_abort_option(sdo, option), notes)
@@ -159,8 +184,24 @@ def _axis(
     _profile(sdo, joint, units, notes, moves=config.drives_plan)
     if joint.homing is not None:
         _homing(sdo, joint.homing, units)
+    check_wire(name, joint, units)
+    if Way.EFFORTS in joint.ways and math.isnan(units.effort):
+        raise ConfigError(
+            "the drive does not tell the rated torque of its motor (6076h), of which efforts are thousandths",
+            where=f"joints.{name}",
+            remedy="Give `rated_torque`, or `effort: 0`.",
+        )
+    position = sdo.read(OBJECTS["position_actual"])
+    limits: PositionLimits | None = None
+    write_speed_limits(sdo, joint, units, drive, notes)
+    if joint.homing is None or not joint.homing.required:
+        # Before homing nobody knows where the range is.
+        limits = position_limits(joint, units).widened(position)
+        limits = limits if write_position_limits(sdo, joint, limits, notes) else None
+    if Way.POSITIONS in joint.ways:
+        note_following_error(sdo, notes)
     stays = sdo.find(OBJECTS["quick_stop_option"]) in STAYS_IN_QUICK_STOP
-    return Prepared(identity, drive, units, modes, stays, tuple(notes))
+    return Prepared(identity, drive, units, modes, position, limits, stays, tuple(notes))
 
 
 def _modes(sdo: Sdo, name: str, joint: JointConfig) -> frozenset[OpMode]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Final, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -10,7 +11,7 @@ from crtk_driver_canopen.homing import METHODS
 from crtk_driver_canopen.identity import Identity
 from crtk_driver_canopen.modes import WAYS, OpMode, Way
 from crtk_driver_canopen.objects import parse_object
-from crtk_driver_canopen.units import interpolation_period
+from crtk_driver_canopen.units import TURN, JointUnits, check_wire, interpolation_period
 from crtk_drivers.config import DeviceConfig, Settings
 
 NodeId = Annotated[int, Field(ge=1, le=127)]
@@ -213,6 +214,51 @@ class JointConfig(Settings):
         description="What the drive does when it does not hear us any more (6007h): 1 fault, 2 voltage "
         "off, 3 quick stop; the drive's own if null.",
     )
+    shutdown_option: int | None = Field(
+        default=None,
+        ge=-32768,
+        le=1,
+        description="What a shutdown does (605Bh): 0 motor off at once, 1 slow down first; the drive's own "
+        "if null.",
+    )
+    disable_option: int | None = Field(
+        default=None,
+        ge=-32768,
+        le=1,
+        description="What disabling the operation does (605Ch): 0 motor off at once, 1 slow down first; the "
+        "drive's own if null.",
+    )
+    halt_option: int | None = Field(
+        default=None,
+        ge=-32768,
+        le=4,
+        description="What a halt does (605Dh), in homing and in moves of the drive's own: 1 slow down ramp, "
+        "2 quick stop ramp; the drive's own if null.",
+    )
+    fault_option: int | None = Field(
+        default=None,
+        ge=-32768,
+        le=4,
+        description="What the drive does in a fault (605Eh): 0 motor off at once, 1 slow down ramp, 2 quick "
+        "stop ramp; the drive's own if null.",
+    )
+    drive_limits: Literal["write", "keep"] = Field(
+        default="write",
+        description="Whether the drive is given this range and speed as its own limits (607Dh, 607Fh, "
+        "6080h), or keeps those that it has.",
+    )
+    following_error: float | None = Field(
+        default=None,
+        gt=0.0,
+        description="FAULT when the joint is further than this from where it was told to be, in rad (m); a "
+        "tenth of a second at its greatest velocity if null.",
+    )
+    arrival: float | None = Field(
+        default=None,
+        gt=0.0,
+        description="A move has ended when the joint is nearer than this to its goal, in rad (m); a fiftieth "
+        "of a second at its greatest velocity if null.",
+    )
     parameters: dict[str, int] = Field(
         default={},
         description="Objects that are written before the first enable, by index:sub or name: "
@@ -260,6 +306,33 @@ class JointConfig(Settings):
         return self
 
     @property
+    def following(self) -> float:
+        """How far it may be from where it was told to be, in rad (m)."""
+        return 0.1 * self.velocity if self.following_error is None else self.following_error
+
+    @property
+    def arrives_within(self) -> float:
+        """How near to its goal a move has ended, in rad (m)."""
+        return 0.02 * self.velocity if self.arrival is None else self.arrival
+
+    @property
+    def known_units(self) -> JointUnits:
+        """Its units as far as the configuration alone tells them; the others are NaN."""
+        position = velocity = effort = math.nan
+        turn = TURN if self.kind == "revolute" else self.feed
+        if self.scale is not None:
+            position = self.scale
+        elif self.counts_per_turn is not None and self.gear is not None and turn is not None:
+            position = turn / (self.counts_per_turn * self.gear)
+        if self.velocity_scale is not None:
+            velocity = self.velocity_scale
+        if self.rated_torque is not None and self.gear is not None and turn is not None:
+            effort = self.rated_torque / 1000.0 * self.gear * TURN / turn
+        return JointUnits(
+            self.sign * position, self.offset, self.sign * velocity, self.sign * effort
+        )
+
+    @property
     def op_modes(self) -> tuple[OpMode, ...]:
         """Modes of operation that are used, the first one first."""
         return tuple(MODE_NAMES[name] for name in self.modes)
@@ -293,6 +366,13 @@ class HeartbeatConfig(Settings):
         ge=0.0,
         le=10.0,
         description="Time between two heartbeats of a drive (1017h); 0: none.",
+    )
+    error_behaviour: int | None = Field(
+        default=0,
+        ge=0,
+        le=2,
+        description="What the node does besides when it does not hear us (1029h:1): 0 pre-operational, so "
+        "that it follows no late PDO, 1 nothing, 2 stopped; its own if null.",
     )
     drives_timeout: float = Field(
         default=0.3,
@@ -370,6 +450,11 @@ class CanopenConfig(DeviceConfig):
         default="switch_off",
         description="What disable does: take the power from the motors, or leave them holding.",
     )
+    on_close: Literal["hold", "power_off"] = Field(
+        default="power_off",
+        description="How the drives are left at the end, once the joints stand: without power, or holding, "
+        "which nothing watches any more.",
+    )
     candump: str = Field(
         default="",
         max_length=4096,
@@ -405,6 +490,7 @@ class CanopenConfig(DeviceConfig):
                 raise ValueError(
                     f"joints.{name}.node: {joint.node} is the id of this computer (master_node)"
                 )
+            check_wire(name, joint, joint.known_units)
             first = identities.setdefault(joint.node, name)
             if self.joints[first].identity != joint.identity:
                 raise ValueError(

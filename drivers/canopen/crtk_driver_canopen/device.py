@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
 import numpy as np
@@ -15,12 +16,15 @@ from crtk_driver_canopen.bus_state import lost
 from crtk_driver_canopen.config import CanopenConfig, JointConfig
 from crtk_driver_canopen.homing import HomingPhase
 from crtk_driver_canopen.layout import plan
-from crtk_driver_canopen.motion import STREAMED, Motion
+from crtk_driver_canopen.modes import Way
+from crtk_driver_canopen.motion import STREAMED, Motion, braking_time
 from crtk_driver_canopen.statemachine import State, Status
+from crtk_driver_canopen.stopping import leave_holding
 from crtk_drivers.device import (
     Capabilities,
     Condition,
     Device,
+    Following,
     Goal,
     JointLimits,
     MoveProgress,
@@ -36,11 +40,22 @@ from crtk_drivers.state import OperatingState
 
 __all__ = ["CanopenDevice"]
 
+logger = logging.getLogger(__name__)
+
+STOP_TIME: Final = 1.0
+"""Seconds beside those of slowing down in which a stop is done: modes change, drives are insisted on."""
+
+LAG: Final = 0.05
+"""Seconds by which a joint may be behind its setpoint, beside the cycles that it takes on the bus."""
+
 _JERK_TIME: Final = 0.1
 """Seconds in which a joint may reach its greatest acceleration, unless its jerk is configured."""
 
 LOST_TIME: Final = 0.25
 """Seconds in which no drive tells anything, after which the bus is opened anew."""
+
+POWER_TIME: Final = 1.0
+"""Seconds in which the drives lose their power at the end."""
 
 REST_TIME: Final = 3.0
 """Seconds in which the joints come to rest after motion was stopped, by their measured positions."""
@@ -91,15 +106,69 @@ class CanopenDevice(Device):
     # ----------------------------------------------------------------------------------- life cycle
 
     def open(self, deadline: float) -> None:
-        """See the base class. Drives that have power lose it: nothing of ours has given it."""
+        """See the base class. Drives with power lose it once they stand, but those that were left holding."""
         self.link.open(deadline)
         self._transition = False
         self._condition = Condition()
         self._motion.begin()
+        if self.link.held:
+            self._motion.begin_anew(time.monotonic())
 
     def close(self) -> None:
-        """See the base class. Drives that hold go on until they miss our heartbeat."""
-        self.link.close()
+        """See the base class. Drives that have power are brought to rest, and left as `on_close` says."""
+        try:
+            if self.link.is_live and any(axis.is_powered for axis in self.axes):
+                self._leave()
+        except ConnectionLost as error:
+            logger.warning(
+                "%s: the drives are left to stop by themselves: %s", self.link.where, error
+            )
+        finally:
+            self.link.close()
+
+    def _leave(self) -> None:
+        """Stop the joints, then take the power from the drives or leave them holding.
+
+        Where that they stand is not read back, they are told to stop quickly, and what stops them without us
+        stays armed.
+
+        Raises:
+            ConnectionLost: the bus, or every drive on it, is gone.
+        """
+        self._motion.stop()
+        stopped = self._run_until(lambda: self.has_stopped, self._capabilities.stop.time)
+        if stopped and self._config.on_close == "hold":
+            leave_holding(self.link, self._config)
+            return
+        for axis in self.axes:
+            if axis.is_powered:
+                axis.drive.request(State.DISABLED if stopped else State.QUICK_STOP)
+        gone = self._run_until(lambda: not any(axis.is_powered for axis in self.axes), POWER_TIME)
+        if not stopped or not gone:
+            powered = ", ".join(axis.place for axis in self.axes if axis.is_powered)
+            logger.error(
+                "%s: closed, and it was not read back that the joints stand and are without power%s; "
+                "what stops the drives without us stays armed",
+                self.link.where,
+                f": {powered}" if powered else "",
+            )
+
+    def _run_until(self, done: Callable[[], bool], seconds: float) -> bool:
+        """Go on with the cycle; return whether it came to be so in time."""
+        period = self._config.period
+        deadline = time.monotonic() + seconds
+        while not done():
+            began = time.monotonic()
+            if began > deadline:
+                return False
+            self.read(began + 2.0 * period)
+            time.sleep(max(0.0, began + period - time.monotonic()) * (not self._config.kernel_sync))
+        return True
+
+    @property
+    def found(self) -> str:
+        """See the base class."""
+        return "; ".join(self.link.found.values())
 
     def read(self, deadline: float) -> Sample | None:
         """See the base class. A joint vector is whole or not there.
@@ -110,10 +179,13 @@ class CanopenDevice(Device):
         link = self.link
         complete = link.exchange(deadline)
         link.follow()
-        link.stop_those_that_left()
         now = time.monotonic()
-        self._judge(now)
+        unstopped = self._motion.unstopped(now)
+        link.last_resort.step(unstopped, now)
+        self._judge(unstopped, now)
         self._motion.step(now)
+        if not complete:
+            self._motion.note_unknown()
         if link.age * self._config.period > LOST_TIME:
             raise lost(link.where)
         if not complete:
@@ -141,20 +213,22 @@ class CanopenDevice(Device):
 
     # ------------------------------------------------------------------------------- what is wrong
 
-    def _judge(self, now: float) -> None:
+    def _judge(self, unstopped: list[Axis], now: float) -> None:
         missing = self._missing(now)
-        trouble = self._trouble(missing, now)
+        trouble = self._trouble(missing, unstopped, now)
         if not trouble:
             self._condition = Condition()
             return
         if not self._transition:
-            self._group_policy(missing, begins=not self._condition.reason)
+            self._group_policy({*missing, *self.link.deaf}, begins=not self._condition.reason)
         if trouble != self._condition.reason:
             self._condition = Condition(OperatingState.FAULT, trouble)
 
-    def _trouble(self, missing: Mapping[int, str], now: float) -> str:
+    def _trouble(self, missing: Mapping[int, str], unstopped: list[Axis], now: float) -> str:
         link = self.link
         found = [text for text in (link.foreign.found(now), self._motion.fault) if text]
+        found += [f"node {node} does not get our PDOs" for node in sorted(link.deaf)]
+        found += [f"{axis.place} moves although it was told to stop" for axis in unstopped]
         for axis in self.axes:
             if axis.config.node in missing:
                 continue  # what it said last is not what it is now
@@ -193,7 +267,7 @@ class CanopenDevice(Device):
                 )
         return missing
 
-    def _group_policy(self, missing: Mapping[int, str], *, begins: bool) -> None:
+    def _group_policy(self, missing: set[int], *, begins: bool) -> None:
         """One axis has a fault: when it begins, have the others do what is configured.
 
         A drive of which nothing is known stops: when it hears us again, it may not be where it was.
@@ -228,6 +302,11 @@ class CanopenDevice(Device):
         self._motion.stop()
 
     @property
+    def has_stopped(self) -> bool:
+        """See the base class."""
+        return self._motion.stopped
+
+    @property
     def takes_setpoints(self) -> bool:
         """See the base class."""
         return self._motion.takes_setpoints
@@ -247,11 +326,18 @@ class CanopenDevice(Device):
     def enable(self) -> Steps:
         """Set up again what has started anew, clear faults, and give power, holding where it is."""
         self._transition = True
+        self.link.master.silent = False
+        self.link.forget_deafness()
         try:
             yield from self._set_up_again()
             yield from self._rest()  # a ramp that follows a fault is not cut off
             self._motion.begin_anew(time.monotonic())
             yield from self._clear_faults()
+            yield from self._give_limits(
+                axis
+                for axis, position in zip(self.axes, self.link.positions, strict=True)
+                if axis.limits is not None and not axis.limits.hold(position)
+            )
             self._motion.begin_anew(time.monotonic())
             for axis in self.axes:
                 axis.drive.request(State.ENABLED)
@@ -290,6 +376,25 @@ class CanopenDevice(Device):
             if time.monotonic() > deadline:
                 return
             yield
+
+    def _give_limits(self, axes: Iterable[Axis]) -> Steps:
+        """Have drives hold limits in which their joints stand: beyond them one would move when it gets power.
+
+        Raises:
+            TransitionFailed: a drive does not answer as it should.
+        """
+        positions = dict(zip(self.axes, self.link.positions, strict=True))
+        wanted = {axis: axis.limits_here(positions[axis]) for axis in axes}
+        if not wanted:
+            return
+        try:
+            yield from self.link.give_limits(wanted)
+        except ConnectionLost:
+            raise
+        except CrtkError as error:
+            raise TransitionFailed(
+                error.message, where=error.where or self.link.where, remedy=error.remedy
+            ) from error
 
     def _set_up_again(self) -> Steps:
         """Set up the nodes that are not as they were left, and again those that start meanwhile."""
@@ -332,6 +437,7 @@ class CanopenDevice(Device):
             now = time.monotonic()
             missing = self._missing(now)
             failures = [f"{axis.place}: {axis.failure}" for axis in self.axes if axis.failure]
+            failures += [f"node {node} does not get our PDOs" for node in sorted(self.link.deaf)]
             foreign = self.link.foreign.found(now)
             if foreign:
                 failures.append(foreign)
@@ -369,13 +475,11 @@ class CanopenDevice(Device):
             yield  # the position may come with a later SYNC than the end of homing
             yield
             self._check_home(axes)
+            yield from self._give_limits(axes)
             for axis in axes:
                 axis.homed = True
         finally:
-            for axis in axes:
-                axis.cancel_homing()
-                axis.end_homing()
-            self._motion.begin_anew(time.monotonic())
+            self._motion.end_homing(time.monotonic())
         while self._motion.changes:
             yield
 
@@ -427,9 +531,7 @@ class CanopenDevice(Device):
             if axis.drive.statusword & Status.WARNING
         ]
         told += [
-            Note(Severity.WARNING, axis.place, text)
-            for axis in self.axes
-            for text in axis.facts.notes
+            Note(Severity.WARNING, axis.place, text) for axis in self.axes for text in axis.notes
         ]
         return tuple(told)
 
@@ -452,7 +554,19 @@ def _capabilities(config: CanopenConfig) -> Capabilities:
         rate=1.0 / config.period,
         paced_by_stream=config.kernel_sync,
         writes_every_cycle=True,
-        stop=StopPolicy(timeout, what),
+        stop=StopPolicy(timeout, what, braking_time(config) + STOP_TIME),
+        following=_following(config),
+    )
+
+
+def _following(config: CanopenConfig) -> Following | None:
+    joints = config.joints.values()
+    if not joints or Way.POSITIONS not in config.ways:
+        return None
+    return Following(
+        error=tuple(joint.following for joint in joints),
+        arrival=tuple(joint.arrives_within for joint in joints),
+        lag=LAG + 3.0 * config.period,
     )
 
 

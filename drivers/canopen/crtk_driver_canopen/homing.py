@@ -157,7 +157,7 @@ class Homing:
 
     Attributes:
         phase: where it is.
-        failure: why it failed, in words; empty if it did not.
+        failure: why it was not done, in words; empty if it was.
     """
 
     def __init__(self, method: int, timeout: float = 60.0) -> None:
@@ -182,7 +182,7 @@ class Homing:
     def cancel(self) -> None:
         """Stop the axis, and end as cancelled."""
         if self.phase is HomingPhase.PREPARE:
-            self._enter(HomingPhase.CANCELLED)
+            self._cancelled()
         elif self.phase in (HomingPhase.START, HomingPhase.RUNNING):
             self._enter(HomingPhase.CANCEL)
 
@@ -233,6 +233,8 @@ class Homing:
         phase, failure = _ENDS[self.phase].get(code, (self.phase, ""))
         if phase is HomingPhase.FAILED:
             self._fail(failure)
+        elif phase is HomingPhase.CANCELLED:
+            self._cancelled()
         elif phase is not self.phase:
             self._enter(phase)
 
@@ -244,7 +246,13 @@ class Homing:
             self._fail(f"{text} after {limit:g} s")
 
     def _fail(self, text: str) -> None:
-        self._enter(HomingPhase.FAILED)
+        self._end(HomingPhase.FAILED, text)
+
+    def _cancelled(self) -> None:
+        self._end(HomingPhase.CANCELLED, "it was stopped")
+
+    def _end(self, phase: HomingPhase, text: str) -> None:
+        self._enter(phase)
         self.failure = f"homing by method {self.method} ({method_text(self.method)}): {text}"
 
     def _enter(self, phase: HomingPhase) -> None:

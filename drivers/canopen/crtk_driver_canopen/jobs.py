@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from crtk_drivers.device import Steps
-from crtk_drivers.errors import CrtkError
+from crtk_drivers.errors import CrtkError, DeviceError
 
-__all__ = ["NodeJobs"]
+__all__ = ["NodeJobs", "one_by_one"]
+
+logger = logging.getLogger(__name__)
 
 
 class NodeJobs:
@@ -40,6 +43,9 @@ class NodeJobs:
                 job()
             except CrtkError as error:
                 errors.append(error)
+            except Exception as error:  # it must not pass for having been done
+                logger.exception("unexpected error in a job of a node")
+                errors.append(DeviceError(f"unexpected {type(error).__name__}: {error}"))
 
         self._threads = [
             threading.Thread(target=run, args=(job,), name=f"node {node}", daemon=True)
@@ -57,3 +63,9 @@ class NodeJobs:
         """Wait for those that run, until a monotonic deadline."""
         for thread in self._threads:
             thread.join(max(0.0, deadline - time.monotonic()))
+
+
+def one_by_one(writes: Iterable[Callable[[], object]]) -> None:
+    """Do one after the other: the job of a node with several axes."""
+    for write in writes:
+        write()

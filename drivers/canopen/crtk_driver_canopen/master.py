@@ -54,6 +54,7 @@ class Master:
     Attributes:
         watch: what is known of the nodes.
         emergencies: the last emergency message of each node that has not said that it is over.
+        silent: our heartbeat has ended, so that the drives stop.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class Master:
         self.link = link
         self.watch = HeartbeatWatch(heartbeats)
         self.emergencies: dict[int, Emergency] = {}
+        self.silent = False
         self._events: deque[Event] = deque(maxlen=256)
         self._channels: dict[int, SdoChannel] = {}
         self._sdo_timeout = sdo_timeout
@@ -117,7 +119,8 @@ class Master:
         """
         if self._period and now >= self._due:
             self._due = now + self._period
-            self.link.send(self._heartbeat)
+            if not self.silent:
+                self.link.send(self._heartbeat)
 
     def poll(self, until: float, done: Callable[[], bool] | None = None) -> bool:
         """Receive until a time or until `done`, outside of a cycle; our heartbeat goes on.

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from crtk_driver_canopen.arm_link import ArmLink
 from crtk_driver_canopen.axis import Axis
 from crtk_driver_canopen.config import CanopenConfig
-from crtk_driver_canopen.jobs import NodeJobs
+from crtk_driver_canopen.jobs import NodeJobs, one_by_one
 from crtk_driver_canopen.modes import HandshakePhase, OpMode, Way
 from crtk_driver_canopen.profiles import ProfileRates, shared_rates, velocities_from_motion
 from crtk_driver_canopen.sdo import Sdo
@@ -28,7 +28,7 @@ from crtk_drivers.device import Goal, Mode, MoveProgress, Setpoint
 from crtk_drivers.errors import CrtkError, MotionAborted
 from crtk_drivers.samples import Vector, vector
 
-__all__ = ["MODE_TIME", "STREAMED", "Motion"]
+__all__ = ["MODE_TIME", "STREAMED", "Motion", "braking_time"]
 
 MODE_TIME: Final = 2.0
 """Seconds in which all drives show a mode of operation."""
@@ -40,7 +40,16 @@ _STEP: Final = 4.0
 """Counts by which a joint has to get on in that time, however slow the move is."""
 
 _STOOD: Final = 3
-"""Samples without motion after which joints stand that were told to halt."""
+"""Samples without motion after which joints stand that were told to stop."""
+
+_MOVED: Final = 0.1
+"""Seconds after its last motion in which a joint counts as moving."""
+
+_COASTING: Final = 4.0
+"""Seconds for joints to come to rest by friction alone."""
+
+_GRACE: Final = 0.25
+"""Seconds beyond the time that a joint needs to slow down, after which it does not stop as it was told."""
 
 _TAKEN_OVER: Final = 5
 """Cycles, about, until a drive has a new set-point: those of its SDOs and of the handshake."""
@@ -110,6 +119,8 @@ class Motion:
         self._upper = np.array([joint.upper for joint in joints])
         self._rest = next(iter(config.ways), Way.POSITIONS)
         self._stop = threading.Event()
+        self._stop_since: float | None = None
+        self._last_moved = np.full(len(self._velocities), -np.inf)
         self._jobs = NodeJobs()
         self.way = self._rest
         self.moving = False
@@ -146,6 +157,7 @@ class Motion:
         self._step = np.array([_STEP * abs(axis.facts.units.position) for axis in self._axes])
         self._before, self._stands_at, self.moving = vector(()), vector(()), False
         self._stop.clear()
+        self._stop_since, self._stood = None, 0
         self.hold_here()
         self._given = [*self._full_rates()]
         self._giving = {}
@@ -165,19 +177,48 @@ class Motion:
         """Forget what was to be done, and hold still in the mode of rest; the drives may have no power."""
         self.fault, self._waiting, self._move = "", None, None
         self._stop.clear()
+        self._stop_since = None
         self.use(self._rest, now)
 
     def note(self, positions: Vector, now: float) -> None:
         """Take where all joints are (n,)."""
         if positions.size == self._before.size:
             moved = positions - self._before
-            self.moving = bool((np.abs(moved) > self._still).any())
+            moves = np.abs(moved) > self._still
+            self._last_moved[moves] = now
+            self.moving = bool(moves.any())
             self._measured_speed = moved / self._config.period
         self._stood = 0 if self.moving else self._stood + 1
         there = self._stands_at
         if there.size != positions.size or (np.abs(positions - there) > self._step).any():
             self._stands_at, self._stands_since = positions, now
         self._before = positions
+
+    def note_unknown(self) -> None:
+        """Not all joints told where they are."""
+        self._stood = 0
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the last stop has come to its end, as the drives show it: modes, and joints that stand."""
+        if self._stop.is_set():
+            return False
+        if self._phase is _Phase.HOLD:
+            return self._stood >= _STOOD
+        return self._phase in (_Phase.FOLLOW, _Phase.PREPARE, _Phase.MOVE)
+
+    @property
+    def braking_time(self) -> float:
+        """Seconds in which the joints stand that are told to stop, and follow."""
+        return braking_time(self._config)
+
+    def unstopped(self, now: float) -> list[Axis]:
+        """Return the axes that still move after the time in which they should have come to rest."""
+        since = self._stop_since
+        if since is None or now - since < self.braking_time:
+            return []
+        moves = now - self._last_moved < _MOVED
+        return [axis for axis, moving in zip(self._axes, moves, strict=True) if moving]
 
     @property
     def takes_setpoints(self) -> bool:
@@ -192,8 +233,8 @@ class Motion:
 
     @property
     def changes(self) -> bool:
-        """Whether the mode is changing."""
-        return self._phase is _Phase.CHANGE
+        """Whether the mode is changing, or is going to when the joints stand."""
+        return self._phase in (_Phase.CHANGE, _Phase.HALT)
 
     @property
     def setpoint(self) -> Vector | None:
@@ -203,7 +244,7 @@ class Motion:
     def follow(self, setpoint: Setpoint, now: float) -> None:
         """Follow a setpoint; one of another kind begins with a change of mode."""
         way = STREAMED[setpoint.mode]
-        self._waiting = setpoint
+        self._waiting, self._stop_since = setpoint, None
         if not self.takes_setpoints:
             return
         if way is not self.way:
@@ -218,7 +259,7 @@ class Motion:
 
     def move(self, goal: Goal, now: float) -> None:
         """Have the drives move to a goal by themselves, as soon as they are in the mode for it."""
-        self._move, self._waiting = _Move(goal), None
+        self._move, self._waiting, self._stop_since = _Move(goal), None, None
         if self.way is Way.MOVES and self._phase is not _Phase.CHANGE:
             self._prepare_move()
         elif self._phase is _Phase.HOLD:
@@ -279,12 +320,18 @@ class Motion:
         }
         if self._phase in going_on:
             going_on[self._phase](now)
+        if self._stop_since is not None and self.stopped:
+            self._stop_since = None
 
     def _begin_to_stop(self, now: float) -> None:
         self._waiting = None
+        if self._stop_since is None:
+            self._stop_since = now
         if self._move is not None and self._move.waits:
             self._move.failure = "it was stopped"
-        if self._phase in (_Phase.PREPARE, _Phase.MOVE):
+        if any(axis.homing is not None for axis in self._axes):
+            self._halt_homing()
+        elif self._phase in (_Phase.PREPARE, _Phase.MOVE):
             self._begin_halt()
         elif self._phase is _Phase.FOLLOW:
             self._come_to_rest(now)
@@ -445,7 +492,7 @@ class Motion:
                 self._giving[index] = rates
                 sdo = Sdo(self._link.master.sdo(axis.config.node), axis.config.axis)
                 nodes.setdefault(axis.config.node, []).append(partial(rates.write, sdo, before))
-        self._jobs.start({node: partial(_each, writes) for node, writes in nodes.items()})
+        self._jobs.start({node: partial(one_by_one, writes) for node, writes in nodes.items()})
         return not nodes
 
     def _follow_move(self, now: float) -> None:
@@ -480,12 +527,42 @@ class Motion:
             axis.halt()
         self._phase, self._stood, self._held = _Phase.HALT, 0, None
 
+    def _halt_homing(self) -> None:
+        for axis in self._axes:
+            axis.cancel_homing()
+        if self._phase is not _Phase.HALT:
+            self._phase, self._stood, self._held = _Phase.HALT, 0, None
+
+    def end_homing(self, now: float) -> None:
+        """Homing is over, or given up: where it still runs it is halted, and left once the joints stand."""
+        if all(axis.homing is None or axis.homing.over for axis in self._axes):
+            self._leave_homing(now)
+        else:
+            self._halt_homing()
+
+    def _leave_homing(self, now: float) -> None:
+        for axis in self._axes:
+            axis.end_homing()
+        self.use(self._rest, now)
+
     def _halt(self, now: float) -> None:
-        if self._stood >= _STOOD:
+        if self._stood < _STOOD:
+            return
+        homings = [axis.homing for axis in self._axes if axis.homing is not None]
+        if not homings:
             self.hold_here()
             self._settle(now)
+        elif all(homing.over for homing in homings):
+            self._leave_homing(now)
 
 
-def _each(writes: list[Callable[[], None]]) -> None:
-    for write in writes:
-        write()
+def braking_time(config: CanopenConfig) -> float:
+    """Return the seconds in which the slowest joint comes to rest from its greatest velocity.
+
+    Joints that take nothing but efforts have no torque when they are told to stop, and coast.
+    """
+    if config.ways[:1] == (Way.EFFORTS,):
+        return _COASTING
+    joints = config.joints.values()
+    slowest = max((joint.velocity / joint.acceleration for joint in joints), default=0.0)
+    return slowest + _GRACE

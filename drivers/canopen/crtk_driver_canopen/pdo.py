@@ -32,6 +32,7 @@ __all__ = [
     "disable",
     "read_back",
     "read_cob_id",
+    "set_deadline",
 ]
 
 
@@ -358,6 +359,26 @@ def configure(sdo: Sdo, pdo: Pdo) -> bool:
             where=sdo.where,
             remedy="Map only what the drive's manual allows in this PDO, or use another number.",
         )
+    return True
+
+
+def set_deadline(sdo: Sdo, pdo: Pdo, milliseconds: int) -> bool:
+    """Set the time within which an RPDO must come (14xxh:5), where the node watches it, and read it back.
+
+    Args:
+        milliseconds: after it an emergency message tells that it did not come; 0: it is not watched.
+
+    Returns:
+        Whether the node has such a deadline.
+
+    Raises:
+        ObjectIgnored: the node acknowledged it and holds another one.
+        SdoAborted, SdoSilent, ProtocolError: it could not be read or written.
+    """
+    entry = _u(pdo.communication, 5, ObjectType.U16, f"deadline of {pdo.direction} {pdo.number}")
+    if sdo.find(entry) is None:
+        return False
+    sdo.ensure(entry, milliseconds)
     return True
 
 

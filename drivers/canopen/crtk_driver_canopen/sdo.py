@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Final, Protocol
 
 from crtk_driver_canopen.objects import Entry, object_text
-from crtk_drivers.errors import DataTimeout, DeviceError, ProtocolError
+from crtk_drivers.errors import ConfigError, DataTimeout, DeviceError, ProtocolError
 
 __all__ = [
     "ABORTS",
@@ -193,10 +193,18 @@ class Sdo:
 
         Raises:
             SdoAborted, SdoSilent: it could not be written.
-            ValueError: it does not fit into the object.
+            ConfigError: it does not fit into the object.
         """
         entry = entry.on_axis(self.axis)
-        self.port.download(entry.index, entry.sub, entry.type.pack(value))
+        try:
+            data = entry.type.pack(value)
+        except ValueError as error:
+            raise ConfigError(
+                f"{entry}: {error}",
+                where=self.where,
+                remedy="Correct the value, or the units of the joint, in the configuration.",
+            ) from error
+        self.port.download(entry.index, entry.sub, data)
 
     def ensure(self, entry: Entry, value: int, remedy: str = "") -> None:
         """Make an object hold `value`: write it unless it does already, and read it back.

@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 
 __all__ = [
     "OPTION_CODES",
+    "POWERED",
     "STATUSWORDS",
     "TIMEOUTS",
     "TRANSITIONS",
@@ -141,6 +142,9 @@ TRANSITIONS: Final = (
     Transition(16, _S.QUICK_STOP, _S.ENABLED, _C.ENABLE),
 )
 """CiA 402-2, transitions. 0 and 13 (from power-up and into a fault) are not caused by a controlword."""
+
+POWERED: Final = frozenset({State.ENABLED, State.QUICK_STOP, State.FAULT_REACTION})
+"""States in which the motor has current."""
 
 HOLDING: Final[Mapping[State, Control]] = MappingProxyType(
     {

@@ -19,14 +19,16 @@ from numpy.typing import NDArray
 
 from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.sdo import Sdo
-from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors import CommandRefused, ConfigError, Reason
 from crtk_drivers.samples import Vector, vector
 
 __all__ = [
     "GroupUnits",
+    "JointRange",
     "JointScale",
     "JointUnits",
     "UnitObjects",
+    "check_wire",
     "home_counts",
     "interpolation_period",
     "read_unit_objects",
@@ -235,6 +237,48 @@ def _velocity(joint: JointScale, drive: UnitObjects, gear: float) -> float | Non
     return unit.factor * way / seconds / turns
 
 
+class JointRange(JointScale, Protocol):
+    """What the configuration of a joint says of what it is sent."""
+
+    @property
+    def lower(self) -> float: ...  # noqa: D102
+    @property
+    def upper(self) -> float: ...  # noqa: D102
+    @property
+    def velocity(self) -> float: ...  # noqa: D102
+    @property
+    def effort(self) -> float: ...  # noqa: D102
+
+
+def check_wire(name: str, joint: JointRange, units: JointUnits) -> None:
+    """Refuse limits that do not fit into the integers that a drive is sent; what is NaN is not known.
+
+    Raises:
+        ConfigError: with the key, and what would fit.
+    """
+    ends = {
+        key: (getattr(joint, key) - units.offset) / units.position for key in ("lower", "upper")
+    }
+    speed, effort = joint.velocity / units.velocity, joint.effort / units.effort
+    rows = (
+        *((key, counts, _I32, "target position (607Ah, 32 bits)") for key, counts in ends.items()),
+        ("velocity", abs(speed), _I32, "target velocity (60FFh, 32 bits)"),
+        (
+            "effort",
+            abs(effort),
+            _I16,
+            "target torque (6071h, 16 bits: 32.767 times the rated torque)",
+        ),
+    )
+    for key, counts, (least, greatest), what in rows:
+        if math.isinf(counts) or counts < least or counts > greatest:
+            raise ConfigError(
+                f"{getattr(joint, key):g} would be {counts:.6g} counts: too many for the drive's {what}",
+                where=f"joints.{name}.{key}",
+                remedy="Correct it, or the units of the joint (scale, counts_per_turn, gear, rated_torque).",
+            )
+
+
 def home_counts(position: float, units: JointUnits) -> int:
     """Return what a drive counts (6064) where its joint is at a position, in rad (m)."""
     return round((position - units.offset) / units.position)
@@ -275,7 +319,7 @@ class GroupUnits:
         """Return target positions (607A).
 
         Raises:
-            ValueError: one does not fit into 32 bits, or is not finite.
+            CommandRefused: one does not fit into 32 bits, or is not finite.
         """
         return self._counts((positions - self._offset) / self._position, _I32, "position")
 
@@ -283,7 +327,7 @@ class GroupUnits:
         """Return target velocities (60FF).
 
         Raises:
-            ValueError: one does not fit into 32 bits, or is not finite.
+            CommandRefused: one does not fit into 32 bits, or is not finite.
         """
         return self._counts(velocities / self._velocity, _I32, "velocity")
 
@@ -291,7 +335,7 @@ class GroupUnits:
         """Return target torques (6071).
 
         Raises:
-            ValueError: one does not fit into 16 bits, or is not finite, or the rated torque is not known.
+            CommandRefused: one does not fit into 16 bits, or is not finite, or the rated torque is not known.
         """
         return self._counts(efforts / self._effort, _I16, "effort")
 
@@ -302,8 +346,11 @@ class GroupUnits:
         good = (counts >= bounds[0]) & (counts <= bounds[1])  # False for NaN as well
         if not good.all():
             at = int(np.argmin(good))
-            raise ValueError(
-                f"{self.names[at]}: {what} of {values[at]:g} counts does not fit into the drive's object"
+            raise CommandRefused(
+                what,
+                Reason.OUT_OF_RANGE,
+                f"{self.names[at]}: {what} of {values[at]:g} counts does not fit into the drive's object",
+                remedy="Check the limits and units of the joint.",
             )
         return [int(count) for count in counts]
 

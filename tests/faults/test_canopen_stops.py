@@ -1,0 +1,178 @@
+"""Whatever moves can be stopped: close, homing, drives that do not hear us; and what was found is told."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+import pytest
+from canopen_arm import PERIOD, SOON, arm_of, arm_on, device_of, drives, until
+
+from crtk_drivers.errors import CommandRefused
+from crtk_drivers.front import LocalDevice
+from crtk_sim_backends.process import RunningSim
+
+COUNT = 2
+MOVING = 1e4
+"""Counts a second above which a simulated motor moves."""
+
+SETPOINTS = {"servo_jv": 0.5, "servo_jf": 3.0}
+
+
+def told(sim: RunningSim) -> list[dict[str, Any]]:
+    """What the drives say past the bus."""
+    found = sim.control.status()["drives"]
+    return [found[str(node)]["axes"][0] for node in sorted(map(int, found))]
+
+
+def moves(sim: RunningSim, command: str, arm: LocalDevice) -> Callable[[], bool]:
+    """Send a stream for as long as it is asked; return whether all joints move."""
+
+    def sent() -> bool:
+        with suppress(CommandRefused):
+            if command != "move_jp":
+                getattr(arm, command)([SETPOINTS[command]] * COUNT)
+        return min(abs(drive["velocity"]) for drive in told(sim)) > MOVING
+
+    return sent
+
+
+def stand(sim: RunningSim) -> bool:
+    return all(abs(drive["velocity"]) < 1.0 for drive in told(sim))
+
+
+def powered(sim: RunningSim) -> list[bool]:
+    return [drive["powered"] for drive in told(sim)]
+
+
+def in_its_thread(arm: LocalDevice, action: Callable[[], None]) -> None:
+    """Have something done once by the I/O thread."""
+    done = threading.Event()
+
+    def once() -> None:
+        if not done.is_set():
+            action()
+            done.set()
+
+    arm.engine.on_sample = once
+    assert done.wait(SOON)
+
+
+# -------------------------------------------------------------------------------------------- close
+
+
+@pytest.mark.parametrize("command", ["move_jp", "servo_jv", "servo_jf"])
+@pytest.mark.parametrize("on_close", ["hold", "power_off"])
+def test_close_in_motion_stops_before_the_drives_are_left(command: str, on_close: str) -> None:
+    with drives(COUNT) as sim:
+        with arm_of(arm_on(sim, COUNT, on_close=on_close)) as arm:
+            arm.enable(SOON)
+            if command == "move_jp":
+                arm.move_jp([2.0] * COUNT)
+            until(moves(sim, command, arm), "it moves")
+            closing = threading.Thread(target=arm.close)
+            closing.start()
+            while closing.is_alive():
+                for drive in told(sim):
+                    assert drive["powered"] or abs(drive["velocity"]) < MOVING, "it coasts"
+        holds = on_close == "hold"
+        assert powered(sim) == [holds] * COUNT
+        until(lambda: stand(sim), "all stand")
+        before = [drive["revolutions"] for drive in told(sim)]
+        time.sleep(1.0)  # longer than the drives wait for a heartbeat, an RPDO and a SYNC
+        assert powered(sim) == [holds] * COUNT
+        np.testing.assert_allclose([drive["revolutions"] for drive in told(sim)], before, atol=0.05)
+
+
+def test_drives_that_were_left_holding_go_on_holding_when_they_are_found_again() -> None:
+    with drives(COUNT) as sim:
+        config = arm_on(sim, COUNT, on_close="hold")
+        with arm_of(config) as arm:
+            arm.enable(SOON)
+            arm.move_jp([0.3] * COUNT).wait(SOON)
+        before = [drive["revolutions"] for drive in told(sim)]
+        with arm_of(config) as arm:
+            assert arm.operating_state().state == "DISABLED"
+            assert "joint_1 (node 1) has power" in arm.operating_state().detail
+            assert powered(sim) == [True] * COUNT
+            after = [drive["revolutions"] for drive in told(sim)]
+            np.testing.assert_allclose(after, before, atol=0.05)
+            arm.enable(SOON)
+            after = [drive["revolutions"] for drive in told(sim)]
+            np.testing.assert_allclose(after, before, atol=0.05)
+            arm.move_jp([0.35] * COUNT).wait(SOON)
+            arm.disable(SOON)
+            assert powered(sim) == [False] * COUNT
+
+
+def test_drives_that_are_found_in_motion_are_stopped_before_their_power_is_taken() -> None:
+    with drives(COUNT) as sim:
+        call = sim.control.call
+        with arm_of(arm_on(sim, COUNT)) as arm:
+            arm.enable(SOON)
+            until(moves(sim, "servo_jv", arm), "it moves")
+            for node in range(1, COUNT + 1):  # nothing stops them when we are gone
+                call("object", node=node, index=0x6007, value=0)
+                call("object", node=node, index=0x1029, sub=1, value=1)
+                call("object", node=node, index=0x2010, sub=1, value=0)
+            in_its_thread(arm, lambda: device_of(arm).link.link.close())
+            until(lambda: "had power" in arm.operating_state().detail, "it says so")
+            assert "joint_1 (node 1) had power and moved" in arm.operating_state().detail
+        assert powered(sim) == [False] * COUNT
+
+
+# ------------------------------------------------------------------------------------------- homing
+
+HOMED = {"homing": {"method": 24, "speed_switch": 0.3, "speed_zero": 0.1, "required": True}}
+
+
+def test_a_stop_in_homing_halts_it_and_is_confirmed_when_the_joints_stand() -> None:
+    with drives(1) as sim, arm_of(arm_on(sim, 1, {**HOMED, "gear": 10.0})) as arm:
+        arm.enable(SOON)
+        arm.state_command("home", 0.0)
+        until(lambda: abs(told(sim)[0]["velocity"]) > MOVING, "it homes")
+        device = device_of(arm)
+        in_its_thread(arm, device.stop)
+        until(lambda: device.has_stopped, "it is confirmed")
+        assert abs(told(sim)[0]["velocity"]) < MOVING
+        until(lambda: stand(sim), "it stands")
+        assert not arm.is_homed()
+        until(lambda: arm.operating_state().state == "FAULT", "homing has failed")
+        assert "stopped" in arm.operating_state().detail
+
+
+# ---------------------------------------------------------------------------- drives that hear nothing
+
+
+@pytest.mark.parametrize("command", ["move_jp", "servo_jv", "servo_jf"])
+@pytest.mark.parametrize("watches", [True, False], ids=["watches its RPDOs", "does not"])
+def test_a_drive_that_gets_no_pdos_any_more_is_stopped_by_another_way(
+    command: str, watches: bool
+) -> None:
+    with drives(COUNT) as sim:
+        if not watches:
+            for sub in range(4):
+                sim.control.inject("sdo_abort", node=2, index=0x1400 + sub, sub=5, code=0x06090011)
+        with arm_of(arm_on(sim, COUNT)) as arm:
+            arm.enable(SOON)
+            if command == "move_jp":
+                arm.move_jp([2.0] * COUNT)
+            until(moves(sim, command, arm), "it moves")
+            sim.control.inject("drop", id=0x202)
+            sim.control.inject("drop", id=0x302)
+            if not watches:
+                with suppress(CommandRefused):
+                    arm.hold()
+            else:
+                until(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
+                assert "node 2 does not get our PDOs" in arm.operating_state().detail
+            until(lambda: stand(sim), "all stand")
+            sim.control.clear("drop")
+            before = [drive["revolutions"] for drive in told(sim)]
+            time.sleep(20 * PERIOD)
+            after = [drive["revolutions"] for drive in told(sim)]
+            np.testing.assert_allclose(after, before, atol=0.1)
