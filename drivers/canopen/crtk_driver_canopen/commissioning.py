@@ -169,7 +169,7 @@ def _axis(
     notes: list[str],
 ) -> Prepared:
     modes = _modes(sdo, name, joint)
-    write_parameters(sdo, name, joint)
+    write_parameters(sdo, name, joint, notes)
     halts = config.drives_plan or joint.homing is not None
     _watched(config, lambda: ensure_options(sdo, name, joint, notes, halts=halts), notes)
     if joint.abort_option is not None:

@@ -10,7 +10,7 @@ from pydantic import Field, field_validator, model_validator
 from crtk_driver_canopen.homing import METHODS
 from crtk_driver_canopen.identity import Identity
 from crtk_driver_canopen.modes import WAYS, OpMode, Way
-from crtk_driver_canopen.objects import parse_object
+from crtk_driver_canopen.objects import is_command, object_text, parse_object
 from crtk_driver_canopen.units import TURN, JointUnits, check_wire, interpolation_period
 from crtk_drivers.config import DeviceConfig, Settings
 
@@ -290,7 +290,12 @@ class JointConfig(Settings):
     @classmethod
     def _objects(cls, parameters: dict[str, int]) -> dict[str, int]:
         for text in parameters:
-            parse_object(text)
+            index, sub = parse_object(text)
+            if is_command(index):
+                raise ValueError(
+                    f"{object_text(index, sub)} moves or powers a drive, or stores: that is never written "
+                    "from a file"
+                )
         return parameters
 
     @model_validator(mode="after")

@@ -25,7 +25,7 @@ from crtk_driver_canopen.modes import HandshakePhase, OpMode, Way
 from crtk_driver_canopen.profiles import ProfileRates, shared_rates, velocities_from_motion
 from crtk_driver_canopen.sdo import Sdo
 from crtk_drivers.device import Goal, Mode, MoveProgress, Setpoint
-from crtk_drivers.errors import CrtkError, MotionAborted
+from crtk_drivers.errors import CommandRefused, CrtkError, MotionAborted
 from crtk_drivers.samples import Vector, vector
 
 __all__ = ["MODE_TIME", "STREAMED", "Motion", "braking_time"]
@@ -416,8 +416,12 @@ class Motion:
         waiting, self._waiting = self._waiting, None
         self._phase = _Phase.HOLD
         if waiting is not None and STREAMED[waiting.mode] is self.way:
-            self._phase = _Phase.FOLLOW
-            self._take(waiting)
+            try:
+                self._take(waiting)
+            except CommandRefused as refusal:
+                self.fault = str(refusal)
+            else:
+                self._phase = _Phase.FOLLOW
         elif self.way is Way.POSITIONS and self.moving and self._link.velocities is not None:
             self._speed = np.array(self._link.units.velocities(self._link.velocities))
             self._phase = _Phase.BRAKE

@@ -16,6 +16,7 @@ __all__ = [
     "OBJECTS",
     "Entry",
     "ObjectType",
+    "is_command",
     "object_text",
     "object_type",
     "parse_object",
@@ -241,6 +242,21 @@ def object_text(index: int, sub: int) -> str:
     if not name:
         return number
     return f"{number} {name} of axis {axis}" if axis else f"{number} {name}"
+
+
+_COMMANDS: Final = frozenset(
+    {0x1010, 0x1011, *range(0x1F50, 0x1F58)}
+    | {0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x6098, 0x60FF}
+    | {0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60FE}
+)
+"""Objects that make a drive do something: store or restore, be programmed, get power, move, open its brake."""
+
+
+def is_command(index: int) -> bool:
+    """Whether an object moves or powers a drive, or changes what it has stored: no file may say that."""
+    if index in _PROFILE:
+        index = _PROFILE.start + (index - _PROFILE.start) % AXIS_STEP
+    return index in _COMMANDS
 
 
 def parse_object(text: str) -> tuple[int, int]:

@@ -8,7 +8,14 @@ from typing import Final
 from crtk_driver_canopen import eds
 from crtk_driver_canopen.config import JointConfig
 from crtk_driver_canopen.eds import DataSheet
-from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType, object_text, parse_object
+from crtk_driver_canopen.objects import (
+    OBJECTS,
+    Entry,
+    ObjectType,
+    is_command,
+    object_text,
+    parse_object,
+)
 from crtk_driver_canopen.sdo import Sdo
 from crtk_drivers.errors import ConfigError
 
@@ -24,13 +31,16 @@ _OURS: Final = range(0x1000, 0x2000)
 """Communication objects: heartbeats and PDOs are those of this driver, whatever a DCF says."""
 
 
-def write_parameters(sdo: Sdo, name: str, joint: JointConfig) -> None:
+def write_parameters(sdo: Sdo, name: str, joint: JointConfig, notes: list[str]) -> None:
     """Write what the DCF of a joint says (ParameterValue), then its `parameters`, and read it back.
+
+    Nothing that moves or powers a drive is written, nor what would change what it has stored.
 
     Args:
         sdo: of its axis.
         name: of the joint.
         joint: its configuration.
+        notes: which lines of the DCF were left out, in words.
 
     Raises:
         ConfigError: the EDS or DCF cannot be read, or an object is no whole number.
@@ -42,9 +52,16 @@ def write_parameters(sdo: Sdo, name: str, joint: JointConfig) -> None:
         for repair in sheet.repairs:
             logger.info("joint %s: %s", name, repair)
         whole = Sdo(sdo.port)  # a DCF names the objects of every axis as they are
+        left_out = [entry for entry, _ in sheet.values() if is_command(entry.index)]
+        if left_out:
+            lines = ", ".join(object_text(entry.index, entry.sub) for entry in left_out)
+            notes.append(
+                f"of {joint.eds} was not written, because it moves or powers the drive, or stores: {lines}"
+            )
         for entry, value in sheet.values():
-            if entry.index not in _OURS and isinstance(value, int):
-                whole.ensure(entry, value, remedy)
+            if entry.index in _OURS or is_command(entry.index) or not isinstance(value, int):
+                continue
+            whole.ensure(entry, value, remedy)
     for text, value in joint.parameters.items():
         entry = _entry(sdo, name, text, sheet)
         sdo.ensure(entry, _fitting(entry, value), remedy)

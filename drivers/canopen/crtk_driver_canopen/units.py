@@ -321,7 +321,7 @@ class GroupUnits:
         Raises:
             CommandRefused: one does not fit into 32 bits, or is not finite.
         """
-        return self._counts((positions - self._offset) / self._position, _I32, "position")
+        return self._counts(positions - self._offset, self._position, _I32, "position")
 
     def velocity_counts(self, velocities: Vector) -> list[int]:
         """Return target velocities (60FF).
@@ -329,7 +329,7 @@ class GroupUnits:
         Raises:
             CommandRefused: one does not fit into 32 bits, or is not finite.
         """
-        return self._counts(velocities / self._velocity, _I32, "velocity")
+        return self._counts(velocities, self._velocity, _I32, "velocity")
 
     def effort_counts(self, efforts: Vector) -> list[int]:
         """Return target torques (6071).
@@ -337,11 +337,17 @@ class GroupUnits:
         Raises:
             CommandRefused: one does not fit into 16 bits, or is not finite, or the rated torque is not known.
         """
-        return self._counts(efforts / self._effort, _I16, "effort")
+        return self._counts(efforts, self._effort, _I16, "effort")
 
     def _counts(
-        self, values: NDArray[np.float64], bounds: tuple[float, float], what: str
+        self,
+        wanted: NDArray[np.float64],
+        units: NDArray[np.float64],
+        bounds: tuple[float, float],
+        what: str,
     ) -> list[int]:
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = wanted / units
         counts = np.rint(values)
         good = (counts >= bounds[0]) & (counts <= bounds[1])  # False for NaN as well
         if not good.all():
