@@ -268,3 +268,26 @@ def test_parameters_that_move_or_power_are_refused_when_the_configuration_is_rea
     joint = {"node": 1, **JOINT, "parameters": {name: 15}}
     with pytest.raises(ConfigError, match="moves or powers"):
         PLUGIN.load_config({"joints": {"a": joint}}, {})
+
+
+# --------------------------------------------------------------------------------- nodes that are silent
+
+
+@pytest.mark.parametrize("timeout", [2.0, 10.0])
+def test_a_silent_node_is_named_in_time_and_closing_does_not_wait_for_it(timeout: float) -> None:
+    with drives(1) as sim:
+        sim.control.inject("no_sdo")
+        arm = LocalDevice(Session(PLUGIN, arm_on(sim, 1, sdo_timeout=timeout, open_timeout=3.0)))
+        try:
+            arm._session.start()
+            until(lambda: "node 1" in arm.operating_state().detail, "it is named")
+            assert "no answer" in arm.operating_state().detail
+            until(lambda: sim.control.status()["drives"]["1"]["nmt"] == "pre_operational", "again")
+        finally:
+            arm.close()
+
+
+def test_a_drive_that_tells_of_no_mode_is_refused_in_words() -> None:
+    with drives(1, modes="hm") as sim:
+        give(sim, 0, 0x6502)
+        refused(sim, "no mode at all (6502h is 0x0)")

@@ -526,3 +526,23 @@ def test_frames_are_logged_as_candump_does(peers: ScriptedBus, tmp_path: Path) -
     assert len(list(can.CanutilsLogReader(path))) == 2
     with pytest.raises(ConfigError, match="cannot be written"):
         CandumpLog(tmp_path).open()
+
+
+@pytest.mark.parametrize("late", ["an abort", "a value", "an acknowledgement"])
+def test_a_late_answer_to_what_was_asked_before_is_none_to_what_is_asked_now(
+    peers: ScriptedBus, master: Master, late: str
+) -> None:
+    frames = {
+        "an abort": b"\x80\x18\x10\x04\x00\x00\x02\x06",
+        "a value": b"\x43\x18\x10\x04\x07\x00\x00\x00",
+        "an acknowledgement": b"\x60\x64\x60\x00\x00\x00\x00\x00",
+    }
+    node = peers[1]
+    answers = node._sdo
+
+    def answer_both(data: bytes) -> None:
+        peers.send(0x581, frames[late])
+        answers(data)
+
+    node._sdo = answer_both  # type: ignore[method-assign]
+    assert Sdo(master.sdo(1)).read(OBJECTS["position_actual"]) == 100

@@ -7,6 +7,7 @@ the drives' PDOs are collected. What they are sent for the next SYNC goes out as
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
@@ -143,6 +144,7 @@ class ArmLink:
         Raises:
             ConnectionFailed: the bus cannot be used; a drive is missing, another one, or cannot be set up.
         """
+        self.link.give_up_at = deadline
         try:
             if self._log is not None:
                 self._log.open()
@@ -158,6 +160,8 @@ class ArmLink:
         except BaseException:
             self.close()
             raise
+        finally:
+            self.link.give_up_at = math.inf
 
     def _open(self, deadline: float) -> None:
         config = self._config
@@ -285,6 +289,7 @@ class ArmLink:
         period = self._config.period
         while not done():
             began = time.monotonic()
+            self.link.check_aborted()
             if began > deadline:
                 return False
             self.exchange(began + period)

@@ -7,6 +7,7 @@ with `post`; they are sent by that thread, some in each cycle, so that they neve
 from __future__ import annotations
 
 import logging
+import math
 import socket
 import threading
 import time
@@ -98,6 +99,7 @@ class CanLink:
     Attributes:
         counters: see `BusCounters`.
         condition: what is known of the controller.
+        give_up_at: monotonic seconds at which whoever waits in `poll` gives up, while drives are looked for.
     """
 
     def __init__(self, address: BusAddress, record: Record | None = None) -> None:
@@ -108,6 +110,8 @@ class CanLink:
         self._bus: can.BusABC | None = None
         self._port: Port | None = None
         self._thread = 0
+        self._aborted = threading.Event()
+        self.give_up_at = math.inf
         self._handlers: dict[int, Handler] = {}
         self._arrived: deque[Frame] = deque()
         self._posted: deque[Frame] = deque(maxlen=1024)
@@ -334,8 +338,11 @@ class CanLink:
 
         Raises:
             BusLost: the bus cannot be used.
+            ConnectionFailed: opening was aborted.
         """
+        until = min(until, self.give_up_at)
         while True:
+            self.check_aborted()
             self.send_posted()
             if done is not None and done():
                 return True
@@ -345,6 +352,19 @@ class CanLink:
                 self.dispatch(frame, time.monotonic())
             elif now >= until:
                 return False
+
+    def abort_open(self) -> None:
+        """End an opening that waits, and let later ones fail. From any thread."""
+        self._aborted.set()
+
+    def check_aborted(self) -> None:
+        """See that nobody has aborted the opening that is under way.
+
+        Raises:
+            ConnectionFailed: somebody has.
+        """
+        if self.give_up_at < math.inf and self._aborted.is_set():
+            raise ConnectionFailed("opening was given up", where=self.where)
 
     def _take_error(self, frame: Frame) -> None:
         self.counters.error_frames += 1

@@ -212,9 +212,9 @@ def _modes(sdo: Sdo, name: str, joint: JointConfig) -> frozenset[OpMode]:
     wanted = set(joint.op_modes) | ({OpMode.HM} if joint.homing is not None else set())
     missing = sorted(wanted - modes)
     if missing:
+        has = ", ".join(map(mode_text, sorted(modes))) or f"no mode at all (6502h is 0x{word:x})"
         raise DeviceError(
-            f"joint {name}: the drive does not have {', '.join(map(mode_text, missing))}, but "
-            f"{', '.join(map(mode_text, sorted(modes)))}",
+            f"joint {name}: the drive does not have {', '.join(map(mode_text, missing))}, but {has}",
             where=sdo.where,
             remedy=_mode_remedy(name, modes),
         )

@@ -114,6 +114,10 @@ class CanopenDevice(Device):
         if self.link.held:
             self._motion.begin_anew(time.monotonic())
 
+    def abort_open(self) -> None:
+        """See the base class."""
+        self.link.link.abort_open()
+
     def close(self) -> None:
         """See the base class. Drives that have power are brought to rest, and left as `on_close` says."""
         try:

@@ -135,6 +135,7 @@ class Master:
         Raises:
             BusLost: the bus cannot be used.
         """
+        until = min(until, self.link.give_up_at)
         while True:
             now = time.monotonic()
             self.tick(now)

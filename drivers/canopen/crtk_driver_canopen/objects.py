@@ -249,7 +249,7 @@ _COMMANDS: Final = frozenset(
     | {0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x6098, 0x60FF}
     | {0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60FE}
 )
-"""Objects that make a drive do something: store or restore, be programmed, get power, move, open its brake."""
+"""Objects that make a drive do something: store, restore, be programmed, get power, move, free its brake."""
 
 
 def is_command(index: int) -> bool:

@@ -28,6 +28,11 @@ __all__ = ["SdoChannel"]
 ATTEMPTS: Final = 2
 """Times that a transfer is tried when no answer comes. All that the driver writes may be written twice."""
 
+UPLOAD: Final = 2
+DOWNLOAD: Final = 3
+ABORT: Final = 4
+"""Command specifiers of a server's answers that name the object (CiA 301, 7.2.4.3)."""
+
 LARGE: Final = 256
 """Bytes from which a transfer goes in blocks."""
 
@@ -60,6 +65,25 @@ class _Client(SdoClient):  # type: ignore[misc]
         self.RESPONSE_TIMEOUT = timeout
         self._link = link
         self._poll = poll
+        self._asked = b""
+        self._answer = 0
+
+    def ask(self, index: int, subindex: int, answer: int) -> None:
+        """Take no answers from now on but to this: what was asked before may be answered late.
+
+        Args:
+            answer: command specifier of the answer, `UPLOAD` or `DOWNLOAD`.
+        """
+        self._asked = index.to_bytes(2, "little") + bytes([subindex])
+        self._answer = answer
+
+    def on_response(self, can_id: int, data: bytes, timestamp: float) -> None:
+        """Take an answer; one that names another object is a late one."""
+        command = data[0] >> 5 if data else 0
+        names_object = command in (UPLOAD, DOWNLOAD, ABORT)
+        if names_object and (data[1:4] != self._asked or command not in (self._answer, ABORT)):
+            return
+        super().on_response(can_id, data, timestamp)
 
     def read_response(self) -> bytes:
         """Return the next answer."""
@@ -138,6 +162,7 @@ class SdoChannel:
 
     def _tried(self, what: str, index: int, sub: int, transfer: Callable[[], Any]) -> Any:
         with self._lock:
+            self._client.ask(index, sub, UPLOAD if what == "read" else DOWNLOAD)
             for attempt in range(1, ATTEMPTS + 1):
                 try:
                     return transfer()
