@@ -117,6 +117,7 @@ class Motion:
         self._accelerations = np.array([joint.acceleration for joint in joints])
         self._lower = np.array([joint.lower for joint in joints])
         self._upper = np.array([joint.upper for joint in joints])
+        self._arrival = np.array([joint.arrives_within for joint in joints])
         self._rest = next(iter(config.ways), Way.POSITIONS)
         self._stop = threading.Event()
         self._stop_since: float | None = None
@@ -322,6 +323,7 @@ class Motion:
             going_on[self._phase](now)
         if self._stop_since is not None and self.stopped:
             self._stop_since = None
+            self._forgo()
 
     def _begin_to_stop(self, now: float) -> None:
         self._waiting = None
@@ -335,6 +337,11 @@ class Motion:
             self._begin_halt()
         elif self._phase is _Phase.FOLLOW:
             self._come_to_rest(now)
+
+    def _forgo(self) -> None:
+        """Hold joints where they are that did not get to where a stop was to end: they do not catch up."""
+        if self._held is not None and (np.abs(self._before - self._held) > self._arrival).any():
+            self.hold_here()
 
     def _come_to_rest(self, now: float) -> None:
         """End a stream; what waits begins after that."""
