@@ -202,11 +202,7 @@ class Motion:
     @property
     def stopped(self) -> bool:
         """Whether the last stop has come to its end, as the drives show it: modes, and joints that stand."""
-        if self._stop.is_set():
-            return False
-        if self._phase is _Phase.HOLD:
-            return self._stood >= _STOOD
-        return self._phase in (_Phase.FOLLOW, _Phase.PREPARE, _Phase.MOVE)
+        return not self._stop.is_set() and self._stop_since is None
 
     @property
     def braking_time(self) -> float:
@@ -321,7 +317,7 @@ class Motion:
         }
         if self._phase in going_on:
             going_on[self._phase](now)
-        if self._stop_since is not None and self.stopped:
+        if self._stop_since is not None and self._phase is _Phase.HOLD and self._stood >= _STOOD:
             self._stop_since = None
             self._forgo()
 
