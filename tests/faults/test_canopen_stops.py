@@ -184,3 +184,34 @@ def test_a_drive_that_gets_no_pdos_any_more_is_stopped_by_another_way(
             time.sleep(20 * PERIOD)
             after = [drive["revolutions"] for drive in told(sim)]
             np.testing.assert_allclose(after, before, atol=0.1)
+
+
+# --------------------------------------------------------------------------------- a stuck I/O thread
+
+
+@pytest.mark.parametrize("command", ["move_jp", "servo_jv", "servo_jf"])
+def test_a_stuck_io_thread_does_not_keep_the_drives_from_being_stopped(command: str) -> None:
+    """Only the watchdog's own write can stop them here: no heartbeat, no SYNC, no RPDO is watched."""
+    keys = {"heartbeat": {"ours": 0.0, "ours_timeout": 0.0, "drives_timeout": 0.5}}
+    with drives(COUNT) as sim:
+        for node in range(1, COUNT + 1):
+            sim.control.call("object", node=node, index=0x2010, sub=1, value=0)
+        go_on = threading.Event()
+        with arm_of(arm_on(sim, COUNT, **keys)) as arm:
+            arm.enable(SOON)
+            if command == "move_jp":
+                arm.move_jp([2.0] * COUNT)
+            until(moves(sim, command, arm), "it moves")
+            arm.engine.on_sample = lambda: go_on.wait(SOON)
+            until(lambda: arm.operating_state().state == "FAULT", "the watchdog has seen it")
+            until(lambda: stand(sim), "all stand")
+            assert not go_on.is_set()
+            before = [drive["revolutions"] for drive in told(sim)]
+            arm.engine.on_sample = None
+            go_on.set()
+            samples = arm.engine.health().samples
+            until(lambda: arm.engine.health().samples > samples + 20, "it goes on")
+            after = [drive["revolutions"] for drive in told(sim)]
+            np.testing.assert_allclose(after, before, atol=0.05)
+            assert powered(sim) == [False] * COUNT
+            arm.enable(SOON)

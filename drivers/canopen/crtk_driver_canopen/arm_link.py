@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
+import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
@@ -30,8 +31,8 @@ from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.pdo import Pdo, read_cob_id
 from crtk_driver_canopen.safeguards import PositionLimits
 from crtk_driver_canopen.sdo import Sdo
-from crtk_driver_canopen.statemachine import State
-from crtk_driver_canopen.stopping import RPDO_TIMEOUT, LastResort, secure
+from crtk_driver_canopen.statemachine import Control, State
+from crtk_driver_canopen.stopping import RPDO_TIMEOUT, LastResort, quick_stop_frame, secure
 from crtk_driver_canopen.units import GroupUnits
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import ConnectionFailed, CrtkError, DataTimeout
@@ -52,6 +53,9 @@ LISTEN: Final = 2.5
 
 LEAST_LISTENING: Final = 0.1
 """Seconds for that at least."""
+
+ASIDE: Final = 0.05
+"""Seconds for the I/O thread to end what it is sending, before another one tells the drives to stop."""
 
 COLLECT: Final = 0.6
 """Part of a period in which the drives' PDOs are waited for: the rest is for what they are sent."""
@@ -101,6 +105,7 @@ class ArmLink:
         self.last_resort = LastResort(self)
         self.found: dict[str, str] = {}
         """In what powered or moving state the joints were found, in words, by name."""
+        self._stops_quickly = threading.Event()
         self.held: frozenset[str] = frozenset()
         """Joints that had power when they were found, and have been left holding."""
         self._tardy: list[int] = []
@@ -180,6 +185,7 @@ class ArmLink:
         if not self._layout.asked:
             self._foreign.watch(self._layout.rpdos.pdos)
         self._foreign_syncs = 0
+        self._stops_quickly.clear()
         self._listen(deadline)
         self._master.command(NmtCommand.PRE_OPERATIONAL)
         if self._layout.asked:
@@ -340,6 +346,22 @@ class ArmLink:
         if self._jobs.errors:
             raise self._jobs.errors[0]
 
+    def stop_quickly(self) -> None:
+        """Have all drives stop quickly, from any thread, without the one that owns the bus: it may be stuck.
+
+        The drives are told by SDO, which needs no SYNC; no answer is waited for. They stay so until `enable`.
+        """
+        self._stops_quickly.set()
+        frames = [quick_stop_frame(axis.config.node, axis.config.axis) for axis in self.axes]
+        if frames and not self.link.send_aside(frames, ASIDE):
+            logger.error(
+                "%s: the drives could not be told to stop beside the I/O thread", self.where
+            )
+
+    def forget_quick_stop(self) -> None:
+        """The drives may be enabled again."""
+        self._stops_quickly.clear()
+
     def rpdos(self, node: int) -> list[Pdo]:
         """Return what a node is sent."""
         return [pdo for pdo in self._layout.rpdos.pdos if pdo.node == node]
@@ -482,6 +504,8 @@ class ArmLink:
             shown = None if place is None else values[place]
             feedback = Feedback(words[index], positions[index], shown)
             outputs.controlword[index] = axis.step(feedback, now)
+            if self._stops_quickly.is_set() and axis.drive.goal is State.ENABLED:
+                axis.drive.request(State.QUICK_STOP)
             outputs.mode[index] = int(axis.mode)
             if not axis.is_enabled or axis.mode is OpMode.HM:
                 outputs.position[index] = positions[index]
@@ -494,6 +518,8 @@ class ArmLink:
             BusLost: the bus cannot be used.
         """
         outputs, values = self.outputs, [0] * self._count
+        if self._stops_quickly.is_set():  # also what was worked out before
+            outputs.controlword[:] = [int(Control.QUICK_STOP)] * len(self.axes)
         for name, column in (
             ("controlword", outputs.controlword),
             ("mode_of_operation", outputs.mode),

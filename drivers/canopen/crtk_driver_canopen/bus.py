@@ -12,7 +12,7 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Final
@@ -110,6 +110,7 @@ class CanLink:
         self._bus: can.BusABC | None = None
         self._port: Port | None = None
         self._thread = 0
+        self._sending = threading.Lock()
         self._aborted = threading.Event()
         self.give_up_at = math.inf
         self._handlers: dict[int, Handler] = {}
@@ -209,7 +210,8 @@ class CanLink:
         if self._port is None:
             raise self._not_open()
         try:
-            count = self._port.send(frames)
+            with self._sending:
+                count = self._port.send(frames)
         except (can.CanError, OSError) as error:
             self._lose(condition_of_error(error), _reason(error), error)
         self.counters.sent += count
@@ -249,6 +251,26 @@ class CanLink:
             self._posted.append(frame)
         elif not self.send(frame):
             self._retry(frame)
+
+    def send_aside(self, frames: Sequence[Frame], timeout: float) -> bool:
+        """Send frames at once, from another thread than the one that owns the bus, which may be stuck.
+
+        Args:
+            timeout: seconds for that one to end what it is sending.
+
+        Returns:
+            Whether there was room for all.
+        """
+        port = self._port
+        if port is None or not self._sending.acquire(timeout=timeout):
+            return False
+        try:
+            return port.send(frames) == len(frames)
+        except (can.CanError, OSError) as error:
+            logger.warning("%s: %s", self.where, _reason(error))
+            return False
+        finally:
+            self._sending.release()
 
     def _retry(self, frame: Frame) -> None:
         """Wait a little for room, in the owning thread and outside of a cycle."""

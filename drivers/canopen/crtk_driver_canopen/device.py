@@ -302,8 +302,10 @@ class CanopenDevice(Device):
         return self._motion.progress()
 
     def stop(self) -> None:
-        """See the base class."""
+        """See the base class. From another thread the drives are told to stop quickly, until `enable`."""
         self._motion.stop()
+        if not self.link.link.owned:
+            self.link.stop_quickly()
 
     @property
     def has_stopped(self) -> bool:
@@ -332,6 +334,7 @@ class CanopenDevice(Device):
         self._transition = True
         self.link.master.silent = False
         self.link.forget_deafness()
+        self.link.forget_quick_stop()
         try:
             yield from self._set_up_again()
             yield from self._rest()  # a ramp that follows a fault is not cut off

@@ -241,9 +241,10 @@ class Motion:
     def follow(self, setpoint: Setpoint, now: float) -> None:
         """Follow a setpoint; one of another kind begins with a change of mode."""
         way = STREAMED[setpoint.mode]
-        self._waiting, self._stop_since = setpoint, None
+        self._waiting = setpoint
         if not self.takes_setpoints:
             return
+        self._stop_since = None
         if way is not self.way:
             self.use(way, now)
         else:
@@ -256,7 +257,7 @@ class Motion:
 
     def move(self, goal: Goal, now: float) -> None:
         """Have the drives move to a goal by themselves, as soon as they are in the mode for it."""
-        self._move, self._waiting, self._stop_since = _Move(goal), None, None
+        self._move, self._waiting = _Move(goal), None
         if self.way is Way.MOVES and self._phase is not _Phase.CHANGE:
             self._prepare_move()
         elif self._phase is _Phase.HOLD:
@@ -424,7 +425,7 @@ class Motion:
             except CommandRefused as refusal:
                 self.fault = str(refusal)
             else:
-                self._phase = _Phase.FOLLOW
+                self._phase, self._stop_since = _Phase.FOLLOW, None
         elif self.way is Way.POSITIONS and self.moving and self._link.velocities is not None:
             self._speed = np.array(self._link.units.velocities(self._link.velocities))
             self._phase = _Phase.BRAKE
@@ -436,6 +437,7 @@ class Motion:
     def _prepare_move(self) -> None:
         """Let the drives have what the move needs; those that still move go on meanwhile."""
         assert self._move is not None
+        self._stop_since = None
         goal = self._move.goal
         assert goal.joints is not None
         self._held = None

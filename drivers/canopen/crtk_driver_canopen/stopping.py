@@ -8,12 +8,14 @@ the one before.
 from __future__ import annotations
 
 import logging
+import struct
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from crtk_driver_canopen.axis import Axis
+from crtk_driver_canopen.frames import Frame
 from crtk_driver_canopen.heartbeat import NmtCommand, NmtState, ensure_heartbeat
 from crtk_driver_canopen.jobs import NodeJobs
 from crtk_driver_canopen.objects import OBJECTS
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     from crtk_driver_canopen.arm_link import ArmLink
     from crtk_driver_canopen.config import CanopenConfig, JointConfig
 
-__all__ = ["RPDO_TIMEOUT", "LastResort", "leave_holding", "secure"]
+__all__ = ["RPDO_TIMEOUT", "LastResort", "leave_holding", "quick_stop_frame", "secure"]
 
 logger = logging.getLogger(__name__)
 
@@ -112,6 +114,13 @@ class LastResort:
     def _sdos(self, node: int) -> list[Sdo]:
         axes = [axis.config.axis for axis in self._link.axes if axis.config.node == node]
         return [Sdo(self._link.master.sdo(node), axis) for axis in axes]
+
+
+def quick_stop_frame(node: int, axis: int) -> Frame:
+    """Return the SDO that tells an axis to stop quickly: an expedited download (CiA 301, 7.2.4.3.3)."""
+    entry = OBJECTS["controlword"].on_axis(axis)
+    data = struct.pack("<BHBHxx", 0x2B, entry.index, entry.sub, Control.QUICK_STOP)
+    return Frame(0x600 + node, data)
 
 
 def _stop_quickly(axes: Iterable[Sdo]) -> None:
