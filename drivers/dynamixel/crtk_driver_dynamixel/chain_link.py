@@ -34,12 +34,10 @@ from crtk_driver_dynamixel.control_tables import (
 )
 from crtk_driver_dynamixel.groups import GroupWrite
 from crtk_driver_dynamixel.joints import Chain, ChainServo
-from crtk_driver_dynamixel.models import (
-    OperatingMode,
-    model_numbered,
-)
+from crtk_driver_dynamixel.models import GOALS, OperatingMode, model_numbered
 from crtk_driver_dynamixel.port import Port
 from crtk_driver_dynamixel.readings import HEALTH, MEASURED, SLOW, Frame, Health
+from crtk_driver_dynamixel.registers import WATCHDOG_STEP
 from crtk_driver_dynamixel.replies import ServoCorrupt, ServoRefused, ServoSilent
 from crtk_driver_dynamixel.servo_state import ServoState, Values, runs
 from crtk_driver_dynamixel.units import Counts, encoded
@@ -55,6 +53,9 @@ PATIENCE: Final = 0.05
 
 MODEL_NUMBER_1: Final = 0
 """Address of model number (2 bytes) and firmware (1) in tables of protocol 1.0, whose ping tells neither."""
+
+STANDING: Final = 0.03
+"""rad/s of a servo below which it stands; a count of the X series is 0.024."""
 
 GroupKey = tuple[str, int, int, int]
 """Bus, protocol, address, length."""
@@ -177,9 +178,57 @@ class ChainLink:
                 remedy="Check power, cables, ids, baud rate: 'crtk-driver dynamixel scan' shows who answers.",
             )
         self._prepare()
+        self._let_watchdogs_act(deadline)
         self._place()
         for bus in self._buses.values():
             bus.latency_budget = self._config.latency_budget
+
+    def _let_watchdogs_act(self, deadline: float) -> None:
+        """Say nothing on the lines for as long as servos that turn by an armed watchdog need to stop.
+
+        It counts whatever is said on its line: a driver that has just been started, or a link that is opened
+        again, would keep a servo turning that nobody commands any more.
+        """
+        self.exchange()
+        places = range(len(self.states))
+        armed = [
+            WATCHDOG_STEP * self.states[place].values["bus_watchdog"]
+            for place in self.turning(places)
+            if self.states[place].values.get("bus_watchdog", 0) > 0
+        ]
+        if armed:
+            time.sleep(max(0.0, min(max(armed) + WATCHDOG_STEP, deadline - time.monotonic())))
+            self.read_health(places)
+            for place, values in self.read_values(
+                places, ["torque_enable", "bus_watchdog"]
+            ).items():
+                self.learn(place, values)
+            self.exchange()
+
+    def answers(self, place: int) -> bool:
+        """Whether a servo answered in the last cycle."""
+        return self.frame is not None and bool(self.frame.valid[place])
+
+    def rests(self, place: int) -> bool:
+        """Whether a servo was seen to stand in the last cycle."""
+        if self.frame is None or not self.answers(place):
+            return False
+        unit = self.chain.servos[place].units.model.family.velocity_unit
+        return abs(int(self.frame.velocity[place])) * unit < STANDING
+
+    def turning(self, places: Iterable[int]) -> list[int]:
+        """Return which servos turn with torque, or have a goal of theirs by which they may turn on and on."""
+        driven = {int(mode): name for mode, name in GOALS.items()}
+        found = self.read_values(places, ["torque_enable", "operating_mode", *GOALS.values()])
+        return [
+            place
+            for place, values in found.items()
+            if values.get("torque_enable")
+            and (
+                values.get(driven.get(values.get("operating_mode", 3), ""), 0)
+                or not self.rests(place)
+            )
+        ]
 
     def _place(self) -> None:
         """Find the turns that servos are in, and what their registers allow."""

@@ -447,6 +447,11 @@ class DynamixelConfig(DeviceConfig):
         default="torque_off",
         description="What disable does: let go of the arm, which may then fall, or keep the torque on.",
     )
+    on_close: Literal["hold", "power_off"] = Field(
+        default="hold",
+        description="How servos that were enabled are left when the driver ends: holding where they "
+        "stand, or without torque, so that an arm without brakes falls.",
+    )
     on_servo_fault: Literal["hold", "torque_off"] = Field(
         default="hold",
         description="What the other servos do when one has a hardware error or is silent.",

@@ -106,18 +106,28 @@ class _ChainDevice(Device):
         self._is_open = True
         self._seen_cycle = -1
         self._stamp, self._last = -math.inf, {}
-        self.part.found()
+        self.part.take_over()
         self._condition = Condition()
 
+    @property
+    def found(self) -> str:
+        """See the base class."""
+        return self.part.found
+
     def close(self) -> None:
-        """See the base class. Servos with torque hold on."""
+        """See the base class. A servo that is not known to have stopped keeps its watchdog armed.
+
+        Raises:
+            StopUnconfirmed: there is such a servo, and its adapter is there.
+        """
         if not self._is_open:
             return
         self._is_open = False
         try:
             self.part.leave()
         except ConnectionLost as error:
-            logger.info("%s: the servos stop by their own watchdogs: %s", self.address, error)
+            told = error if self.part.has_stopped else self.part.unconfirmed
+            logger.warning("%s: %s", self.address, told)
         finally:
             self.link.close()
 
@@ -223,6 +233,11 @@ class _ChainDevice(Device):
         self.part.ask_to_stop()
 
     @property
+    def has_stopped(self) -> bool:
+        """See the base class: the goal was read back, and in velocity mode that nothing turns."""
+        return self.part.has_stopped
+
+    @property
     def takes_setpoints(self) -> bool:
         """See the base class."""
         return self.part.takes_setpoints
@@ -279,7 +294,7 @@ class _ChainDevice(Device):
     ) -> Capabilities:
         modes = {Mode.JOINT_POSITION}
         servos = self.part.chain.servos
-        if all(s.protocol == 2 and OperatingMode.VELOCITY in s.units.model.modes for s in servos):
+        if all(servo.takes_velocities for servo in servos):
             modes.add(Mode.JOINT_VELOCITY)
         estimates: frozenset[Mode] = frozenset()
         if takes_efforts:

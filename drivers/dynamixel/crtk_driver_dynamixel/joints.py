@@ -71,6 +71,11 @@ class ChainServo:
         return f"joint {self.name} (servo {self.id} on {self.bus})"
 
     @property
+    def takes_velocities(self) -> bool:
+        """Whether it has a mode for velocities."""
+        return self.protocol == 2 and OperatingMode.VELOCITY in self.units.model.modes
+
+    @property
     def effort_mode(self) -> OperatingMode | None:
         """Operating mode for efforts; None if it takes none."""
         units = self.units

@@ -18,6 +18,7 @@ from typing import Final
 from crtk_drivers.errors import ConfigError
 
 __all__ = [
+    "GOALS",
     "HARDWARE_ERRORS",
     "MODELS",
     "Family",
@@ -43,6 +44,15 @@ class OperatingMode(IntEnum):
     CURRENT_BASED_POSITION = 5
     PWM = 16
 
+
+GOALS: Final[Mapping[OperatingMode, str]] = MappingProxyType(
+    {
+        OperatingMode.CURRENT: "goal_current",
+        OperatingMode.VELOCITY: "goal_velocity",
+        OperatingMode.PWM: "goal_pwm",
+    }
+)
+"""Register that a setpoint goes to; in the modes for positions it is Goal Position."""
 
 _ALL_MODES: Final = frozenset(OperatingMode)
 _NEEDS_CURRENT: Final = frozenset({OperatingMode.CURRENT, OperatingMode.CURRENT_BASED_POSITION})

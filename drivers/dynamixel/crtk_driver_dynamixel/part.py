@@ -1,17 +1,17 @@
-"""The servos of one CRTK device on a chain, the arm or the gripper: torque, modes, goals, what is wrong.
+"""The servos of one CRTK device on a chain, the arm or the gripper: torque, goals, stops, what is wrong.
 
-A mode is a value of the register Operating Mode, which is written only while torque is off and resets gains,
-profile and goals. So a change of mode is a procedure of a few cycles: torque off, mode, everything that it
-reset, a goal that moves nothing, and torque on again only after all of that was read back. Meanwhile the
-newest setpoint waits.
+A change of mode takes a few cycles (`crtk_driver_dynamixel.modes`), in which the newest setpoint waits. So
+does a stop (`crtk_driver_dynamixel.stopping`): it goes on, whatever is lost on the wire, until it was read
+back, and until then the servos' bus watchdogs stay armed on every way out.
 """
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
@@ -20,29 +20,27 @@ from numpy.typing import NDArray
 from crtk_driver_dynamixel import registers
 from crtk_driver_dynamixel.chain_link import ChainLink
 from crtk_driver_dynamixel.config import DynamixelConfig
+from crtk_driver_dynamixel.confirmed import make_sure
 from crtk_driver_dynamixel.joints import Chain
-from crtk_driver_dynamixel.models import OperatingMode
-from crtk_driver_dynamixel.preparation import ATTEMPTS, recover, set_up
+from crtk_driver_dynamixel.modes import BY_HAND, Modes
+from crtk_driver_dynamixel.preparation import recover, set_up
 from crtk_driver_dynamixel.readings import Frame
-from crtk_driver_dynamixel.servo_state import KEPT, Values
+from crtk_driver_dynamixel.servo_state import Values
+from crtk_driver_dynamixel.stopping import Stopping
 from crtk_driver_dynamixel.units import Counts
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import Steps
-from crtk_drivers.errors import DeviceFault
+from crtk_drivers.errors import DeviceFault, StopUnconfirmed
+
+logger = logging.getLogger(__name__)
 
 __all__ = ["Part"]
 
-GOALS: Final[Mapping[OperatingMode, str]] = {
-    OperatingMode.CURRENT: "goal_current",
-    OperatingMode.VELOCITY: "goal_velocity",
-    OperatingMode.PWM: "goal_pwm",
-}
-"""Register that a setpoint goes to; in the modes for positions it is Goal Position."""
-
 SETTLE_TIME: Final = 0.5
-"""Seconds that a stopped servo may take to stand."""
-STANDING: Final = 1
-"""Counts of Present Velocity of a servo that stands."""
+"""Seconds in which a servo that was silent is heard again, after it was enabled."""
+CUT_POWER: Final = "Switch the supply of the servos off if it moves."
+LEAVE_TIME: Final = 0.6
+"""Seconds in which servos are brought to rest before the port is closed."""
 
 
 Number = TypeVar("Number", np.int64, np.bool_, np.float64)
@@ -65,6 +63,7 @@ class Part:
 
     Attributes:
         kind: of the setpoints that the servos take now; None while their torque is off.
+        found: which had torque or turned when the chain was opened, in words.
     """
 
     def __init__(self, link: ChainLink, joints: range, config: DynamixelConfig) -> None:
@@ -82,7 +81,12 @@ class Part:
             link.chain.servos[place].config.profile_velocity > 0.0 for place in self.places
         )
         self.kind: Kind | None = None
+        self._modes = Modes(link, config)
+        self._stopping = Stopping(link, self._modes, self.places)
         self._work: Steps | None = None
+        self._is_stopping = False
+        self._armed = False
+        self.found = ""
         self._pending: _Pending | None = None
         self._fault = ""
         self._is_free = False
@@ -112,6 +116,11 @@ class Part:
         """Whether a setpoint takes effect at once: no change of mode and no stop is under way."""
         return self._work is None and not self._stop.is_set()
 
+    @property
+    def has_stopped(self) -> bool:
+        """Whether what was asked for by `ask_to_stop` last was read back from every servo."""
+        return not (self._stop.is_set() or self._is_stopping or self._stopping.unconfirmed)
+
     def own(self, values: NDArray[Number]) -> NDArray[Number]:
         """Return the values of these servos out of those of the chain."""
         own: NDArray[Number] = values[self._index]
@@ -119,16 +128,27 @@ class Part:
 
     # -------------------------------------------------------------------------------- what is wrong
 
-    def found(self) -> None:
+    def take_over(self) -> None:
         """The chain was opened: take the servos as they are, holding in some mode or without torque."""
         self._forget()
         self.kind = None
+        self._armed = False
+        self._stopping.unconfirmed = ()
+        self.found = self._found()
+
+    def _found(self) -> str:
+        """Return which servos have torque, and which turn, in words; empty if none."""
+        servos, health = self._link.chain.servos, self._link.health
+        on = [servos[place].name for place in self.places if health[place].torque]
+        told = [f"torque is on: {', '.join(dict.fromkeys(on))}"] if on else []
+        told += [f"{self._name(place)} turns" for place in self._link.turning(self.places)]
+        return "; ".join(told)
 
     def _forget(self) -> None:
         """Forget what was under way, and what was wrong."""
         self._work = self._pending = None
         self._fault = ""
-        self._is_free = False
+        self._is_free = self._is_stopping = False
         self._stop.clear()
 
     def has_company(self, frame: Frame, now: float) -> bool:
@@ -167,19 +187,29 @@ class Part:
 
     def step(self) -> None:
         """Go on with a change of mode or a stop; what fails in it is `trouble` until the next `enable`."""
+        if self._is_stopping and self._stop.is_set():
+            self._stop.clear()
+            self._pending = None
         if self._work is not None:
-            try:
-                next(self._work)
-            except StopIteration:
-                self._work = None
-                self._send_pending()
-            except DeviceFault as fault:
-                self._work = self._pending = None
-                self._fault = fault.message
+            self._go_on(self._work)
         if self._work is None and self._stop.is_set():
             self._stop.clear()
             self._pending = None
-            self._begin_stop()
+            self._is_stopping = True
+            self._work = self._come_to_rest()
+            self._go_on(self._work)
+
+    def _go_on(self, work: Steps) -> None:
+        try:
+            next(work)
+        except StopIteration:
+            self._work = None
+            self._is_stopping = False
+            self._send_pending()
+        except DeviceFault as fault:
+            self._work = self._pending = None
+            self._is_stopping = False
+            self._fault = fault.message
 
     def send(self, kind: Kind, counts: Counts) -> None:
         """Send goals (servos of this part,), after a change of mode if they need one."""
@@ -194,63 +224,75 @@ class Part:
         """Have the next cycle end all motion. From any thread."""
         self._stop.set()
 
-    def stop_now(self) -> None:
-        """End all motion in this call, as far as that is possible: nobody will call `step` any more."""
-        self._stop.clear()
-        if self.kind is Kind.VELOCITY:
-            self._stand_still()
-        elif self.kind is Kind.EFFORT or self._is_free:
-            for _ in self._switch(Kind.POSITION):
-                self._link.exchange()
-
     def _send_pending(self) -> None:
         pending, self._pending = self._pending, None
         if pending is None or self._stop.is_set():
             return
         self.send(*pending)
 
-    def _begin_stop(self) -> None:
-        if self.kind is Kind.VELOCITY and self._is_troubled():
-            # A change of mode would take the torque away, and may not come to its end.
-            self._stand_still()
-        else:
-            self._work = self._rest()
+    def _come_to_rest(self) -> Steps:
+        """Bring the servos to rest, and hold them there by position; those that still do what they are told.
+
+        It goes on, telling what is the matter, until every servo is known to have stopped.
+
+        Raises:
+            DeviceFault: one does not change its mode; it has stopped before.
+        """
+        stopping, held = self._stopping, self._held()
+        # A change of mode would take the torque away, and may not come to its end.
+        may_switch = self.kind is not Kind.VELOCITY or not self._is_troubled()
+        is_ours = self.kind is not None and not self._is_free
+        for reason in stopping.until_confirmed(self._answering, held, at_once=is_ours):
+            if reason and not self._fault:
+                self._fault = reason
+            yield
+        if may_switch and (self._is_free or self.kind in (Kind.VELOCITY, Kind.EFFORT)):
+            places = self._answering()
+            beyond = self._modes.beyond(places)
+            if beyond:
+                yield from self._hold_beyond(places, beyond)
+            else:
+                yield from self._switch(Kind.POSITION, places)
+            self._is_free = False
+        for _ in stopping.until_confirmed(lambda: self.places, held, at_once=is_ours):
+            yield
+
+    def _hold_beyond(self, places: Sequence[int], beyond: str) -> Steps:
+        """Hold servos that position mode would take for a turn elsewhere by a velocity of zero.
+
+        Raises:
+            DeviceFault: always, with what is wrong.
+        """
+        if not self._is_free and self.kind is Kind.EFFORT and self._takes_velocities():
+            yield from self._switch(Kind.VELOCITY, places)
+        raise DeviceFault(beyond, where=self._link.address, remedy=BY_HAND)
+
+    def _takes_velocities(self) -> bool:
+        servos = (self._link.chain.servos[place] for place in self.places)
+        return all(servo.takes_velocities for servo in servos)
+
+    def _held(self) -> dict[int, int]:
+        """Return the goals of servos in position mode that are not where they are on the way to now."""
+        if self.kind is not Kind.POSITION or self._is_free:
+            return {}
+        here = self.own(self._frame.position)
+        if self._has_profile:
+            # The servos may be far behind their goals.
+            self._goals = here
+        if self._goals is None:
+            return {}
+        return {self.places[i]: int(self._goals[i]) for i in self._commanded.tolist()}
+
+    def _answering(self) -> list[int]:
+        """Return the servos that answer and have no error: those that do what they are told."""
+        gone = {*self.silent(self._frame, time.monotonic()), *self._broken()}
+        return [place for place in self.places if place not in gone]
 
     def _is_troubled(self) -> bool:
         return bool(self.trouble(self._frame, time.monotonic()))
 
-    def _rest(self) -> Steps:
-        """Bring the servos to rest, and hold them there by position; those that still do what they are told.
-
-        Raises:
-            DeviceFault: one does not.
-        """
-        if self.kind is Kind.VELOCITY:
-            self._stand_still()
-            end = time.monotonic() + SETTLE_TIME
-            while time.monotonic() < end:
-                yield
-                frame = self._frame
-                speeds = self.own(frame.velocity)[self.own(frame.valid)]
-                if np.abs(speeds).max(initial=0) <= STANDING:
-                    break
-        if self._is_free or self.kind in (Kind.VELOCITY, Kind.EFFORT):
-            gone = {*self.silent(self._frame, time.monotonic()), *self._broken()}
-            if self.kind is Kind.EFFORT:
-                # They may hear, though they do not answer.
-                nothing = {p: {self._goal_register(p, Kind.EFFORT): 0} for p in gone}
-                self._link.write_values(nothing)
-            yield from self._switch(Kind.POSITION, [p for p in self.places if p not in gone])
-            self._is_free = False
-        elif self.kind is Kind.POSITION and self._has_profile:
-            # The servos may be far behind their goals.
-            self._write_goals(Kind.POSITION, self.own(self._frame.position))
-
     def _broken(self) -> list[int]:
         return [place for place in self.places if self._link.health[place].error_text]
-
-    def _stand_still(self) -> None:
-        self._write_goals(Kind.VELOCITY, np.zeros(len(self.places), dtype=np.int64))
 
     def _write_goals(self, kind: Kind, counts: Counts) -> None:
         self._goals = counts if kind is Kind.POSITION else None
@@ -263,13 +305,10 @@ class Part:
         if found is None:
             by_name: dict[str, list[int]] = defaultdict(list)
             for i in self._commanded.tolist():
-                by_name[self._goal_register(self.places[i], kind)].append(i)
+                by_name[self._modes.goal_register(self.places[i], kind)].append(i)
             found = [(name, np.array(index)) for name, index in by_name.items()]
             self._goal_registers[kind] = found
         return found
-
-    def _goal_register(self, place: int, kind: Kind) -> str:
-        return GOALS.get(self._mode(place, kind), "goal_position")
 
     @property
     def _frame(self) -> Frame:
@@ -282,18 +321,30 @@ class Part:
     def enable(self) -> Steps:
         """Restart servos with errors, set all up, and hold them where they are.
 
+        The bus watchdog is armed before any torque comes on.
+
         Raises:
             TransitionFailed: with what is in the way.
             DeviceFault: servos do not do what they are told.
         """
         self._forget()
-        yield from recover(self._link, self.places)
-        yield from set_up(self._link, self.places, self._config)
-        self._link.write_values(self._each({"bus_watchdog": 0}))
-        yield from self._switch(Kind.POSITION)
+        link, places = self._link, self.places
+        for reason in self._stopping.until_confirmed(self._answering, at_once=False):
+            if reason:
+                raise DeviceFault(reason, where=link.address, remedy=CUT_POWER)
+            yield
+        yield from recover(link, places)
+        yield from set_up(link, places, self._config)
+        beyond = self._modes.beyond(places)
+        if beyond:
+            raise DeviceFault(beyond, where=link.address, remedy=BY_HAND)
+        self._armed = True
+        tripped = [place for place in places if link.health[place].tripped]
+        yield from make_sure(link, {p: {"bus_watchdog": 0} for p in tripped})
         watchdog = registers.watchdog_count(self._config.watchdog)
-        yield from self._make_sure(self._each({"bus_watchdog": watchdog}))
-        self._link.read_health(self.places)
+        yield from make_sure(link, self._each({"bus_watchdog": watchdog}))
+        yield from self._switch(Kind.POSITION)
+        link.read_health(places)
         end = time.monotonic() + SETTLE_TIME
         while self.silent(self._frame, time.monotonic()) and time.monotonic() < end:
             yield  # one that was silent before is read only now and then
@@ -304,18 +355,39 @@ class Part:
         Raises:
             DeviceFault: a servo keeps its torque.
         """
-        self._work = self._pending = None
-        self._stop.clear()
+        self._pending = None
         if self._config.disable == "torque_off":
-            if self.kind is Kind.VELOCITY:
-                self._stand_still()
-            self.kind = None
-            self._is_free = False
-            yield from self._make_sure(self._each({"bus_watchdog": 0, "torque_enable": 0}))
+            self._work, self._is_stopping = None, False
+            self._stop.clear()
+            yield from self._power_off()
         else:
-            yield from self._rest()
-            yield from self._make_sure(self._each({"bus_watchdog": 0}))
+            self.ask_to_stop()
+            while not self.takes_setpoints:
+                yield
+            yield from self._disarm(self.places)
         self._link.read_health(self.places)
+
+    def _power_off(self) -> Steps:
+        """Take the torque away; the watchdogs are disarmed only when it is known to be off.
+
+        Raises:
+            DeviceFault: a servo keeps its torque; it is told to stop until it does.
+        """
+        if self.kind is not None:
+            self._stopping.write(self.places)
+        self.kind = self._goals = None
+        self._is_free = False
+        try:
+            yield from make_sure(self._link, self._each({"torque_enable": 0}))
+        except DeviceFault:
+            self.ask_to_stop()
+            raise
+        self._stopping.unconfirmed = ()
+        yield from self._disarm(self.places)
+
+    def _disarm(self, places: Sequence[int]) -> Steps:
+        yield from make_sure(self._link, {p: {"bus_watchdog": 0} for p in places})
+        self._armed = False
 
     def free(self) -> Steps:
         """Take the torque away, so that the joints can be moved by hand, until `ask_to_stop`.
@@ -324,156 +396,72 @@ class Part:
             DeviceFault: a servo keeps its torque.
         """
         self._is_free = True
-        yield from self._make_sure(self._each({"torque_enable": 0}))
+        yield from make_sure(self._link, self._each({"torque_enable": 0}))
         while True:
             yield
 
     def let_go(self) -> None:
         """Take the torque away now; the next cycles make sure of those that answer."""
         self._link.write_values(self._each({"torque_enable": 0}))
-        self.kind = self._pending = None
-        self._is_free = False
+        self.kind = self._pending = self._goals = None
+        self._is_free = self._is_stopping = False
         gone = self.silent(self._frame, time.monotonic())
         held = {place: {"torque_enable": 0} for place in self.places if place not in gone}
-        self._work = self._make_sure(held, written=True)
+        self._work = make_sure(self._link, held, written=True)
 
     def leave(self) -> None:
-        """End motion, and have the servos hold on though nobody will talk to them any more.
+        """End motion, read back that it has ended, and leave the servos as `on_close` says.
+
+        Servos that were not enabled are left as they are. The bus watchdog of a servo that is not known to
+        have stopped stays armed, and it hears nothing any more.
 
         Raises:
             ConnectionLost: the adapter is gone; the servos' own watchdogs end motion then.
-            DeviceFault: servos do not do what they are told.
+            StopUnconfirmed: it could not be read back that all have stopped; with who it is.
         """
-        if self._stop.is_set():
-            self.stop_now()
-        self._link.write_values(self._each({"bus_watchdog": 0}))
+        end = time.monotonic() + max(LEAVE_TIME, self._stopping.time)
+        if not self._armed and self.kind is None and self.has_stopped:
+            return
+        while not self.has_stopped or self._work is not None:
+            if time.monotonic() >= end:
+                break
+            if self._work is not None or self._stop.is_set():
+                self.step()
+            else:
+                self.ask_to_stop()
+            self._link.exchange()
+        stopped = [place for place in self.places if place not in self._stopping.unconfirmed]
+        if not self.has_stopped and len(stopped) == len(self.places):
+            stopped = []  # it has not come so far
+        off = self._config.on_close == "power_off"
+        try:
+            for _ in self._power_off() if off else self._disarm(stopped):
+                self._link.exchange()
+        except DeviceFault as fault:
+            if off:
+                raise self.unconfirmed from fault
+            # Its watchdog will stop it, where it stands.
+            logger.warning("%s: %s", self._link.address, fault.message)
+        if len(stopped) < len(self.places):
+            raise self.unconfirmed
+
+    @property
+    def unconfirmed(self) -> StopUnconfirmed:
+        """What is to be said of servos that are not known to have stopped."""
+        places = self._stopping.unconfirmed or self.places
+        timeout = self._config.watchdog
+        own = f"Its own watchdog stops it in {timeout:g} s. " if timeout else ""
+        return StopUnconfirmed(
+            f"{', '.join(map(self._name, places))}: not seen to have stopped",
+            where=self._link.address,
+            remedy=f"{own}Look at the arm, and {CUT_POWER[0].lower()}{CUT_POWER[1:]}",
+        )
 
     def _each(self, values: Values) -> dict[int, Values]:
         return dict.fromkeys(self.places, values)
 
-    # --------------------------------------------------------------------------------------- modes
-
     def _switch(self, kind: Kind, places: Sequence[int] | None = None) -> Steps:
-        """Bring servos, all unless told otherwise, into a mode, holding still, with torque.
-
-        Raises:
-            DeviceFault: they do not do what they are told.
-        """
-        link, places = self._link, self.places if places is None else places
-        modes = {place: int(self._mode(place, kind)) for place in places}
-        changing = {
-            place: {"operating_mode": mode}
-            for place, mode in modes.items()
-            if link.states[place].values.get("operating_mode", mode) != mode
-        }
+        """Bring servos, all unless told otherwise, into the mode for a kind of setpoints."""
         self.kind = self._goals = None
-        if changing:
-            yield from self._make_sure({place: {"torque_enable": 0} for place in changing})
-            yield from self._make_sure(changing)
-        waiting, wrong = list(places), dict[int, list[str]]()
-        for _ in range(ATTEMPTS):
-            here = link.read_positions(waiting)
-            wanted = {place: self._still(place, kind, count) for place, count in here.items()}
-            link.write_values(wanted)
-            wrong = self._wrong(wanted)
-            held = [place for place in wanted if place not in wrong]
-            # Only now: with another goal they would jump.
-            link.write_values({place: {"torque_enable": 1} for place in held})
-            waiting = [place for place in waiting if place not in held]
-            if not waiting:
-                break
-            yield
-        else:
-            raise self._stubborn({place: wrong.get(place, ["no answer"]) for place in waiting})
-        yield
-        yield from self._make_sure({p: {"torque_enable": 1} for p in places}, written=True)
+        yield from self._modes.switch(kind, self.places if places is None else places)
         self.kind = kind
-        for place in places:
-            link.health[place].torque = True
-
-    def _mode(self, place: int, kind: Kind) -> OperatingMode:
-        servo = self._link.chain.servos[place]
-        if kind is Kind.VELOCITY:
-            return OperatingMode.VELOCITY
-        if kind is Kind.EFFORT:
-            assert servo.effort_mode is not None
-            return servo.effort_mode
-        return servo.units.mode
-
-    def _still(self, place: int, kind: Kind, count: int) -> dict[str, int]:
-        """Return what the RAM of a servo at a count must hold before torque goes on, its goal included."""
-        link = self._link
-        state, servo = link.states[place], link.chain.servos[place]
-        wanted: dict[str, int] = {n: state.values[n] for n in KEPT if n in state.values}
-        settings = registers.ram(servo, state.table, self._config, state.values)
-        wanted |= {s.item.name: s.value for s in settings if not s.item.eeprom}
-        if servo.effort_mode is OperatingMode.PWM and "pwm_limit" in state.values:
-            # What Goal PWM was in PWM mode would limit the voltage in the other modes.
-            wanted.setdefault("goal_pwm", state.values["pwm_limit"])
-        goal = self._goal_at(place, count) if kind is Kind.POSITION else 0
-        wanted[self._goal_register(place, kind)] = goal
-        return {name: value for name, value in wanted.items() if state.has(name)}
-
-    def _goal_at(self, place: int, count: int) -> int:
-        """Return where a servo is, as a goal that it takes.
-
-        Raises:
-            DeviceFault: it is where it takes no goal, and would jump.
-        """
-        values = self._link.states[place].values
-        if self._mode(place, Kind.POSITION) == OperatingMode.POSITION:
-            family = self._link.chain.servos[place].units.model.family
-            low = values.get("min_position_limit", family.lowest)
-            high = values.get("max_position_limit", family.highest)
-            if not low <= count <= high:
-                raise DeviceFault(
-                    f"{self._name(place)} stands at count {count}, outside its own limits {low} to {high}",
-                    where=self._link.address,
-                    remedy="Move the joint into its range by hand, with the torque off, and enable again.",
-                )
-        return count
-
-    def _make_sure(self, wanted: Mapping[int, Values], *, written: bool = False) -> Steps:
-        """Write registers until they hold these values.
-
-        Raises:
-            DeviceFault: they never do.
-        """
-        wanted = {
-            place: known
-            for place, values in wanted.items()
-            if (known := {n: v for n, v in values.items() if self._link.states[place].has(n)})
-        }
-        wrong: dict[int, list[str]] = {}
-        for attempt in range(ATTEMPTS):
-            if attempt or not written:
-                self._link.write_values(wanted)
-                yield
-            wrong = self._wrong(wanted)
-            if not wrong:
-                return
-            wanted = {place: wanted[place] for place in wrong}
-        raise self._stubborn(wrong)
-
-    def _wrong(self, wanted: Mapping[int, Values]) -> dict[int, list[str]]:
-        """Return which registers of which servos do not hold what they should; those that do are kept."""
-        names = sorted({name for values in wanted.values() for name in values})
-        found = self._link.read_values(wanted, names) if names else {}
-        wrong: dict[int, list[str]] = {}
-        for place, values in wanted.items():
-            read = found.get(place, {})
-            differing = [name for name, value in values.items() if read.get(name) != value]
-            if differing:
-                wrong[place] = differing
-            self._link.learn(place, read)
-        return wrong
-
-    def _stubborn(self, wrong: Mapping[int, Iterable[str]]) -> DeviceFault:
-        told = "; ".join(
-            f"{self._name(place)}: {', '.join(names)}" for place, names in wrong.items()
-        )
-        return DeviceFault(
-            f"registers do not take what is written: {told}",
-            where=self._link.address,
-            remedy="Does it answer reliably, and is its supply right? See the counters in diagnostics.",
-        )

@@ -24,6 +24,9 @@ EVENTS: Final = ("instruction", "torque_on", "torque_off", "motion_started", "mo
 ALL: Final = -1
 """Id that stands for every servo."""
 
+ANY: Final = -1
+"""Instruction code or address that stands for all of them."""
+
 _ID: Final = Parameter(int, ALL, minimum=-1, maximum=252)
 _BUS: Final = Parameter(int, 1, minimum=1, maximum=16)
 _EVERY: Final = Parameter(int, 1, minimum=1)
@@ -174,6 +177,19 @@ KINDS: Final[Mapping[str, FaultKind]] = {
     for kind in (
         _reply_kind("drop", "every n-th status packet is lost"),
         _reply_kind("lost", "every n-th instruction is heard by no servo"),
+        FaultKind(
+            "message",
+            "the n-th instruction of a kind, and only that, is lost, heard twice, or heard later",
+            {
+                "bus": _BUS,
+                "code": Parameter(int, ANY, minimum=ANY, maximum=255),
+                "address": Parameter(int, ANY, minimum=ANY, maximum=65535),
+                "number": Parameter(int, 1, minimum=1),
+                "effect": Parameter(str, "lost", choices=("lost", "doubled", "late")),
+                "seconds": Parameter(float, 0.03, minimum=0.0001, maximum=60.0),
+            },
+            lasting=True,
+        ),
         _reply_kind("crc", "every n-th status packet has a wrong CRC"),
         _reply_kind("corrupt", "a byte of every n-th status packet is changed"),
         _reply_kind(

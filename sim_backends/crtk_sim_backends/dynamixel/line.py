@@ -11,12 +11,13 @@ import heapq
 import itertools
 import math
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 from crtk_sim_backends.dynamixel.bus import Bus, Reply
-from crtk_sim_backends.dynamixel.injection import ALL, REPLIES, overlay
+from crtk_sim_backends.dynamixel.injection import ALL, ANY, REPLIES, overlay
 from crtk_sim_backends.dynamixel.packets import BROADCAST, Instruction, Parser, Parser1, Parser2
 from crtk_sim_backends.dynamixel.servo import Servo
 from crtk_sim_backends.dynamixel.tty import Tty
@@ -39,6 +40,7 @@ class LineStatistics:
     instructions: int = 0
     damaged: int = 0  # instructions with a wrong CRC or checksum
     collisions: int = 0  # instructions sent into an answer that was still under way
+    tampered: int = 0  # instructions that a fault of the kind "message" has hit
     overruns: int = 0  # bytes that a client that does not read did not get
     deliveries: int = 0
     late: float = 0.0  # s, sum over deliveries
@@ -64,6 +66,8 @@ class ActiveFault:
 Trace = Callable[[Instruction, float], None]
 Piece = tuple[float, int, float, bytes]
 """When to hand bytes over, a running number, when their last one has left the wire, and the bytes."""
+Deferred = tuple[float, int, Callable[[], None]]
+"""When servos hear an instruction that is late, a running number, and what they then do."""
 
 
 class Line:
@@ -109,6 +113,7 @@ class Line:
         self._received = -math.inf
         self._pieces: list[Piece] = []
         self._numbers = itertools.count()
+        self._deferred: list[Deferred] = []
 
     # Faults
 
@@ -199,6 +204,34 @@ class Line:
         self._trace(packet, end)
         if self.faults and any(active.hits(packet.id) for active in self._of_kind("lost")):
             return
+        fault = self._tampering(packet) if self.faults else None
+        if fault is None:
+            self._carry_out(packet, end, byte, plant_time, baud)
+            return
+        self.statistics.tampered += 1
+        if fault["effect"] == "doubled":
+            self._carry_out(packet, end, byte, plant_time, baud)
+            self._carry_out(packet, end, byte, plant_time, baud)
+        elif fault["effect"] == "late":
+            later = float(fault["seconds"])
+            heard = partial(self._carry_out, packet, end + later, byte, plant_time + later, baud)
+            heapq.heappush(self._deferred, (end + later, next(self._numbers), heard))
+
+    def _tampering(self, packet: Instruction) -> Mapping[str, Any] | None:
+        """The parameters of a fault that hits this very instruction."""
+        for active in self._of_kind("message"):
+            wanted = active.fault.parameters
+            wide = packet.protocol
+            address = int.from_bytes(packet.parameters[:wide], "little")
+            if wanted["code"] in (ANY, packet.code) and wanted["address"] in (ANY, address):
+                active.seen += 1
+                if active.seen == wanted["number"]:
+                    return wanted
+        return None
+
+    def _carry_out(
+        self, packet: Instruction, end: float, byte: float, plant_time: float, baud: int
+    ) -> None:
         replies = self.bus.answer(packet, baud, plant_time)
         if len(replies) > 1 and packet.id != BROADCAST:
             replies = [_at_once(replies)]
@@ -258,13 +291,16 @@ class Line:
 
     @property
     def due(self) -> float:
-        """When the next bytes are to be handed over; infinity if there are none, or while they are held."""
-        return self._pieces[0][0] if self._pieces and not self._holds else math.inf
+        """When bytes are handed over or a late instruction is heard next; infinity if never."""
+        handed = self._pieces[0][0] if self._pieces and not self._holds else math.inf
+        return min(handed, self._deferred[0][0]) if self._deferred else handed
 
     def deliver(self, now: float) -> None:
         """Hand over what is due."""
         statistics = self.statistics
-        while self._pieces and self.due <= now:
+        while self._deferred and self._deferred[0][0] <= now:
+            heapq.heappop(self._deferred)[2]()
+        while self._pieces and not self._holds and self._pieces[0][0] <= now:
             due, _, _, data = heapq.heappop(self._pieces)
             sent = self.port.write(data) if self.port.plugged else len(data)
             statistics.bytes_out += sent
@@ -276,6 +312,7 @@ class Line:
     def unplug(self) -> None:
         """Take the adapter away, with all that was under way."""
         self._pieces.clear()
+        self._deferred.clear()
         self._forget_packet()
         self.port.unplug()
 

@@ -396,6 +396,7 @@ class Servo(ABC):
             "angle": self.drive.angle,
             "velocity": self.drive.velocity,
             "torque_applied": self.drive.applied,
+            "bus_watchdog": self.get("bus_watchdog"),
             "temperature": self.temperature,
             "voltage": self.volts,
             "reboots": self.reboots,

@@ -1,0 +1,186 @@
+"""Operating modes of the servos of one device, and the way from one to another.
+
+A mode is a value of the register Operating Mode, which is written only while torque is off and resets gains,
+profile and goals. So a change of mode is a procedure of a few cycles: torque off, mode, everything that it
+reset, a goal that moves nothing, and torque on again only after all of that was read back.
+
+No change of mode changes what a position means: position mode knows one turn only, and a servo that has left
+it is not sent there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from crtk_driver_dynamixel import registers
+from crtk_driver_dynamixel.chain_link import ChainLink
+from crtk_driver_dynamixel.config import DynamixelConfig
+from crtk_driver_dynamixel.confirmed import make_sure, stubborn, wrong
+from crtk_driver_dynamixel.models import GOALS, OperatingMode
+from crtk_driver_dynamixel.preparation import ATTEMPTS
+from crtk_driver_dynamixel.servo_state import KEPT
+from crtk_drivers.commands import Kind
+from crtk_drivers.device import Steps
+from crtk_drivers.errors import DeviceFault
+
+__all__ = ["BY_HAND", "Modes"]
+
+BY_HAND: Final = "Move the joint into its range by hand, with the torque off, and enable again."
+
+
+class Modes:
+    """What mode each servo has for setpoints of a kind, and how it gets there.
+
+    Args:
+        link: to the chain.
+        config: of the chain.
+    """
+
+    def __init__(self, link: ChainLink, config: DynamixelConfig) -> None:
+        self._link = link
+        self._config = config
+
+    def mode(self, place: int, kind: Kind) -> OperatingMode:
+        """Return the mode that a servo has for setpoints of a kind."""
+        servo = self._link.chain.servos[place]
+        if kind is Kind.VELOCITY:
+            return OperatingMode.VELOCITY
+        if kind is Kind.EFFORT:
+            assert servo.effort_mode is not None
+            return servo.effort_mode
+        return servo.units.mode
+
+    def present(self, place: int) -> OperatingMode:
+        """Return the mode that a servo is known to be in; that for positions if it has no such register."""
+        found = self._link.states[place].values.get("operating_mode")
+        if found is None or found not in set(OperatingMode):
+            return self.mode(place, Kind.POSITION)
+        return OperatingMode(found)
+
+    def goal_register(self, place: int, kind: Kind) -> str:
+        """Return the register that setpoints of a kind go to."""
+        return GOALS.get(self.mode(place, kind), "goal_position")
+
+    def switch(self, kind: Kind, places: Sequence[int]) -> Steps:
+        """Bring servos into the mode for a kind of setpoints, holding still, with torque.
+
+        Raises:
+            DeviceFault: they do not do what they are told.
+        """
+        link = self._link
+        before = link.read_positions(places)
+        modes = {place: int(self.mode(place, kind)) for place in places}
+        changing = {
+            place: {"operating_mode": mode}
+            for place, mode in modes.items()
+            if link.states[place].values.get("operating_mode", mode) != mode
+        }
+        if changing:
+            yield from make_sure(link, {place: {"torque_enable": 0} for place in changing})
+            yield from make_sure(link, changing)
+        waiting, differing = list(places), dict[int, list[str]]()
+        for _ in range(ATTEMPTS):
+            here = link.read_positions(waiting)
+            self._check_counts(before, here)
+            wanted = {place: self._still(place, kind, count) for place, count in here.items()}
+            link.write_values(wanted)
+            differing = wrong(link, wanted)
+            held = [place for place in wanted if place not in differing]
+            # Only now: with another goal they would jump.
+            link.write_values({place: {"torque_enable": 1} for place in held})
+            waiting = [place for place in waiting if place not in held]
+            if not waiting:
+                break
+            yield
+        else:
+            raise stubborn(link, {place: differing.get(place, ["no answer"]) for place in waiting})
+        yield
+        yield from make_sure(link, {p: {"torque_enable": 1} for p in places}, written=True)
+        for place in places:
+            link.health[place].torque = True
+
+    def beyond(self, places: Sequence[int]) -> str:
+        """Return which servos have left the turn that their position mode knows, in words; empty if none.
+
+        Position mode would take them for where they were a turn before, and its goals lead them on.
+        """
+        found = []
+        for place, count in self._link.read_positions(places).items():
+            servo = self._link.chain.servos[place]
+            if servo.units.mode is not OperatingMode.POSITION:
+                continue
+            low, high = self._limits(place)
+            there = count - self._ignored_homing(place)
+            if not low <= there <= high:
+                found.append(
+                    f"{servo.place} stands at count {there}, outside its own limits {low} to {high}"
+                )
+        return "; ".join(found)
+
+    def _ignored_homing(self, place: int) -> int:
+        """Return what the homing offset adds to positions now, and not in position mode."""
+        state = self._link.states[place]
+        offset, limit = (
+            state.values.get("homing_offset", 0),
+            state.servo.units.model.family.homing_limit,
+        )
+        is_position = self.present(place) is OperatingMode.POSITION
+        return 0 if is_position or not limit or abs(offset) <= limit else offset
+
+    def _limits(self, place: int) -> tuple[int, int]:
+        values, family = (
+            self._link.states[place].values,
+            self._link.chain.servos[place].units.model.family,
+        )
+        return (
+            values.get("min_position_limit", family.lowest),
+            values.get("max_position_limit", family.highest),
+        )
+
+    def _check_counts(self, before: Mapping[int, int], here: Mapping[int, int]) -> None:
+        """Make sure that servos count as before.
+
+        Raises:
+            DeviceFault: one does not: it was a turn further, or its modes differ by a homing offset.
+        """
+        for place, count in here.items():
+            servo = self._link.chain.servos[place]
+            if abs(count - before.get(place, count)) > servo.units.model.family.counts // 4:
+                raise DeviceFault(
+                    f"{servo.place} counts {count} after the change of its mode, and {before[place]} before",
+                    where=self._link.address,
+                    remedy="Its position is not what it was. A homing offset beyond a quarter of a turn does "
+                    "that: calibrate. Look where the joint is, and enable again.",
+                )
+
+    def _still(self, place: int, kind: Kind, count: int) -> dict[str, int]:
+        """Return what the RAM of a servo at a count must hold before torque goes on, its goal included."""
+        link = self._link
+        state, servo = link.states[place], link.chain.servos[place]
+        wanted: dict[str, int] = {n: state.values[n] for n in KEPT if n in state.values}
+        settings = registers.ram(servo, state.table, self._config, state.values)
+        wanted |= {s.item.name: s.value for s in settings if not s.item.eeprom}
+        if servo.effort_mode is OperatingMode.PWM and "pwm_limit" in state.values:
+            # What Goal PWM was in PWM mode would limit the voltage in the other modes.
+            wanted.setdefault("goal_pwm", state.values["pwm_limit"])
+        goal = self._goal_at(place, count) if kind is Kind.POSITION else 0
+        wanted[self.goal_register(place, kind)] = goal
+        return {name: value for name, value in wanted.items() if state.has(name)}
+
+    def _goal_at(self, place: int, count: int) -> int:
+        """Return where a servo is, as a goal that it takes.
+
+        Raises:
+            DeviceFault: it is where it takes no goal, and would jump.
+        """
+        if self.mode(place, Kind.POSITION) is OperatingMode.POSITION:
+            low, high = self._limits(place)
+            if not low <= count <= high:
+                raise DeviceFault(
+                    f"{self._link.chain.servos[place].place} stands at count {count}, "
+                    f"outside its own limits {low} to {high}",
+                    where=self._link.address,
+                    remedy=BY_HAND,
+                )
+        return count

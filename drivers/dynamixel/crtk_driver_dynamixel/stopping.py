@@ -1,0 +1,132 @@
+"""A stop of servos that is believed only when it was read back: the goal, and that nothing turns any more.
+
+What is written in a cycle nobody answers, and any packet may be lost: so it is written again, as long as that
+takes.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Final
+
+from crtk_driver_dynamixel.chain_link import ChainLink
+from crtk_driver_dynamixel.joints import ChainServo
+from crtk_driver_dynamixel.models import GOALS, OperatingMode
+from crtk_driver_dynamixel.modes import Modes
+from crtk_driver_dynamixel.servo_state import Values
+
+__all__ = ["STOP_TIME", "Stopping"]
+
+STOP_TIME: Final = 0.5
+"""Seconds in which servos without a profile stand after a stop; past it that is told."""
+
+
+class Stopping:
+    """Stops some servos of a chain.
+
+    Args:
+        link: to the chain.
+        modes: which each servo is in.
+        places: of the servos.
+
+    Attributes:
+        time: seconds in which they stand, at the latest.
+        unconfirmed: places of those that were told to stop, and are not known to have.
+    """
+
+    def __init__(self, link: ChainLink, modes: Modes, places: Sequence[int]) -> None:
+        self._link = link
+        self._modes = modes
+        self._places = tuple(places)
+        self.unconfirmed: tuple[int, ...] = ()
+        self.time = STOP_TIME + max(_ramp(link.chain.servos[place]) for place in places)
+
+    def write(self, places: Sequence[int], held: Mapping[int, int] | None = None) -> None:
+        """Tell servos once to stop; nobody answers.
+
+        Args:
+            held: goals by the place of servos in a mode for positions; others of them are told nothing.
+        """
+        self._link.write_values(self._wanted(places, held or {}))
+
+    def until_confirmed(
+        self,
+        places: Callable[[], Sequence[int]],
+        held: Mapping[int, int] | None = None,
+        *,
+        at_once: bool,
+    ) -> Iterator[str]:
+        """Tell servos to stop until each is read to have: by its goal, without torque, or by its watchdog.
+
+        Args:
+            places: of those to be stopped, asked anew in each cycle.
+            held: see `write`.
+            at_once: write before the first reading, and to those that do not answer: a goal may switch the
+                torque on of a servo that was not enabled.
+
+        Yields:
+            what is the matter, once `time` is over; empty before.
+        """
+        goals = held or {}
+        end = time.monotonic() + self.time
+        if at_once:
+            self.write(places(), goals)
+        stopped: set[int] = set()
+        while True:
+            here = [place for place in places() if place not in stopped]
+            # Who is silent would cost the others the time of its answer, cycle by cycle.
+            read = self._link.read_values([p for p in here if self._link.answers(p)], _READ)
+            wanted = self._wanted(here, goals)
+            moving = [place for place in here if not self._stands(place, read.get(place), wanted)]
+            stopped |= {*here} - {*moving}
+            self.unconfirmed = tuple(moving)
+            if not moving:
+                return
+            yield self._told() if time.monotonic() > end else ""
+            self.write(
+                [p for p in moving if (at_once if p not in read else _has_torque(read[p]))], goals
+            )
+
+    def _told(self) -> str:
+        names = ", ".join(self._link.chain.servos[place].place for place in self.unconfirmed)
+        return f"{names}: told to stop, and not seen to have stopped in {self.time:g} s"
+
+    def _wanted(self, places: Sequence[int], held: Mapping[int, int]) -> dict[int, Values]:
+        """Return the goals at which servos stop, in the mode that each is in."""
+        wanted: dict[int, Values] = {}
+        for place in places:
+            register = GOALS.get(self._modes.present(place))
+            if self._link.chain.servos[place].follow == "cable":
+                continue  # it has no goals
+            if register is not None:
+                wanted[place] = {register: 0}
+            elif place in held:
+                wanted[place] = {"goal_position": held[place]}
+        return wanted
+
+    def _stands(self, place: int, read: Values | None, wanted: Mapping[int, Values]) -> bool:
+        """Whether what was read of a servo says that it has stopped; None: it did not answer."""
+        if read is None:
+            return False
+        if not _has_torque(read):
+            return True
+        has_goal = all(read.get(name) == value for name, value in wanted.get(place, {}).items())
+        if not has_goal and read.get("bus_watchdog", 0) >= 0:
+            return False
+        return self._modes.present(place) is not OperatingMode.VELOCITY or self._link.rests(place)
+
+
+_READ: Final = ("torque_enable", "bus_watchdog", *GOALS.values(), "goal_position")
+
+
+def _has_torque(read: Values) -> bool:
+    return bool(read.get("torque_enable", 1))
+
+
+def _ramp(servo: ChainServo) -> float:
+    """Return the seconds in which the profile of a servo brings it to rest from its greatest speed."""
+    speed, acceleration = servo.units.model.no_load_speed, servo.config.profile_acceleration
+    known = 10.0 if math.isnan(speed) else speed
+    return known / servo.units.gear / acceleration if acceleration else 0.0

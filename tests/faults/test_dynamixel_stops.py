@@ -1,0 +1,116 @@
+"""Whatever is lost on the way to a stop, the servos stop, and it is said where that cannot be read back.
+
+One message, exactly one, is lost, doubled or late: each of those on every way out of a motion in turn.
+"""
+
+import pytest
+from dynamixel_bench import (
+    FAST_SYNC_READ,
+    LONG,
+    READ,
+    SYNC_WRITE,
+    WEIGHTLESS,
+    DynamixelBench,
+    arm_values,
+    driver_at,
+    eventually,
+    set_upright,
+    sim_for,
+)
+
+VALUES = arm_values(mode_switch_dwell=0.0, stream_timeout=0.1)
+MOVING = {"servo_jv": [0.5, 0, 0, 0, 0, 0], "servo_jf": [0.6, 0, 0, 0, 0, 0]}
+WAYS = {
+    "hold": ("lost", "doubled", "late"),
+    "disable": ("lost", "doubled", "late"),
+    "pause": ("lost",),
+    "silence": ("lost",),
+}
+"""Ways out of a motion, each with what happens to a message."""
+MOST = 30
+"""More messages than any way to a stop has."""
+
+
+@pytest.fixture(scope="module")
+def shared():
+    with sim_for(VALUES, servos=WEIGHTLESS) as sim:
+        yield sim
+
+
+@pytest.fixture(scope="module")
+def shared_bench(shared):
+    set_upright(shared)
+    with driver_at(shared, VALUES) as bench:
+        yield bench
+
+
+@pytest.fixture
+def bench(shared_bench):
+    shared_bench.sim.control.clear()
+    return shared_bench
+
+
+def waist(bench: DynamixelBench) -> dict:
+    return bench.servos()[1]
+
+
+def turn(bench: DynamixelBench, name: str) -> None:
+    """Have the waist turn, from its middle on."""
+    if bench.status.state == "PAUSED":
+        bench.arm.resume()
+    elif bench.status.state != "ENABLED":
+        bench.enable()
+    if abs(waist(bench)["angle"]) > 0.3:
+        assert bench.arm.move_jp([0.0] * 6).wait(LONG)
+        bench.until_still()
+    bench.stream(name, MOVING[name], lambda: waist(bench)["velocity"] > 0.25)
+
+
+def tampered(bench: DynamixelBench) -> int:
+    return bench.sim.control.status()["buses"]["bus1"]["tampered"]
+
+
+def leave(bench: DynamixelBench, way: str) -> None:
+    if way == "silence":
+        ended = bench.arm.health().stream_timeouts
+        eventually(lambda: bench.arm.health().stream_timeouts > ended, "the stream ends")
+    else:
+        getattr(bench.arm, way)()
+
+
+def assert_stopped(bench: DynamixelBench, way: str) -> None:
+    """It stands, which was read back, and holds; a torque that was lost is told."""
+    eventually(lambda: bench.device.has_stopped, "it is read back")
+    bench.until_still()
+    with bench.nothing_moves(counts=4):
+        bench.cycles(6)
+    torques, wanted = bench.torques()[:6], [way != "disable"] * 6
+    if torques != wanted:
+        bench.until_state("FAULT", "its torque is off")
+
+
+@pytest.mark.parametrize(("way", "effect"), [(w, e) for w in WAYS for e in WAYS[w]])
+@pytest.mark.parametrize("name", MOVING)
+def test_one_message_on_the_way_to_a_stop(bench, name, way, effect):
+    for number in range(1, MOST):
+        turn(bench, name)
+        before = tampered(bench)
+        bench.sim.control.inject("message", code=SYNC_WRITE, number=number, effect=effect)
+        leave(bench, way)
+        assert_stopped(bench, way)
+        was_hit = tampered(bench) > before
+        bench.sim.control.clear()
+        if not was_hit:
+            break
+    assert number > 2, "messages were hit"
+    assert not was_hit, "all of them"
+
+
+@pytest.mark.parametrize("code", [FAST_SYNC_READ, READ])
+def test_one_answer_on_the_way_to_a_stop(bench, code):
+    for number in range(1, 6):
+        turn(bench, "servo_jv")
+        bench.sim.control.inject("message", code=code, number=number)
+        leave(bench, "hold")
+        assert_stopped(bench, "hold")
+        bench.sim.control.clear()
