@@ -1,0 +1,86 @@
+"""The ways in which every driver with joints meets a fault of its own process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from bench.reliability import disturbed
+from bench.reliability.activities import STREAMS
+from bench.reliability.rig import CLOCK, PAUSE
+from bench.reliability.table import ANY, REST, Follows, Way
+
+HOUR = 3600.0
+STALL = 0.6
+"""Seconds after which an I/O thread counts as stuck, and the period of the watchdog."""
+
+
+def own_process(
+    *, stop: float, stream: float, stuck: float = STALL, pending: Mapping[str, Mapping[str, str]] | None = None
+) -> tuple[Way, ...]:
+    """Return F15, F17, F18 and F19 of a driver with joints.
+
+    Args:
+        stop: declared s in which joints stand after a stop.
+        stream: declared s after which a stream that is silent has ended.
+        stuck: declared s after which a thread that does not come back is FAULT.
+        pending: findings by the name of a way, see `Way.pending`.
+    """
+    streams = tuple(STREAMS)
+    known = pending or {}
+
+    def way(fault: str, name: str, follows: Follows, **more: object) -> Way:
+        return Way(fault, name, follows, pending=known.get(name, {}), **more)  # type: ignore[arg-type]
+
+    return (
+        way(
+            "F15",
+            "no command for longer than the stream's timeout",
+            Follows.HOLDS,
+            states=("ENABLED",),
+            stands=stream + stop,
+            activities=streams,
+        ),
+        way(
+            "F17",
+            "the I/O thread gets no time for 50 ms",
+            Follows.GOES_ON,
+            kind=PAUSE,
+            parameters={"seconds": 0.05},
+        ),
+        way(
+            "F17",
+            "the I/O thread sticks",
+            Follows.STOPS,
+            kind=disturbed.STUCK,
+            detail="stuck",
+            within=stuck,
+            stands=stuck + stop,
+        ),
+        way(
+            "F17",
+            "a defect raises in every cycle",
+            Follows.STOPS,
+            kind=disturbed.DEFECT,
+            detail="a defect",
+            within=0.1,
+            stands=0.1 + stop,
+        ),
+        way(
+            "F18",
+            "an hour forward",
+            Follows.GOES_ON,
+            kind=CLOCK,
+            parameters={"seconds": HOUR},
+        ),
+        way(
+            "F18",
+            "an hour back",
+            Follows.GOES_ON,
+            kind=CLOCK,
+            parameters={"seconds": -HOUR},
+        ),
+        way("F19", "closed in motion and started again", Follows.RESTARTED, stands=stop),
+    )
+
+
+__all__ = ["ANY", "REST", "own_process"]

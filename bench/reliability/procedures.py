@@ -1,0 +1,290 @@
+"""How a cell is run and judged: one procedure for each thing that may have to follow."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bench.reliability.activities import MOVES, STANDING
+from bench.reliability.rig import PATIENCE, SLACK, BrokenPromiseError, Rig
+from bench.reliability.table import REST, Cell, Follows, Way
+from crtk_drivers.errors import CommandRefused
+
+CALM = 0.25
+"""Seconds in which something that moves by itself would have begun to, with the link back."""
+GOING_ON = 0.4
+"""Seconds for which an activity must go on through a fault that it survives."""
+
+
+@dataclass
+class Result:
+    """What was measured in a cell. Times in s from the beginning of the fault; None: not measured.
+
+    Attributes:
+        state, detail: that was announced.
+        told: until it was announced.
+        stood: until all joints stood.
+        way: how far the joint that went farthest went, rad (m).
+    """
+
+    state: str = ""
+    detail: str = ""
+    told: float | None = None
+    stood: float | None = None
+    way: float | None = None
+    notes: dict[str, float] = field(default_factory=dict)
+
+
+def run(rig: Rig, cell: Cell) -> Result:
+    """Run a cell.
+
+    Raises:
+        BrokenPromiseError: with what did not follow.
+    """
+    rig.ready()
+    try:
+        return PROCEDURES[cell.way.follows](rig, cell.way, cell.activity)
+    finally:
+        rig.stop_activity()
+        rig.end_fault()
+
+
+def _slack(rig: Rig) -> float:
+    return SLACK if rig.patient else SLACK / 2.0
+
+
+def _stops(rig: Rig, way: Way, activity: str) -> Result:
+    """The state is announced with its reason, the joints stand, nothing moves until a client asks."""
+    rig.begin_activity(activity)
+    began = rig.begin_fault(way)
+    result = _announced(rig, way, began)
+    rest = _stood(rig, way, began, result)
+    _ended(rig)
+    if not way.clears:
+        return result
+    rig.end_fault()
+    rig.until(lambda: rig.connected, PATIENCE, "it is connected again")
+    rig.run(CALM)
+    _stands_at(rig, rest, "the link is back and nobody has asked for anything")
+    rig.require(rig.status.state != "ENABLED", "it is ENABLED though nobody has enabled it")
+    _enables(rig, rest)
+    return result
+
+
+def _announced(rig: Rig, way: Way, began: float) -> Result:
+    """Wait until one of the states has been announced with the words of its reason."""
+
+    def found() -> bool:
+        for at, status in rig.log.announced:
+            if at >= began and status.state in way.states and way.detail in status.detail:
+                result.state, result.detail = str(status.state), status.detail
+                result.told = at - began
+                return True
+        return False
+
+    result = Result()
+    what = f"{' or '.join(way.states)} ({way.detail or 'with a reason'})"
+    rig.until(found, way.within + _slack(rig), what)
+    rig.require(bool(result.detail), f"{result.state} has no reason")
+    return result
+
+
+def _stood(rig: Rig, way: Way, began: float, result: Result) -> np.ndarray:
+    """Wait until all joints stand; measure when they came to, and how far they went."""
+    remaining = began + way.stands + _slack(rig) - time.monotonic()
+    rest = rig.until_still(max(remaining, 0.3))
+    looks = [look for look in rig.looks if look.at >= began]
+    away = [np.abs(look.joints - rest).max(initial=0.0) for look in looks]
+    moving = [look.at for look, far in zip(looks, away, strict=True) if far > rig.tolerance]
+    result.stood = max(moving, default=began) - began
+    start = looks[0].joints
+    result.way = max(float(np.abs(look.joints - start).max(initial=0.0)) for look in looks)
+    return rest
+
+
+def _ended(rig: Rig) -> None:
+    """The move is over, if there was one, and what a client goes on sending is refused with a reason."""
+    rig.require(not rig.status.is_busy, "it is still busy")
+    move = rig.activity.move if rig.activity else None
+    if move is not None:
+        rig.require(not move.is_busy(), "the move has not ended")
+        rig.require(bool(move.reason) or str(move.outcome) != "aborted", "aborted without a reason")
+
+
+def _stands_at(rig: Rig, rest: np.ndarray, when: str) -> None:
+    far = float(np.abs(rig.look().joints - rest).max(initial=0.0))
+    rig.require(far <= 2.0 * rig.tolerance, f"{when}, but a joint moved by {far:.4f}")
+
+
+def _enables(rig: Rig, rest: np.ndarray) -> None:
+    rig.stop_activity()
+    rig.enable()
+    rig.run(0.1)
+    _stands_at(rig, rest, "it was only enabled")
+    if "move_jp" in rig.engine.commands:
+        goal = np.array(rig.arm.setpoint_jp(age=0))
+        goal[0] -= 20.0 * rig.tolerance
+        move = rig.arm.move_jp(goal)
+        rig.until(lambda: not move.is_busy(), PATIENCE, "a move ends")
+        rig.require(str(move.outcome) == "reached", f"a move is {move.outcome}: {move.reason}")
+
+
+def _goes_on(rig: Rig, way: Way, activity: str) -> Result:
+    """The state stays ENABLED, what it does goes on, and what is told is true."""
+    rig.begin_activity(activity)
+    rig.log.announced.clear()
+    before = rig.look().joints
+    began = rig.begin_fault(way)
+    if activity in MOVES and rig.activity is not None:
+        move = rig.activity.move
+        rig.until(lambda: not move.is_busy(), PATIENCE, "the move ends")
+        rig.require(str(move.outcome) == "reached", f"the move is {move.outcome}: {move.reason}")
+    else:
+        rig.run(GOING_ON)
+    left = [status for _, status in rig.log.announced if status.state != "ENABLED"]
+    rig.require(not left, f"it left ENABLED: {left[:1]}")
+    far = float(np.abs(rig.look().joints - before).max(initial=0.0))
+    if activity not in STANDING:
+        rig.require(far > 5.0 * rig.tolerance, "it does not move any more")
+    else:
+        rig.require(far <= 2.0 * rig.tolerance, f"it moved by {far:.4f} at rest")
+    rig.stop_activity()
+    if rig.engine.capabilities.joints:
+        with contextlib.suppress(CommandRefused):
+            rig.arm.hold()
+    rig.until_still()
+    rig.end_fault()
+    return Result(state="ENABLED", told=None, way=None, notes={"seconds": time.monotonic() - began})
+
+
+def _holds(rig: Rig, way: Way, activity: str) -> Result:
+    """A stream that stops is stopped, and the state is as configured."""
+    rig.begin_activity(activity)
+    rig.pause_stream()
+    began = time.monotonic()
+    result = Result(state="ENABLED")
+    rest = _stood(rig, way, began, result)
+    rig.run(CALM)
+    _stands_at(rig, rest, "the stream is over")
+    rig.require(str(rig.status.state) in way.states, f"it is {rig.status}")
+    return result
+
+
+def _starts_later(rig: Rig, way: Way, activity: str) -> Result:
+    """It says why it cannot connect, lives on, and connects later: DISABLED."""
+    rest = rig.look().joints
+    rig.close()
+    rig.open(start=False)
+    try:
+        began = rig.begin_fault(way)
+        rig.driver.start()
+        result = _announced(rig, way, began)
+        rig.require(not rig.engine.connected, "it is connected")
+        rig.require(rig.named in result.detail, f"{result.detail!r} does not name {rig.named}")
+    finally:
+        rig.end_fault()
+    rig.until(lambda: rig.connected, PATIENCE, "it connects later")
+    rig.run(CALM)
+    rig.require(rig.status.state in ("DISABLED", "FAULT"), f"it is {rig.status}")
+    _stands_at(rig, rest, "it has only connected")
+    _enables(rig, rest)
+    return result
+
+
+def _restarted(rig: Rig, way: Way, activity: str) -> Result:
+    """Closed in motion, the arm stands; a new driver is DISABLED and nothing moves."""
+    rig.begin_activity(activity)
+    began = time.monotonic()
+    start = rig.look().joints
+    rig.stop_activity()
+    rig.driver.close()
+    result = Result()
+    rest = rig.until_still()
+    result.way = float(np.abs(rest - start).max(initial=0.0))
+    result.stood = time.monotonic() - began
+    rig.open()
+    rig.run(CALM)
+    rig.require(rig.status.state == "DISABLED", f"it is {rig.status}")
+    result.state, result.detail = str(rig.status.state), rig.status.detail
+    _stands_at(rig, rest, "it was only restarted")
+    _enables(rig, rest)
+    return result
+
+
+def _kept_out(rig: Rig, way: Way, activity: str) -> Result:
+    """A second driver is refused and told why; the first one goes on."""
+    rig.begin_activity(activity)
+    rig.log.announced.clear()
+    began = time.monotonic()
+    with rig.second_host() as second:
+        result = Result()
+
+        def refused() -> bool:
+            status = second.engine.status
+            if second.engine.connected and status.state == "DISABLED":
+                with contextlib.suppress(CommandRefused):
+                    second.engine.state_command("enable")
+            return way.detail in status.detail and status.state == "FAULT"
+
+        rig.until(refused, PATIENCE, f"the second driver is refused ({way.detail})")
+        result.told = time.monotonic() - began
+        result.state, result.detail = "FAULT", second.engine.status.detail
+    left = [status for _, status in rig.log.announced if status.state != "ENABLED"]
+    rig.require(not left, f"the first one left ENABLED: {left[:1]}")
+    rig.stop_activity()
+    return result
+
+
+def _outlived(rig: Rig, way: Way, activity: str) -> Result:
+    """The hardware stops by itself when the driver's process is killed or frozen."""
+    rig.close()
+    options = {"driver": rig.name, "config": json.loads(rig.config.model_dump_json(exclude_unset=True))}
+    command = [sys.executable, "-m", "bench.reliability.victim", json.dumps(options), activity]
+    result = Result()
+    victim = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+    try:
+        rig.looks.clear()
+        start = rig.look().joints
+
+        def moves() -> bool:
+            if victim.poll() is not None:
+                raise BrokenPromiseError(f"the driver's process ended: {victim.returncode}")
+            return bool(np.abs(rig.joints() - start).max() > 10.0 * rig.tolerance)
+
+        rig.until(moves, PATIENCE, "it moves")
+        began = time.monotonic()
+        victim.send_signal(way.parameters["signal"])
+        rest = _stood(rig, way, began, result)
+    finally:
+        if victim.poll() is None:
+            os.kill(victim.pid, signal.SIGKILL)
+        victim.wait(PATIENCE)
+    rig.open()
+    rig.run(CALM)
+    rig.require(rig.status.state == "DISABLED", f"it is {rig.status}")
+    result.state, result.detail = str(rig.status.state), rig.status.detail
+    _stands_at(rig, rest, "another driver has only connected")
+    _enables(rig, rest)
+    return result
+
+
+PROCEDURES: Mapping[Follows, Callable[[Rig, Way, str], Result]] = {
+    Follows.STOPS: _stops,
+    Follows.GOES_ON: _goes_on,
+    Follows.HOLDS: _holds,
+    Follows.STARTS_LATER: _starts_later,
+    Follows.OUTLIVED: _outlived,
+    Follows.RESTARTED: _restarted,
+    Follows.KEPT_OUT: _kept_out,
+}
+
+__all__ = ["REST", "BrokenPromiseError", "Result", "run"]

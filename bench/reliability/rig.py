@@ -1,0 +1,400 @@
+"""A driver in this process at its simulator, commanded and looked at by one thread."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any, ClassVar, NamedTuple
+from unittest.mock import patch
+
+import numpy as np
+
+from bench.reliability import disturbed
+from bench.reliability.activities import STANDING, Activity, Plan
+from bench.reliability.disturbed import DisturbedDevice
+from bench.reliability.table import Absent, Way
+from crtk_drivers import runtime
+from crtk_drivers.config import DeviceConfig, from_values, load
+from crtk_drivers.engine import Engine, Observer
+from crtk_drivers.errors import CommandRefused, CrtkError
+from crtk_drivers.front import LocalDevice
+from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.samples import Stamp
+from crtk_drivers.session import Session
+from crtk_drivers.sims import RunningSim
+from crtk_drivers.state import Status
+
+PATIENCE = 20.0
+"""Seconds for what has no bound of its own: connecting, enabling, going home."""
+
+SLACK = 3.0
+"""Seconds that a busy machine may add to each declared time before a test fails."""
+
+LOOK = 0.004
+"""Seconds between two looks at the joints."""
+
+STILL = 0.15
+"""Seconds in which joints that stand have not moved."""
+
+SPEED_UP = 0.15
+"""Seconds that an arm that moves goes on before a fault meets it."""
+
+CLOCK = "own clock"
+PAUSE = "own pause"
+OWN_KINDS = frozenset({CLOCK, PAUSE, *disturbed.KINDS})
+"""Kinds of faults that every rig has, beside those of its simulator: `disturbed.KINDS`, the system clock jumps
+by `seconds`, the I/O thread gets no time for `seconds`."""
+
+
+class BrokenPromiseError(AssertionError):
+    """What the table says did not follow."""
+
+
+class Announced(NamedTuple):
+    """A status and when (monotonic s) it was announced."""
+
+    at: float
+    status: Status
+
+
+class Log(Observer):
+    """Everything that the driver announced and refused."""
+
+    def __init__(self) -> None:
+        self.announced: list[Announced] = []
+        self.refused: list[CommandRefused] = []
+
+    def status_changed(self, status: Status, stamp: Stamp) -> None:
+        """See the base class."""
+        self.announced.append(Announced(stamp.monotonic, status))
+
+    def command_refused(self, refusal: CommandRefused) -> None:
+        """See the base class."""
+        self.refused.append(refusal)
+
+
+class Look(NamedTuple):
+    """Where the joints really were, and when (monotonic s)."""
+
+    at: float
+    joints: np.ndarray
+
+
+class Rig(ABC):
+    """One driver and its simulator. A context manager.
+
+    Class attributes:
+        name: of the driver, as in the table.
+        ways, absent: its part of the table.
+        plan: how its arm is moved.
+        activities: what it can do.
+        values: configuration in which a busy machine is no fault; `defaults`: for measuring.
+        tolerance: how far (rad, m) joints that stand may seem to move.
+    """
+
+    name: ClassVar[str]
+    ways: ClassVar[tuple[Way, ...]]
+    absent: ClassVar[tuple[Absent, ...]]
+    plan: ClassVar[Plan] = Plan(0.0, 0.0)
+    activities: ClassVar[tuple[str, ...]]
+    values: ClassVar[Mapping[str, Any]] = {}
+    defaults: ClassVar[Mapping[str, Any]] = {}
+    tolerance: ClassVar[float] = 3e-3
+    second: ClassVar[str] = "in use"
+    """Words with which a second host is refused."""
+
+    def __init__(self, *, patient: bool = True) -> None:
+        self.patient = patient
+        self.looks: list[Look] = []
+        self.activity: Activity | None = None
+        self._streams = True
+        self._stack = contextlib.ExitStack()
+        self._fault: Way | None = None
+
+    # ------------------------------------------------------------------------------ of each driver
+
+    @property
+    @abstractmethod
+    def plugin(self) -> DevicePlugin:
+        """Of the driver."""
+
+    @abstractmethod
+    def start_sim(self) -> RunningSim | None:
+        """Start the simulator, if there is one."""
+
+    @abstractmethod
+    def joints(self) -> np.ndarray:
+        """Return where the joints really are, rad (m); empty if there are none."""
+
+    def heal(self) -> None:
+        """End what only a person can end, after all faults are cleared."""
+
+    @property
+    def named(self) -> str:
+        """What an error of the connection must name: host, port, interface."""
+        return self.engine.device.address.split()[0].partition(":")[0]
+
+    # ---------------------------------------------------------------------------------- life cycle
+
+    def __enter__(self) -> Rig:
+        self._stack.enter_context(patch.object(runtime, "STALL_LIMIT", self.stall_limit))
+        self.sim = self.start_sim()
+        if self.sim is not None:
+            self._stack.callback(self.sim.stop)
+        self.open()
+        self._stack.callback(self.close)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    @property
+    def stall_limit(self) -> float:
+        """Seconds for which an I/O thread may get no time on a busy machine."""
+        return 1.0 if self.patient else runtime.STALL_LIMIT
+
+    @property
+    def config(self) -> DeviceConfig:
+        """The driver's configuration, pointing at the simulator."""
+        values = {**self.defaults, **(self.values if self.patient else {})}
+        config = load(self.plugin.config, from_values(values))
+        if self.sim is None:
+            return config
+        pointed: DeviceConfig = self.plugin.sim_config(config, self.sim)
+        return pointed
+
+    def session(self) -> Session:
+        """Return another session at the same simulator, not started."""
+
+        def create(config: DeviceConfig) -> DisturbedDevice:
+            return DisturbedDevice(self.plugin.create(config))
+
+        return Session(replace(self.plugin, create=create), self.config)
+
+    def open(self, *, start: bool = True, wait: bool = True) -> None:
+        """Begin a session of the driver."""
+        self.driver = self.session()
+        self.arm: Any = LocalDevice(self.driver)
+        self.engine: Engine = self.driver.engine
+        self.log = Log()
+        self.engine.add_observer(self.log)
+        if start:
+            self.driver.start()
+        if start and wait:
+            self.until(lambda: self.connected, PATIENCE, "it is connected")
+
+    def close(self) -> None:
+        """End the session."""
+        self.activity = None
+        self.driver.close()
+
+    def reopen(self) -> None:
+        """End the session and begin another."""
+        self.close()
+        self.open()
+
+    # -------------------------------------------------------------------------------- what it does
+
+    @property
+    def disturbed(self) -> DisturbedDevice:
+        """The device, which can be made to fail."""
+        device = self.engine.device
+        while not isinstance(device, DisturbedDevice):
+            device = device.inner  # type: ignore[attr-defined]
+        return device
+
+    @property
+    def connected(self) -> bool:
+        """Whether it is, and measures."""
+        return self.engine.connected and self.engine.has_sample
+
+    @property
+    def status(self) -> Status:
+        """Of the driver."""
+        return self.engine.status
+
+    def step(self) -> None:
+        """Go on with the activity and look at the joints, once."""
+        if self.activity is not None and self._streams:
+            try:
+                self.activity.send()
+            except CommandRefused as refusal:
+                self.require(bool(refusal.detail), f"a refusal without a reason: {refusal!r}")
+            except CrtkError as error:
+                if "kinematics" not in type(error).__name__.lower():
+                    raise
+        self.look()
+        self.check_stamps()
+        time.sleep(LOOK)
+
+    def look(self) -> Look:
+        """Look at the joints."""
+        look = Look(time.monotonic(), self.joints())
+        self.looks.append(look)
+        return look
+
+    def check_stamps(self) -> None:
+        """Promise 4: what is stamped as fresh is fresh."""
+        for name in ("measured_js", "measured_cf"):
+            if name not in self.engine.commands:
+                continue
+            found = self.engine.feedback(name)
+            if found is None or found[1].wall_ns == 0:
+                continue
+            age = time.monotonic() - found[1].monotonic
+            oldest = self.engine.options.sample_timeout + SLACK
+            self.require(age < oldest, f"{name} is stamped as valid, but is {age:.3f} s old")
+
+    def until(self, test: Callable[[], object], timeout: float, what: str) -> float:
+        """Step until `test` holds; return when (monotonic s) that was.
+
+        Raises:
+            BrokenPromiseError: not within `timeout`.
+        """
+        deadline = time.monotonic() + timeout
+        while not test():
+            if time.monotonic() > deadline:
+                detail = f"{self.status.state} ({self.status.detail})"
+                raise BrokenPromiseError(f"never within {timeout:.2f} s: {what}; it is {detail}")
+            self.step()
+        return time.monotonic()
+
+    def run(self, seconds: float) -> None:
+        """Step for so long."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.step()
+
+    def require(self, holds: bool, what: str) -> None:
+        """Raise BrokenPromiseError unless `holds`."""
+        if not holds:
+            raise BrokenPromiseError(what)
+
+    def still(self, seconds: float = STILL) -> bool:
+        """Whether no joint has moved for so long."""
+        now = time.monotonic()
+        recent = [look.joints for look in reversed(self.looks) if look.at >= now - seconds]
+        covered = len(self.looks) > len(recent) > 3
+        return covered and float(np.ptp(np.array(recent), axis=0).max(initial=0.0)) < self.tolerance / 2
+
+    def until_still(self, timeout: float = PATIENCE) -> np.ndarray:
+        """Wait until all joints stand; return where."""
+        self.until(self.still, timeout, "all joints stand")
+        return self.looks[-1].joints
+
+    def ready(self) -> None:
+        """No fault, ENABLED, at rest at home, and nothing noted yet."""
+        self.stop_activity()
+        self.end_fault()
+        self.heal()
+        self.until(lambda: self.connected, PATIENCE, "it is connected")
+        self.enable()
+        if self.engine.capabilities.joints:
+            self.go_home()
+        self.looks.clear()
+        self.log.announced.clear()
+        self.log.refused.clear()
+
+    def go_home(self) -> None:
+        """Move all joints to where they began."""
+        self.arm.hold()
+        self.until_still()
+        move = self.arm.move_jp(self.home())
+        self.until(lambda: not move.is_busy(), PATIENCE, "it is at home")
+        move.wait(0.0)
+        self.until_still()
+
+    def home(self) -> np.ndarray:
+        """Return where moves begin, rad (m)."""
+        return np.zeros(len(self.engine.capabilities.joints))
+
+    def enable(self) -> None:
+        """Enable or resume, as often as it takes."""
+        deadline = time.monotonic() + PATIENCE
+        while self.status.state != "ENABLED":
+            with contextlib.suppress(CommandRefused):
+                self.engine.state_command("resume" if self.status.state == "PAUSED" else "enable")
+            self.until(lambda: self.engine.transition_ended, PATIENCE, "enable ends")
+            if time.monotonic() > deadline:
+                raise BrokenPromiseError(f"it cannot be enabled again: {self.status}")
+            if self.status.state != "ENABLED":
+                self.run(0.1)
+
+    def begin_activity(self, name: str) -> None:
+        """Begin what it does, and wait until it does it."""
+        self._streams = True
+        start = self.look().joints
+        self.activity = Activity(name, self.arm, self.plan)
+        if name not in STANDING:
+            enough = 10.0 * self.tolerance
+            self.until(
+                lambda: np.abs(self.look().joints - start).max() > enough, PATIENCE, "it moves"
+            )
+            self.run(SPEED_UP)
+
+    def pause_stream(self) -> None:
+        """Send no more of the stream."""
+        self._streams = False
+
+    def stop_activity(self) -> None:
+        """Send nothing more."""
+        self.activity = None
+
+    # --------------------------------------------------------------------------------------- faults
+
+    def begin_fault(self, way: Way) -> float:
+        """Let a fault begin; return when (monotonic s)."""
+        self._fault = way
+        began = time.monotonic()
+        if way.kind in disturbed.KINDS:
+            self.disturbed.begin(way.kind)
+        elif way.kind == PAUSE:
+            self.disturbed.begin(disturbed.STUCK)
+            threading.Timer(way.parameters["seconds"], self.disturbed.end).start()
+        elif way.kind == CLOCK:
+            self._jump(way.parameters["seconds"])
+        elif way.kind:
+            self.inject(way.kind, **way.parameters)
+        return began
+
+    def inject(self, kind: str, **parameters: Any) -> None:
+        """Let a fault of the simulator begin."""
+        assert self.sim is not None
+        self.sim.control.inject(kind, **parameters)
+
+    def end_fault(self) -> None:
+        """End whatever fault there is."""
+        way, self._fault = self._fault, None
+        self.disturbed.end()
+        self._clock.close()
+        if self.sim is not None:
+            self.sim.control.clear()
+        if way is not None and way.repair:
+            getattr(self, way.repair)()
+
+    @property
+    def _clock(self) -> contextlib.ExitStack:
+        if not hasattr(self, "_clock_stack"):
+            self._clock_stack = contextlib.ExitStack()
+        return self._clock_stack
+
+    def _jump(self, seconds: float) -> None:
+        wall = time.time_ns
+        self._clock.enter_context(
+            patch.object(time, "time_ns", lambda: wall() + int(seconds * 1e9))
+        )
+
+    @contextmanager
+    def second_host(self) -> Iterator[Session]:
+        """Another driver at the same simulator, started."""
+        session = self.session()
+        try:
+            session.start()
+            yield session
+        finally:
+            session.close()

@@ -1,0 +1,216 @@
+"""CANopen: three simulated drives on a hub, as one arm."""
+
+from __future__ import annotations
+
+import math
+import signal
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bench.reliability.activities import Plan
+from bench.reliability.common import own_process
+from bench.reliability.rig import Rig
+from bench.reliability.table import REST, Absent, Follows, Way
+from crtk_driver_canopen import PLUGIN
+from crtk_drivers.plugins import DevicePlugin
+from crtk_sim_backends.canopen import SIM
+from crtk_sim_backends.process import RunningSim
+
+COUNT = 3
+GEAR = 100.0
+NODE = 2
+JOINT = f"joint joint_{NODE} (node {NODE})"
+US = "native*"
+"""This computer's name on the hub."""
+
+PERIOD = 0.01
+STOP = 1.0
+MISSED = 0.2
+"""Declared s after which PDOs that do not come are a fault."""
+HEARTBEAT = 0.5
+"""Declared s after which a node that is not heard, and a master that is not heard, is a fault."""
+
+_MOVING = ("servo_jp", "servo_jv", "servo_jf", "interpolate_jp", "interpolate_jv", "move_jp")
+
+
+def _drive(
+    fault: str, name: str, kind: str, detail: str, within: float = MISSED, **more: Any
+) -> Way:
+    return Way(
+        fault,
+        name,
+        kind=kind,
+        parameters={"node": NODE, **more},
+        detail=detail,
+        within=within,
+        stands=within + STOP,
+    )
+
+
+def _bus(name: str, kind: str, detail: str) -> Way:
+    return Way(
+        "F10",
+        name,
+        kind=kind,
+        parameters={"node": US},
+        detail=detail,
+        within=MISSED,
+        stands=HEARTBEAT + STOP,
+    )
+
+
+def _through(fault: str, name: str, kind: str, **parameters: Any) -> Way:
+    return Way(fault, name, Follows.GOES_ON, kind, parameters)
+
+
+WAYS = (
+    Way(
+        "F2",
+        "no node hears or is heard",
+        kind="silent",
+        within=HEARTBEAT,
+        stands=HEARTBEAT + STOP,
+        pending=dict.fromkeys(("servo_jp", "interpolate_jp", "move_jp"), "16"),
+    ),
+    Way(
+        "F3",
+        "a node that is silent",
+        Follows.STARTS_LATER,
+        kind="silent",
+        parameters={"node": NODE},
+        within=10.0,
+        activities=(REST,),
+    ),
+    _through("F5", "error frames, 200 a second", "error_frames", rate=200.0),
+    _drive("F6", "a node does not send its PDOs", "no_tpdo", f"node {NODE} does not send its PDOs"),
+    _drive(
+        "F6",
+        "a node sends its PDOs late",
+        "late_tpdo",
+        f"node {NODE} sends its PDOs too late",
+        delay=0.008,
+    ),
+    Way(
+        "F6",
+        "a node does not hear its setpoints",
+        kind="drop",
+        parameters={"id": 0x200 + NODE},
+        detail=f"{NODE}",
+        within=HEARTBEAT,
+        stands=HEARTBEAT + STOP,
+        activities=("servo_jp", "interpolate_jp", "move_jp", "servo_jv"),
+        pending={"any activity": "16"},
+    ),
+    _through("F8", "every 40th frame is lost", "drop", every=40),
+    _through("F8", "every 2nd frame comes twice", "duplicate", every=2),
+    _through("F8", "frames are late by 0.5 ms", "delay", seconds=0.0005),
+    _bus("bus-off", "bus_off", "bus-off"),
+    _bus("interface down", "down", "interface is down"),
+    _bus("no room to send", "full", "no room to send"),
+    Way(
+        "F10",
+        "what is sent is lost",
+        kind="listen_only",
+        parameters={"node": US},
+        within=HEARTBEAT,
+        stands=HEARTBEAT + STOP,
+    ),
+    _drive(
+        "F11",
+        "a node's heartbeat is lost",
+        "no_heartbeat",
+        f"node {NODE} is not heard any more",
+        within=HEARTBEAT,
+    ),
+    _drive("F11", "a node boots by itself", "reset", f"node {NODE} has started anew"),
+    _drive("F11", "a node loses its power", "power_off", f"node {NODE}"),
+    _drive("F12", "over-current", "fault", JOINT, error="over_current"),
+    _drive("F12", "motor supply is off", "supply_off", f"{JOINT}"),
+    _drive("F12", "the motor does not turn", "stuck", f"{JOINT}", within=HEARTBEAT),
+    _drive("F13", "safe torque off", "safe_torque_off", JOINT),
+    _drive("F14", "local control", "local_control", f"{JOINT}: remote (bit 9) has gone to 0"),
+    *own_process(
+        stop=STOP,
+        stream=0.3,
+        pending={"closed in motion and started again": {}},
+    ),
+    *(
+        Way(
+            "F16",
+            name,
+            Follows.OUTLIVED,
+            parameters={"signal": number},
+            stands=HEARTBEAT + STOP,
+            activities=_MOVING,
+        )
+        for name, number in (("killed", signal.SIGKILL), ("frozen", signal.SIGSTOP))
+    ),
+    Way("F20", "a second master on the bus", Follows.KEPT_OUT, detail="another master"),
+)
+
+ABSENT = (
+    Absent("F1", "a CAN bus has no connection; a bus that goes is F10"),
+    Absent("F4", "a CAN frame arrives whole or not at all"),
+    Absent("F7", "an adapter that goes is an interface that is down: F10"),
+    Absent("F9", "no sensor; a drive that starts again is F11"),
+)
+
+VALUES: Mapping[str, Any] = {
+    "joints": {
+        f"joint_{node}": {
+            "node": node,
+            "gear": GEAR,
+            "lower": -3.0,
+            "upper": 3.0,
+            "velocity": 2.0,
+            "acceleration": 10.0,
+            "effort": 20.0,
+            "modes": ("csp", "csv", "cst"),
+        }
+        for node in range(1, COUNT + 1)
+    },
+}
+
+
+class CanopenRig(Rig):
+    """The arm."""
+
+    name = "canopen"
+    ways = WAYS
+    absent = ABSENT
+    plan = Plan(velocity=0.5, far=2.0, effort=3.0)
+    activities = (
+        REST,
+        "servo_jp",
+        "servo_jv",
+        "servo_jf",
+        "interpolate_jp",
+        "interpolate_jv",
+        "move_jp",
+    )
+    defaults = VALUES
+    values = {
+        "period": PERIOD,
+        "missed_cycles": 20,
+        "heartbeat": {"ours_timeout": HEARTBEAT, "drives_timeout": HEARTBEAT},
+        "open_timeout": 10.0,
+        "stream_timeout": 0.3,
+    }
+
+    @property
+    def plugin(self) -> DevicePlugin:
+        """See the base class."""
+        return PLUGIN
+
+    def start_sim(self) -> RunningSim:
+        """See the base class."""
+        return SIM.spawn(nodes=COUNT, realtime=True)
+
+    def joints(self) -> np.ndarray:
+        """See the base class."""
+        assert self.sim is not None
+        told = self.sim.control.status()["drives"]
+        turns = [told[str(node)]["axes"][0]["revolutions"] for node in range(1, COUNT + 1)]
+        return np.array(turns) * 2.0 * math.pi / GEAR

@@ -1,0 +1,84 @@
+"""ATI NetFT: a simulated Net Box. Nothing of it moves; what counts is what is told of the load."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.reliability import disturbed
+from bench.reliability.common import HOUR
+from bench.reliability.rig import CLOCK, PAUSE, Rig
+from bench.reliability.table import REST, Absent, Follows, Way
+from crtk_driver_ati_netft import PLUGIN
+from crtk_drivers.plugins import DevicePlugin
+from crtk_sim_backends.netft import SIM, RunningSim
+
+SAMPLES = 1.0
+"""`sample_timeout` of tests, s."""
+RDT = {"port": "rdt"}
+
+
+def _through(fault: str, name: str, kind: str, **parameters: object) -> Way:
+    return Way(fault, name, Follows.GOES_ON, kind, parameters)
+
+
+WAYS = (
+    Way("F1", "the RDT port is closed", kind="closed", parameters=RDT, within=SAMPLES),
+    Way("F2", "the cable is out", kind="unplugged", within=SAMPLES),
+    Way("F2", "the box hangs", kind="stall", within=SAMPLES),
+    Way("F3", "no answer to requests", Follows.STARTS_LATER, "deaf", within=10.0),
+    _through("F5", "every 10th datagram is cut", "short", every=10),
+    _through("F5", "every 10th datagram is too long", "long", every=10),
+    _through("F5", "a stranger sends records as well", "foreign", every=1),
+    _through("F8", "every 10th datagram is lost", "loss", every=10),
+    _through("F8", "every 10th datagram comes twice", "duplicate", every=10),
+    _through("F8", "every 10th datagram is overtaken", "late", every=10),
+    _through("F9", "the stream goes on with another sequence", "restart"),
+    Way("F9", "the box boots", kind="reboot", parameters={"seconds": 1.5}, within=SAMPLES),
+    Way("F12", "status: CPU or RAM error", kind="status", parameters={"bits": 0x80000004}),
+    Way("F17", "the I/O thread gets no time for 50 ms", Follows.GOES_ON, PAUSE, {"seconds": 0.05}),
+    Way("F17", "the I/O thread sticks", kind=disturbed.STUCK, detail="stuck", within=0.6),
+    Way("F17", "a defect raises in every cycle", kind=disturbed.DEFECT, detail="a defect"),
+    Way("F18", "an hour forward", Follows.GOES_ON, CLOCK, {"seconds": HOUR}),
+    Way("F18", "an hour back", Follows.GOES_ON, CLOCK, {"seconds": -HOUR}),
+    Way("F19", "closed and started again", Follows.RESTARTED),
+    _through("F20", "another client takes the stream", "takeover"),
+)
+
+ABSENT = (
+    Absent("F4", "a datagram arrives whole or not at all"),
+    Absent("F6", "one record has all axes"),
+    Absent("F7", "no adapter"),
+    Absent("F10", "no CAN"),
+    Absent("F11", "no heartbeat but the records, F2"),
+    Absent("F13", "no safety system"),
+    Absent("F14", "nobody else can take control: nothing is controlled"),
+    Absent("F15", "takes no commands that move"),
+    Absent("F16", "nothing moves, so nothing has to be stopped"),
+)
+
+
+class NetFtRig(Rig):
+    """The sensor."""
+
+    name = "ati-netft"
+    ways = WAYS
+    absent = ABSENT
+    activities = (REST,)
+    values = {"sample_timeout": SAMPLES, "open_timeout": 10.0}
+
+    @property
+    def plugin(self) -> DevicePlugin:
+        """See the base class."""
+        return PLUGIN
+
+    def start_sim(self) -> RunningSim:
+        """See the base class."""
+        return SIM.spawn(rdt_port=0, tcp_port=0, http_port=0)
+
+    def joints(self) -> np.ndarray:
+        """See the base class."""
+        return np.zeros(0)
+
+    def still(self, seconds: float = 0.0) -> bool:
+        """Nothing moves."""
+        return True

@@ -1,0 +1,190 @@
+"""Universal Robots: one simulated UR5e, commanded by our own control program or by ur-rtde."""
+
+from __future__ import annotations
+
+import signal
+import socket
+
+import numpy as np
+
+from bench.reliability.activities import Plan
+from bench.reliability.common import own_process
+from bench.reliability.rig import PATIENCE, Rig
+from bench.reliability.table import REST, Absent, Follows, Way
+from crtk_driver_ur import PLUGIN
+from crtk_drivers.plugins import DevicePlugin
+from crtk_sim_backends.ur import SIM, RunningSim
+
+STOP = 1.0
+SAMPLES = 1.0
+"""`sample_timeout` of tests, s."""
+WATCHDOG = 0.5
+"""s after which the controller stops the arm by itself, at `watchdog_frequency` 2 Hz of tests."""
+NOTICED = 0.1
+"""Declared s in which a condition of the robot is told."""
+
+DASHBOARD = 29999
+RTDE = {"port": "rtde"}
+_MOVING = ("servo_jp", "servo_jv", "servo_cv", "interpolate_jp", "move_jp", "move_cp")
+
+
+def _robot(
+    fault: str, name: str, kind: str, detail: str, state: str = "FAULT", repair: str = ""
+) -> Way:
+    return Way(
+        fault,
+        name,
+        kind=kind,
+        states=(state,),
+        detail=detail,
+        within=NOTICED,
+        stands=NOTICED + STOP,
+        repair=repair,
+    )
+
+
+def _link(
+    fault: str, name: str, kind: str, within: float = SAMPLES, detail: str = "", **more: object
+) -> Way:
+    return Way(
+        fault,
+        name,
+        kind=kind,
+        parameters=more,
+        detail=detail,
+        within=within,
+        stands=max(within, WATCHDOG) + STOP,
+    )
+
+
+WAYS = (
+    _link("F1", "RTDE closed", "disconnect", NOTICED, "closed", **RTDE),
+    _link("F1", "all connections closed", "disconnect", NOTICED, "closed", port="all"),
+    _link("F2", "RTDE silent", "silence", **RTDE),
+    _link("F2", "the controller hangs", "stall"),
+    Way(
+        "F3",
+        "connects and never answers",
+        Follows.STARTS_LATER,
+        "no_answer",
+        RTDE,
+        within=10.0,
+        activities=(REST,),
+    ),
+    Way(
+        "F4",
+        "packages in pieces of 7 bytes",
+        Follows.GOES_ON,
+        "split",
+        {"size": 7, "direction": "out", **RTDE},
+    ),
+    Way(
+        "F4",
+        "packages in lumps of 20 ms",
+        Follows.GOES_ON,
+        "coalesce",
+        {"seconds": 0.02, "direction": "out", **RTDE},
+    ),
+    _link("F5", "a byte of every package is changed", "corrupt", every=1, direction="out", **RTDE),
+    _robot("F12", "the arm loses its power", "power_loss", "no power", "DISABLED"),
+    _robot("F12", "the control program fails", "script_error", "program was stopped", "PAUSED"),
+    _robot("F13", "protective stop", "protective_stop", "protective stop"),
+    _robot("F13", "emergency stop", "emergency_stop", "emergency stop"),
+    _robot("F13", "safeguard stop", "safeguard_stop", "safeguard", "PAUSED"),
+    _robot("F13", "safety violation", "violation", "safety violation", repair="restart_safety"),
+    _robot("F13", "safety fault", "safety_fault", "safety fault", repair="restart_safety"),
+    _robot("F14", "local control", "local_control", "teach pendant has control", "PAUSED"),
+    _robot("F14", "program stopped at the pendant", "stop_program", "program was stopped", "PAUSED"),
+    _robot("F14", "program paused at the pendant", "pause_program", "program was paused", "PAUSED"),
+    *own_process(stop=STOP, stream=0.3),
+    *(
+        Way(
+            "F16",
+            name,
+            Follows.OUTLIVED,
+            parameters={"signal": number},
+            stands=WATCHDOG + STOP,
+            activities=_MOVING,
+        )
+        for name, number in (("killed", signal.SIGKILL), ("frozen", signal.SIGSTOP))
+    ),
+    Way("F20", "a second driver at the controller", Follows.KEPT_OUT, detail="in use"),
+)
+
+ABSENT = (
+    Absent("F6", "one package has all joints"),
+    Absent("F7", "no adapter"),
+    Absent("F8", "TCP loses, doubles and turns round nothing"),
+    Absent("F9", "no sensor of its own"),
+    Absent("F10", "no CAN"),
+    Absent("F11", "no heartbeat but the packages, F2"),
+)
+
+
+class UrNativeRig(Rig):
+    """With the driver's own control program."""
+
+    name = "ur native"
+    control = "native"
+    ways = WAYS
+    absent = ABSENT
+    plan = Plan(velocity=0.5, far=2.0, linear=0.1, force=20.0, away=0.25)
+    activities = (
+        REST,
+        "servo_jp",
+        "servo_jv",
+        "servo_cp",
+        "servo_cv",
+        "servo_cf",
+        "interpolate_jp",
+        "interpolate_jv",
+        "move_jp",
+        "move_cp",
+        "free",
+    )
+    values = {
+        "sample_timeout": SAMPLES,
+        "watchdog_frequency": 2.0,
+        "open_timeout": 2.0,
+        "stream_timeout": 0.3,
+    }
+
+    @property
+    def plugin(self) -> DevicePlugin:
+        """See the base class."""
+        return PLUGIN
+
+    @property
+    def defaults(self) -> dict[str, object]:  # type: ignore[override]
+        """See the base class."""
+        return {"model": "ur5e", "control": self.control}
+
+    def start_sim(self) -> RunningSim:
+        """See the base class."""
+        return SIM.spawn(model="ur5e", realtime=True)
+
+    def home(self) -> np.ndarray:
+        """See the base class."""
+        return np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
+
+    def joints(self) -> np.ndarray:
+        """See the base class."""
+        assert self.sim is not None
+        return np.array(self.sim.control.outputs("actual_q")["actual_q"])
+
+    def restart_safety(self) -> None:
+        """Do what a person does at the pendant after a violation or a fault."""
+        assert self.sim is not None
+        with socket.create_connection((self.sim.host, DASHBOARD), PATIENCE) as peer:
+            lines = peer.makefile("rw", newline="\n")
+            lines.readline()
+            lines.write("restart safety\n")
+            lines.flush()
+            lines.readline()
+
+
+class UrRtdeRig(UrNativeRig):
+    """With ur-rtde in a child process."""
+
+    name = "ur ur_rtde"
+    control = "ur_rtde"

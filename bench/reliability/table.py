@@ -1,0 +1,139 @@
+"""The table: twenty faults, the ways in which a driver meets them, and what must follow. Data only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+REST = "rest"
+ANY = "any activity"
+"""In `Way.pending`."""
+
+
+class Follows(StrEnum):
+    """What must follow; each is a procedure of `bench.reliability.procedures`."""
+
+    STOPS = "leaves ENABLED and stands"
+    GOES_ON = "goes on"
+    HOLDS = "stands, stays ENABLED"
+    STARTS_LATER = "says why it does not start, starts later"
+    OUTLIVED = "stands without its driver"
+    RESTARTED = "starts DISABLED"
+    KEPT_OUT = "the second host is refused"
+
+
+class Fault(NamedTuple):
+    """One of the twenty."""
+
+    number: str
+    name: str
+
+
+FAULTS = (
+    Fault("F1", "connection closed by the peer"),
+    Fault("F2", "peer connected but silent"),
+    Fault("F3", "peer does not answer at start-up"),
+    Fault("F4", "packets split or coalesced"),
+    Fault("F5", "corrupt data"),
+    Fault("F6", "one servo or node misses its reply"),
+    Fault("F7", "adapter unplugged and plugged in again"),
+    Fault("F8", "loss, duplicates, another order"),
+    Fault("F9", "sensor restarts"),
+    Fault("F10", "CAN: no room, bus-off, interface down"),
+    Fault("F11", "heartbeat lost, unexpected boot-up"),
+    Fault("F12", "the hardware reports an error"),
+    Fault("F13", "protective stop, emergency stop, safety fault"),
+    Fault("F14", "somebody at the device takes over"),
+    Fault("F15", "stream of commands stops"),
+    Fault("F16", "driver's process killed or frozen"),
+    Fault("F17", "driver's cycle overruns, sticks or fails"),
+    Fault("F18", "system clock jumps"),
+    Fault("F19", "driver restarted"),
+    Fault("F20", "two hosts claim one device"),
+)
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way in which a driver meets a fault, and what must follow.
+
+    Attributes:
+        fault: its number.
+        name: in words, unique with the driver and the number.
+        follows: what must follow.
+        kind: of fault at the simulator, or one of the rig's own (see `Rig.begin`).
+        parameters: of it.
+        states: the operating states of which one must be announced.
+        detail: words that the reason must have.
+        within: declared s from the fault until the state is announced.
+        stands: declared s from the fault until the joints stand; of it the simulated deceleration takes most.
+        clears: a fault that has no end is not cleared.
+        repair: name of a method of the rig that does what a person does besides.
+        activities: those in which it is met; all of the driver if empty.
+        only: those rigs (ways to control) that have it; all of the driver if empty.
+        pending: number of the finding of issue 15 for which a cell still fails, by activity or `ANY`.
+    """
+
+    fault: str
+    name: str
+    follows: Follows = Follows.STOPS
+    kind: str = ""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    states: tuple[str, ...] = ("FAULT",)
+    detail: str = ""
+    within: float = 0.1
+    stands: float = 1.0
+    clears: bool = True
+    repair: str = ""
+    activities: tuple[str, ...] = ()
+    pending: Mapping[str, str] = field(default_factory=dict)
+
+    def finding(self, activity: str) -> str:
+        """Return the number of the finding for which this cell still fails; empty if it must pass."""
+        return self.pending.get(activity, self.pending.get(ANY, ""))
+
+
+@dataclass(frozen=True)
+class Absent:
+    """A fault that a driver cannot meet, and why."""
+
+    fault: str
+    why: str
+
+
+class Cell(NamedTuple):
+    """One run: a driver meets a fault in one way while it does something."""
+
+    driver: str
+    way: Way
+    activity: str
+
+    @property
+    def name(self) -> str:
+        """For people, and unique."""
+        return f"{self.driver} {self.way.fault} {self.way.name}, {self.activity}"
+
+
+def full(driver: str, ways: tuple[Way, ...], activities: tuple[str, ...]) -> list[Cell]:
+    """Return the product: each way in each activity."""
+    return [
+        Cell(driver, way, activity)
+        for way in ways
+        for activity in (way.activities or activities)
+        if activity in activities
+    ]
+
+
+def covering(driver: str, ways: tuple[Way, ...], activities: tuple[str, ...]) -> list[Cell]:
+    """Return a part of `full` in which each way is met, and each activity: one cell a way, in turn.
+
+    Besides, the first way of the driver that stops it is met in every activity.
+    """
+    cells: list[Cell] = []
+    thorough = next((way for way in ways if way.follows is Follows.STOPS), None)
+    for number, way in enumerate(ways):
+        own = [cell for cell in full(driver, (way,), activities)]
+        cells += own if way is thorough else own[number % len(own) :][:1]
+    return cells

@@ -1,0 +1,87 @@
+"""The table of faults (F1 to F20), by every driver at its simulator: a covering part of it.
+
+Each way in which a driver meets a fault is met once, the first of them in everything that the arm can do.
+`python -m bench.faults` runs the whole product, measures, and writes docs/reliability.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from bench.reliability.procedures import BrokenPromiseError, run
+from bench.reliability.rig import Rig
+from bench.reliability.rigs import RIGS
+from bench.reliability.table import FAULTS, Cell, covering, full
+
+CELLS = [
+    cell for rig in RIGS.values() for cell in covering(rig.name, rig.ways, rig.activities)
+]
+
+Opened = Callable[[str], Rig]
+
+
+class _Rigs:
+    """The rig of one driver, and another one after it was left in a state that nobody knows."""
+
+    def __init__(self) -> None:
+        self._rig: Rig | None = None
+
+    def of(self, name: str) -> Rig:
+        if self._rig is not None and self._rig.name != name:
+            self.drop()
+        if self._rig is None:
+            self._rig = RIGS[name]().__enter__()
+        return self._rig
+
+    def drop(self) -> None:
+        rig, self._rig = self._rig, None
+        if rig is not None:
+            rig.__exit__(None, None, None)
+
+
+@pytest.fixture(scope="module")
+def rigs() -> Iterator[_Rigs]:
+    opened = _Rigs()
+    yield opened
+    opened.drop()
+
+
+def _parameters() -> Iterator[object]:
+    for cell in CELLS:
+        finding = cell.way.finding(cell.activity)
+        mark = pytest.mark.xfail(
+            strict=True, raises=BrokenPromiseError, reason=f"finding {finding} of issue 15"
+        )
+        yield pytest.param(cell, id=cell.name.replace("/", "-"), marks=[mark] if finding else [])
+
+
+@pytest.mark.parametrize("cell", list(_parameters()))
+def test_a_fault_is_met_as_promised(rigs: _Rigs, cell: Cell) -> None:
+    rig = rigs.of(cell.driver)
+    try:
+        run(rig, cell)
+    except BaseException:
+        rigs.drop()
+        raise
+
+
+@pytest.mark.parametrize("rig", list(RIGS.values()), ids=list(RIGS))
+def test_every_fault_is_met_or_it_is_said_why_not(rig: type[Rig]) -> None:
+    met = {way.fault for way in rig.ways}
+    absent = {absent.fault for absent in rig.absent}
+    assert met | absent == {fault.number for fault in FAULTS}
+    assert not met & absent
+    assert all(absent.why for absent in rig.absent)
+    named = [(way.fault, way.name) for way in rig.ways]
+    assert len(named) == len(set(named))
+    cells = {(cell.way.fault, cell.way.name) for cell in full(rig.name, rig.ways, rig.activities)}
+    assert cells == set(named), "ways without an activity"
+
+
+@pytest.mark.parametrize("rig", list(RIGS.values()), ids=list(RIGS))
+def test_the_part_covers_every_way_and_every_activity(rig: type[Rig]) -> None:
+    cells = covering(rig.name, rig.ways, rig.activities)
+    assert {(c.way.fault, c.way.name) for c in cells} == {(w.fault, w.name) for w in rig.ways}
+    assert {cell.activity for cell in cells} == set(rig.activities)
