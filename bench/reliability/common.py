@@ -10,12 +10,16 @@ from bench.reliability.rig import CLOCK, PAUSE
 from bench.reliability.table import ANY, REST, Follows, Way
 
 HOUR = 3600.0
-STALL = 0.6
-"""Seconds after which an I/O thread counts as stuck, and the period of the watchdog."""
+STALL = 1.1
+"""Seconds after which an I/O thread is FAULT: `rig.STALL_LIMIT`, two periods, one of the watchdog."""
 
 
 def own_process(
-    *, stop: float, stream: float, stuck: float = STALL, pending: Mapping[str, Mapping[str, str]] | None = None
+    *,
+    stop: float,
+    stream: float,
+    stuck: float = STALL,
+    pending: Mapping[str, Mapping[str, str]] | None = None,
 ) -> tuple[Way, ...]:
     """Return F15, F17, F18 and F19 of a driver with joints.
 

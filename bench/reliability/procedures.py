@@ -67,10 +67,11 @@ def _stops(rig: Rig, way: Way, activity: str) -> Result:
     rig.begin_activity(activity)
     began = rig.begin_fault(way)
     result = _announced(rig, way, began)
+    if way.freezes:
+        rig.end_fault()
+        began = time.monotonic()
     rest = _stood(rig, way, began, result)
     _ended(rig)
-    if not way.clears:
-        return result
     rig.end_fault()
     rig.until(lambda: rig.connected, PATIENCE, "it is connected again")
     rig.run(CALM)
@@ -247,7 +248,10 @@ def _kept_out(rig: Rig, way: Way, activity: str) -> Result:
 def _outlived(rig: Rig, way: Way, activity: str) -> Result:
     """The hardware stops by itself when the driver's process is killed or frozen."""
     rig.close()
-    options = {"driver": rig.name, "config": json.loads(rig.config.model_dump_json(exclude_unset=True))}
+    options = {
+        "driver": rig.name,
+        "config": json.loads(rig.config.model_dump_json(exclude_unset=True)),
+    }
     command = [sys.executable, "-m", "bench.reliability.victim", json.dumps(options), activity]
     result = Result()
     victim = subprocess.Popen(command, stdin=subprocess.DEVNULL)

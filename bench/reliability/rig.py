@@ -41,14 +41,17 @@ LOOK = 0.004
 STILL = 0.15
 """Seconds in which joints that stand have not moved."""
 
+STALL_LIMIT = 1.0
+"""Seconds for which an I/O thread may get no time on a busy machine before it counts as stuck."""
+
 SPEED_UP = 0.15
 """Seconds that an arm that moves goes on before a fault meets it."""
 
 CLOCK = "own clock"
 PAUSE = "own pause"
 OWN_KINDS = frozenset({CLOCK, PAUSE, *disturbed.KINDS})
-"""Kinds of faults that every rig has, beside those of its simulator: `disturbed.KINDS`, the system clock jumps
-by `seconds`, the I/O thread gets no time for `seconds`."""
+"""Kinds that every rig has, beside those of its simulator: `disturbed.KINDS`, the system clock jumps by
+`seconds`, the I/O thread gets no time for `seconds`."""
 
 
 class BrokenPromiseError(AssertionError):
@@ -131,9 +134,6 @@ class Rig(ABC):
     def joints(self) -> np.ndarray:
         """Return where the joints really are, rad (m); empty if there are none."""
 
-    def heal(self) -> None:
-        """End what only a person can end, after all faults are cleared."""
-
     @property
     def named(self) -> str:
         """What an error of the connection must name: host, port, interface."""
@@ -155,8 +155,8 @@ class Rig(ABC):
 
     @property
     def stall_limit(self) -> float:
-        """Seconds for which an I/O thread may get no time on a busy machine."""
-        return 1.0 if self.patient else runtime.STALL_LIMIT
+        """Seconds for which an I/O thread may get no time."""
+        return STALL_LIMIT if self.patient else runtime.STALL_LIMIT
 
     @property
     def config(self) -> DeviceConfig:
@@ -280,7 +280,10 @@ class Rig(ABC):
         now = time.monotonic()
         recent = [look.joints for look in reversed(self.looks) if look.at >= now - seconds]
         covered = len(self.looks) > len(recent) > 3
-        return covered and float(np.ptp(np.array(recent), axis=0).max(initial=0.0)) < self.tolerance / 2
+        return (
+            covered
+            and float(np.ptp(np.array(recent), axis=0).max(initial=0.0)) < self.tolerance / 2
+        )
 
     def until_still(self, timeout: float = PATIENCE) -> np.ndarray:
         """Wait until all joints stand; return where."""
@@ -291,7 +294,6 @@ class Rig(ABC):
         """No fault, ENABLED, at rest at home, and nothing noted yet."""
         self.stop_activity()
         self.end_fault()
-        self.heal()
         self.until(lambda: self.connected, PATIENCE, "it is connected")
         self.enable()
         if self.engine.capabilities.joints:

@@ -174,6 +174,15 @@ VALUES: Mapping[str, Any] = {
 }
 
 
+_PATIENT = {
+    "period": PERIOD,
+    "missed_cycles": 20,
+    "heartbeat": {"ours_timeout": HEARTBEAT, "drives_timeout": HEARTBEAT},
+    "open_timeout": 10.0,
+    "stream_timeout": 0.3,
+}
+
+
 class CanopenRig(Rig):
     """The arm."""
 
@@ -191,13 +200,7 @@ class CanopenRig(Rig):
         "move_jp",
     )
     defaults = VALUES
-    values = {
-        "period": PERIOD,
-        "missed_cycles": 20,
-        "heartbeat": {"ours_timeout": HEARTBEAT, "drives_timeout": HEARTBEAT},
-        "open_timeout": 10.0,
-        "stream_timeout": 0.3,
-    }
+    values = _PATIENT
 
     @property
     def plugin(self) -> DevicePlugin:

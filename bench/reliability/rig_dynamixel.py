@@ -29,7 +29,9 @@ BOOT = 2.0
 _MOVING = ("servo_jp", "servo_jv", "servo_jf", "interpolate_jv", "move_jp", "move_cp")
 
 
-def _servo(fault: str, name: str, kind: str, detail: str, within: float = SILENT, **more: object) -> Way:
+def _servo(
+    fault: str, name: str, kind: str, detail: str, within: float = SILENT, **more: object
+) -> Way:
     return Way(
         fault,
         name,
@@ -105,6 +107,18 @@ ABSENT = (
 )
 
 
+_DEFAULTS = {"arm": "arm6", "fast_read": False}
+values = {
+    "sample_timeout": 3.0,
+    "open_timeout": 10.0,
+    "latency_budget": 0.02,
+    "silent_timeout": SILENT,
+    "slow_interval": 0.05,
+    "watchdog": WATCHDOG,
+    "stream_timeout": 0.3,
+}
+
+
 class DynamixelRig(Rig):
     """The arm."""
 
@@ -125,16 +139,7 @@ class DynamixelRig(Rig):
         "move_cp",
         "free",
     )
-    defaults = {"arm": "arm6", "fast_read": False}
-    values = {
-        "sample_timeout": 3.0,
-        "open_timeout": 10.0,
-        "latency_budget": 0.02,
-        "silent_timeout": SILENT,
-        "slow_interval": 0.05,
-        "watchdog": WATCHDOG,
-        "stream_timeout": 0.3,
-    }
+    defaults = _DEFAULTS
     tolerance = 5e-3  # three counts of 1.5 mrad
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.reliability import disturbed
-from bench.reliability.common import HOUR
+from bench.reliability.common import HOUR, STALL
 from bench.reliability.rig import CLOCK, PAUSE, Rig
 from bench.reliability.table import REST, Absent, Follows, Way
 from crtk_driver_ati_netft import PLUGIN
@@ -25,7 +25,7 @@ WAYS = (
     Way("F1", "the RDT port is closed", kind="closed", parameters=RDT, within=SAMPLES),
     Way("F2", "the cable is out", kind="unplugged", within=SAMPLES),
     Way("F2", "the box hangs", kind="stall", within=SAMPLES),
-    Way("F3", "no answer to requests", Follows.STARTS_LATER, "deaf", within=10.0),
+    Way("F3", "the cable is out", Follows.STARTS_LATER, "unplugged", within=3.0),
     _through("F5", "every 10th datagram is cut", "short", every=10),
     _through("F5", "every 10th datagram is too long", "long", every=10),
     _through("F5", "a stranger sends records as well", "foreign", every=1),
@@ -34,9 +34,9 @@ WAYS = (
     _through("F8", "every 10th datagram is overtaken", "late", every=10),
     _through("F9", "the stream goes on with another sequence", "restart"),
     Way("F9", "the box boots", kind="reboot", parameters={"seconds": 1.5}, within=SAMPLES),
-    Way("F12", "status: CPU or RAM error", kind="status", parameters={"bits": 0x80000004}),
+    Way("F12", "status: temperature out of range", kind="status", parameters={"bits": 0x80000004}),
     Way("F17", "the I/O thread gets no time for 50 ms", Follows.GOES_ON, PAUSE, {"seconds": 0.05}),
-    Way("F17", "the I/O thread sticks", kind=disturbed.STUCK, detail="stuck", within=0.6),
+    Way("F17", "the I/O thread sticks", kind=disturbed.STUCK, detail="stuck", within=STALL),
     Way("F17", "a defect raises in every cycle", kind=disturbed.DEFECT, detail="a defect"),
     Way("F18", "an hour forward", Follows.GOES_ON, CLOCK, {"seconds": HOUR}),
     Way("F18", "an hour back", Follows.GOES_ON, CLOCK, {"seconds": -HOUR}),
@@ -57,6 +57,9 @@ ABSENT = (
 )
 
 
+_PATIENT = {"sample_timeout": SAMPLES, "open_timeout": 3.0}
+
+
 class NetFtRig(Rig):
     """The sensor."""
 
@@ -64,7 +67,7 @@ class NetFtRig(Rig):
     ways = WAYS
     absent = ABSENT
     activities = (REST,)
-    values = {"sample_timeout": SAMPLES, "open_timeout": 10.0}
+    values = _PATIENT
 
     @property
     def plugin(self) -> DevicePlugin:

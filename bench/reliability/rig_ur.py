@@ -61,7 +61,14 @@ WAYS = (
     _link("F1", "RTDE closed", "disconnect", NOTICED, "closed", **RTDE),
     _link("F1", "all connections closed", "disconnect", NOTICED, "closed", port="all"),
     _link("F2", "RTDE silent", "silence", **RTDE),
-    _link("F2", "the controller hangs", "stall"),
+    Way(
+        "F2",
+        "the controller hangs",
+        kind="stall",
+        within=SAMPLES,
+        stands=WATCHDOG + STOP,
+        freezes=True,
+    ),
     Way(
         "F3",
         "connects and never answers",
@@ -94,7 +101,9 @@ WAYS = (
     _robot("F13", "safety violation", "violation", "safety violation", repair="restart_safety"),
     _robot("F13", "safety fault", "safety_fault", "safety fault", repair="restart_safety"),
     _robot("F14", "local control", "local_control", "teach pendant has control", "PAUSED"),
-    _robot("F14", "program stopped at the pendant", "stop_program", "program was stopped", "PAUSED"),
+    _robot(
+        "F14", "program stopped at the pendant", "stop_program", "program was stopped", "PAUSED"
+    ),
     _robot("F14", "program paused at the pendant", "pause_program", "program was paused", "PAUSED"),
     *own_process(stop=STOP, stream=0.3),
     *(
@@ -121,6 +130,14 @@ ABSENT = (
 )
 
 
+_PATIENT = {
+    "sample_timeout": SAMPLES,
+    "watchdog_frequency": 2.0,
+    "open_timeout": 2.0,
+    "stream_timeout": 0.3,
+}
+
+
 class UrNativeRig(Rig):
     """With the driver's own control program."""
 
@@ -142,12 +159,7 @@ class UrNativeRig(Rig):
         "move_cp",
         "free",
     )
-    values = {
-        "sample_timeout": SAMPLES,
-        "watchdog_frequency": 2.0,
-        "open_timeout": 2.0,
-        "stream_timeout": 0.3,
-    }
+    values = _PATIENT
 
     @property
     def plugin(self) -> DevicePlugin:
@@ -188,3 +200,4 @@ class UrRtdeRig(UrNativeRig):
 
     name = "ur ur_rtde"
     control = "ur_rtde"
+    activities = tuple(name for name in UrNativeRig.activities if name != "servo_cf")

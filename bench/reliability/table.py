@@ -68,11 +68,10 @@ class Way:
         states: the operating states of which one must be announced.
         detail: words that the reason must have.
         within: declared s from the fault until the state is announced.
-        stands: declared s from the fault until the joints stand; of it the simulated deceleration takes most.
-        clears: a fault that has no end is not cleared.
+        stands: declared s from the fault until the joints stand; the deceleration included.
+        freezes: the joints stand in it whatever they did; what must stop them is judged from its end.
         repair: name of a method of the rig that does what a person does besides.
         activities: those in which it is met; all of the driver if empty.
-        only: those rigs (ways to control) that have it; all of the driver if empty.
         pending: number of the finding of issue 15 for which a cell still fails, by activity or `ANY`.
     """
 
@@ -85,7 +84,7 @@ class Way:
     detail: str = ""
     within: float = 0.1
     stands: float = 1.0
-    clears: bool = True
+    freezes: bool = False
     repair: str = ""
     activities: tuple[str, ...] = ()
     pending: Mapping[str, str] = field(default_factory=dict)
@@ -134,6 +133,6 @@ def covering(driver: str, ways: tuple[Way, ...], activities: tuple[str, ...]) ->
     cells: list[Cell] = []
     thorough = next((way for way in ways if way.follows is Follows.STOPS), None)
     for number, way in enumerate(ways):
-        own = [cell for cell in full(driver, (way,), activities)]
+        own = full(driver, (way,), activities)
         cells += own if way is thorough else own[number % len(own) :][:1]
     return cells

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 import time
@@ -27,10 +28,8 @@ def main() -> None:
     arm.enable(20.0)
     doing = Activity(activity, arm, rig.plan)
     while True:
-        try:
+        with contextlib.suppress(CommandRefused):
             doing.send()
-        except CommandRefused:
-            pass
         time.sleep(0.002)
 
 

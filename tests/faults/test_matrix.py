@@ -10,14 +10,13 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from bench.reliability import page
 from bench.reliability.procedures import BrokenPromiseError, run
 from bench.reliability.rig import Rig
 from bench.reliability.rigs import RIGS
 from bench.reliability.table import FAULTS, Cell, covering, full
 
-CELLS = [
-    cell for rig in RIGS.values() for cell in covering(rig.name, rig.ways, rig.activities)
-]
+CELLS = [cell for rig in RIGS.values() for cell in covering(rig.name, rig.ways, rig.activities)]
 
 Opened = Callable[[str], Rig]
 
@@ -85,3 +84,12 @@ def test_the_part_covers_every_way_and_every_activity(rig: type[Rig]) -> None:
     cells = covering(rig.name, rig.ways, rig.activities)
     assert {(c.way.fault, c.way.name) for c in cells} == {(w.fault, w.name) for w in rig.ways}
     assert {cell.activity for cell in cells} == set(rig.activities)
+
+
+def test_the_page_has_the_matrix_of_the_table() -> None:
+    written = page.parts(page.PAGE.read_text())
+    assert written[page.MATRIX] == page.matrix(), "python -m bench.faults --write"
+    for rig in RIGS.values():
+        rows = written[f"## {rig.name}"].splitlines()
+        for way in rig.ways:
+            assert any(row.startswith(f"| {way.fault} | {way.name} |") for row in rows), way.name
