@@ -59,9 +59,15 @@ def _constant(name: str, value: Callable[[Any, Plan], Any]) -> Maker:
     return make
 
 
+def _here(arm: Any) -> np.ndarray:
+    """Return where a stream of positions begins: at the setpoint, or without one where the joints are."""
+    setpoint = arm.setpoint_jp(age=0)
+    return np.array(setpoint if setpoint.size else arm.measured_jp(age=0))
+
+
 def _positions(name: str) -> Maker:
     def make(arm: Any, plan: Plan) -> Send:
-        position = np.array(arm.setpoint_jp(age=0))
+        position = _here(arm)
         last = time.monotonic()
 
         def send() -> None:
@@ -95,7 +101,7 @@ def _poses(name: str) -> Maker:
 
 
 def _joint_goal(arm: Any, plan: Plan) -> np.ndarray:
-    return np.array(arm.setpoint_jp(age=0)) + _first(arm, plan.far)
+    return _here(arm) + _first(arm, plan.far)
 
 
 def _pose_goal(arm: Any, plan: Plan) -> Any:

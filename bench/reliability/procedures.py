@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bench.reliability.activities import MOVES, STANDING
-from bench.reliability.rig import PATIENCE, SLACK, BrokenPromiseError, Rig
+from bench.reliability.rig import PATIENCE, SLACK, BrokenPromiseError, Log, Rig
 from bench.reliability.table import REST, Cell, Follows, Way
 from crtk_drivers.errors import CommandRefused
 
@@ -102,6 +102,7 @@ def _announced(rig: Rig, way: Way, began: float) -> Result:
 def _stood(rig: Rig, way: Way, began: float, result: Result) -> np.ndarray:
     """Wait until all joints stand; measure when they came to, and how far they went."""
     remaining = began + way.stands + _slack(rig) - time.monotonic()
+    rig.look()
     rest = rig.until_still(max(remaining, 0.3))
     looks = [look for look in rig.looks if look.at >= began]
     away = [np.abs(look.joints - rest).max(initial=0.0) for look in looks]
@@ -227,18 +228,23 @@ def _kept_out(rig: Rig, way: Way, activity: str) -> Result:
     rig.log.announced.clear()
     began = time.monotonic()
     with rig.second_host() as second:
+        log = Log()
+        second.engine.add_observer(log)
         result = Result()
 
         def refused() -> bool:
             status = second.engine.status
-            if second.engine.connected and status.state == "DISABLED":
+            if second.engine.connected and second.engine.transition_ended:
                 with contextlib.suppress(CommandRefused):
                     second.engine.state_command("enable")
-            return way.detail in status.detail and status.state == "FAULT"
+            told = [status.detail, *map(str, log.refused)]
+            result.state = str(status.state)
+            result.detail = next((text for text in told if way.detail in text), "")
+            return bool(result.detail)
 
         rig.until(refused, PATIENCE, f"the second driver is refused ({way.detail})")
         result.told = time.monotonic() - began
-        result.state, result.detail = "FAULT", second.engine.status.detail
+        rig.require(result.state != "ENABLED", "the second driver is ENABLED")
     left = [status for _, status in rig.log.announced if status.state != "ENABLED"]
     rig.require(not left, f"the first one left ENABLED: {left[:1]}")
     rig.stop_activity()

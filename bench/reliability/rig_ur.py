@@ -117,7 +117,7 @@ WAYS = (
         )
         for name, number in (("killed", signal.SIGKILL), ("frozen", signal.SIGSTOP))
     ),
-    Way("F20", "a second driver at the controller", Follows.KEPT_OUT, detail="in use"),
+    Way("F20", "a second driver at the controller", Follows.KEPT_OUT, detail="another program"),
 )
 
 ABSENT = (

@@ -1,0 +1,228 @@
+"""A walk: commands, faults and clocks in any order, and the promises that must hold after each step."""
+
+from __future__ import annotations
+
+import math
+import random
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from bench.reliability.activities import STREAMS, Activity
+from bench.reliability.rig import SLACK, STILL, BrokenPromiseError, Rig
+from bench.reliability.table import Follows, Way
+from crtk_drivers.errors import CommandRefused, CrtkError
+from crtk_drivers.samples import JointState, Value
+from crtk_drivers.state import StateCommand
+
+TURNS: Final = (0.02, 0.05, 0.1, 0.2, 0.4)
+"""Seconds for which a step may go on."""
+
+_WALKED: Final = frozenset({Follows.STOPS, Follows.GOES_ON})
+
+
+def walkable(rig: type[Rig]) -> tuple[Way, ...]:
+    """Return the ways that a walk may take: faults that begin and end while a driver runs.
+
+    Those for which a finding is still open are left out.
+    """
+    return tuple(
+        way for way in rig.ways if way.follows in _WALKED and not way.pending and not way.freezes
+    )
+
+
+@dataclass
+class Story:
+    """What a walk did, in order, and how often."""
+
+    steps: list[str] = field(default_factory=list)
+    counts: Counter[str] = field(default_factory=Counter)
+
+    def add(self, kind: str, detail: str = "") -> None:
+        """Note a step."""
+        self.counts[kind] += 1
+        self.steps.append(f"{kind} {detail}".strip())
+
+
+class Walk:
+    """Takes steps with a rig. Each raises BrokenPromiseError if a promise does not hold after it."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+        self.story = Story()
+        self._fault: Way | None = None
+        self._asked = -math.inf
+
+    # ------------------------------------------------------------------------------------------ steps
+
+    def state_command(self, command: str) -> None:
+        """Ask for a state; it may be refused."""
+        self.story.add("state_command", command)
+        self._tried(lambda: self.rig.engine.state_command(command))
+        self.go_on(0.05)
+
+    def hold(self) -> None:
+        """Ask for a stop."""
+        self.story.add("hold")
+        self.rig.stop_activity()
+        if "hold" in self.rig.engine.commands:
+            self._tried(self.rig.arm.hold)
+        self.go_on(0.05)
+
+    def begin(self, activity: str) -> None:
+        """Begin to do something; it may be refused."""
+        self.story.add("begin", activity)
+        self.rig.stop_activity()
+
+        def begin() -> None:
+            self.rig.activity = Activity(activity, self.rig.arm, self.rig.plan)
+
+        self._tried(begin)
+        self.go_on(0.1)
+
+    def end(self) -> None:
+        """Do nothing more: a stream just ends."""
+        self.story.add("end")
+        self.rig.stop_activity()
+        self.go_on(0.05)
+
+    def begin_fault(self, way: Way) -> None:
+        """Let a fault begin, after the one before is over."""
+        self.end_fault()
+        self.story.add("fault", f"{way.fault} {way.name}")
+        self.rig.begin_fault(way)
+        self._fault = way
+        self.go_on(0.1)
+
+    def end_fault(self) -> None:
+        """Let it end."""
+        if self._fault is not None:
+            self.story.add("fault over")
+            self.rig.end_fault()
+            self._fault = None
+            self.go_on(0.05)
+
+    def restart(self) -> None:
+        """Close the driver and start another, whatever goes on."""
+        self.end_fault()
+        self.story.add("restart")
+        self.rig.reopen()
+        self.go_on(0.05)
+
+    def go_on(self, seconds: float) -> None:
+        """Let time pass, and check the promises."""
+        end = time.monotonic() + seconds
+        while True:
+            self.rig.step()
+            self.check()
+            if time.monotonic() >= end:
+                return
+
+    def _tried(self, call: Callable[[], object]) -> None:
+        try:
+            call()
+        except CommandRefused as refusal:
+            if not refusal.detail or not str(refusal.reason):
+                raise self._broken(f"refused without a reason: {refusal!r}") from refusal
+        except CrtkError as error:
+            if not str(error):
+                raise self._broken(f"an error without words: {error!r}") from error
+
+    # --------------------------------------------------------------------------------------- promises
+
+    def check(self) -> None:
+        """Check what must hold at any time.
+
+        Raises:
+            BrokenPromiseError: with the steps that led there.
+        """
+        self._check_rest()
+        self._check_range()
+        self._check_finite()
+        self._check_refusals()
+
+    def _check_rest(self) -> None:
+        """Promises 1 to 3: what nobody has asked for does not move, and what was stopped stands in time."""
+        rig, now = self.rig, time.monotonic()
+        policy = rig.engine.capabilities.stop
+        timeouts = rig.engine.options
+        silence = max(timeouts.stream_timeout, timeouts.interpolate_timeout)
+        moving = rig.status.state == "ENABLED" and (
+            rig.status.is_busy or (rig.activity is not None and rig.activity.name in STREAMS)
+        )
+        if moving or rig.engine.transition_ended is False:
+            self._asked = now
+        allowed = silence + timeouts.sample_timeout + policy.link_timeout + policy.time + SLACK
+        if now - self._asked > allowed and not rig.still(STILL):
+            recent = [look for look in rig.looks if look.at >= now - STILL]
+            if len(recent) > 3:
+                far = float(np.ptp(np.array([x.joints for x in recent]), axis=0).max(initial=0.0))
+                if far > rig.tolerance:
+                    raise self._broken(
+                        f"a joint moves by {far:.4f} in {STILL} s, {now - self._asked:.1f} s after "
+                        "the last reason to"
+                    )
+
+    def _check_range(self) -> None:
+        """Finding 2: no joint leaves its range."""
+        joints, limits = self.rig.looks[-1].joints, self.rig.engine.capabilities.limits
+        for at, limit in zip(joints, limits, strict=False):
+            room = 10.0 * self.rig.tolerance
+            if not limit.lower - room <= at <= limit.upper + room:
+                raise self._broken(f"a joint is at {at:.3f}, out of {limit.lower} to {limit.upper}")
+
+    def _check_finite(self) -> None:
+        """Promise 10: nothing that is not finite is told as valid."""
+        found = self.rig.engine.feedback("measured_js") if self.rig.looks[-1].joints.size else None
+        if found is None or found[1].wall_ns == 0:
+            return
+        value: Value = found[0]
+        if isinstance(value, JointState) and not np.isfinite(value.position).all():
+            raise self._broken(f"measured_js is {value.position}")
+
+    def _check_refusals(self) -> None:
+        """Promise 5."""
+        for refusal in self.rig.log.refused:
+            if not refusal.detail:
+                raise self._broken(f"refused without a reason: {refusal!r}")
+        self.rig.log.refused.clear()
+        del self.rig.looks[:-2000]
+        del self.rig.log.announced[:-100]
+
+    def recovers(self) -> None:
+        """Whatever was before: without faults it connects, enables, moves, and can be stopped."""
+        self.rig.stop_activity()
+        self.end_fault()
+        try:
+            self.rig.ready()
+        except (BrokenPromiseError, CrtkError) as error:
+            raise self._broken(f"it does not recover: {error}") from error
+        self._asked = time.monotonic()
+
+    def _broken(self, what: str) -> BrokenPromiseError:
+        done = "\n".join(f"  {number}: {step}" for number, step in enumerate(self.story.steps, 1))
+        return BrokenPromiseError(f"{what}\nafter these steps of {self.rig.name}:\n{done}")
+
+
+def wander(walk: Walk, generator: random.Random) -> None:
+    """Take one step at random."""
+    rig = walk.rig
+    ways = walkable(type(rig))
+    choices: Mapping[str, tuple[int, Callable[[], None]]] = {
+        "state": (2, lambda: walk.state_command(generator.choice(list(StateCommand)))),
+        "enable": (4, lambda: walk.state_command("enable")),
+        "hold": (1, walk.hold),
+        "begin": (6, lambda: walk.begin(generator.choice(rig.activities))),
+        "end": (2, walk.end),
+        "fault": (3, lambda: walk.begin_fault(generator.choice(ways))),
+        "fault over": (4, walk.end_fault),
+        "go on": (6, lambda: walk.go_on(generator.choice(TURNS))),
+        "restart": (1, walk.restart),
+    }
+    names = list(choices)
+    chosen = generator.choices(names, [choices[name][0] for name in names])[0]
+    choices[chosen][1]()
