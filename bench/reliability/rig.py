@@ -259,7 +259,10 @@ class Rig(ABC):
         deadline = time.monotonic() + timeout
         while not test():
             if time.monotonic() > deadline:
-                detail = f"{self.status.state} ({self.status.detail})"
+                last = [
+                    f"{status.state} ({status.detail})" for _, status in self.log.announced[-4:]
+                ]
+                detail = f"{self.status.state} ({self.status.detail}), after {last}"
                 raise BrokenPromiseError(f"never within {timeout:.2f} s: {what}; it is {detail}")
             self.step()
         return time.monotonic()

@@ -19,6 +19,8 @@ from crtk_sim_backends.canopen import SIM
 from crtk_sim_backends.process import RunningSim
 
 COUNT = 3
+MOVING = 1
+"""Node of the joint that moves."""
 GEAR = 100.0
 NODE = 2
 JOINT = f"joint joint_{NODE} (node {NODE})"
@@ -49,7 +51,7 @@ def _drive(
     )
 
 
-def _bus(name: str, kind: str, detail: str) -> Way:
+def _bus(name: str, kind: str, detail: str, pending: Mapping[str, str] | None = None) -> Way:
     return Way(
         "F10",
         name,
@@ -58,6 +60,7 @@ def _bus(name: str, kind: str, detail: str) -> Way:
         detail=detail,
         within=MISSED,
         stands=HEARTBEAT + STOP,
+        pending=pending or {},
     )
 
 
@@ -72,7 +75,6 @@ WAYS = (
         kind="silent",
         within=HEARTBEAT,
         stands=HEARTBEAT + STOP,
-        pending=dict.fromkeys(("servo_jp", "interpolate_jp", "move_jp"), "16"),
     ),
     Way(
         "F3",
@@ -96,8 +98,8 @@ WAYS = (
         "F6",
         "a node does not hear its setpoints",
         kind="drop",
-        parameters={"id": 0x200 + NODE},
-        detail=f"{NODE}",
+        parameters={"id": 0x200 + MOVING},
+        detail=f"joint_{MOVING}",
         within=HEARTBEAT,
         stands=HEARTBEAT + STOP,
         activities=("servo_jp", "interpolate_jp", "move_jp", "servo_jv"),
@@ -108,7 +110,12 @@ WAYS = (
     _through("F8", "frames are late by 0.5 ms", "delay", seconds=0.0005),
     _bus("bus-off", "bus_off", "bus-off"),
     _bus("interface down", "down", "interface is down"),
-    _bus("no room to send", "full", "no room to send"),
+    _bus(
+        "no room to send",
+        "full",
+        "no room to send",
+        dict.fromkeys(("servo_jp", "interpolate_jp", "move_jp"), "16"),
+    ),
     Way(
         "F10",
         "what is sent is lost",
@@ -128,14 +135,19 @@ WAYS = (
     _drive("F11", "a node loses its power", "power_off", f"node {NODE}"),
     _drive("F12", "over-current", "fault", JOINT, error="over_current"),
     _drive("F12", "motor supply is off", "supply_off", f"{JOINT}"),
-    _drive("F12", "the motor does not turn", "stuck", f"{JOINT}", within=HEARTBEAT),
+    Way(
+        "F12",
+        "the motor does not turn",
+        kind="stuck",
+        parameters={"node": MOVING},
+        detail=f"joint_{MOVING}",
+        within=HEARTBEAT,
+        stands=HEARTBEAT + STOP,
+        activities=("servo_jp", "interpolate_jp", "move_jp"),
+    ),
     _drive("F13", "safe torque off", "safe_torque_off", JOINT),
     _drive("F14", "local control", "local_control", f"{JOINT}: remote (bit 9) has gone to 0"),
-    *own_process(
-        stop=STOP,
-        stream=0.3,
-        pending={"closed in motion and started again": {}},
-    ),
+    *own_process(stop=STOP, stream=0.3),
     *(
         Way(
             "F16",
