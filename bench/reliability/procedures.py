@@ -206,13 +206,9 @@ def _restarted(rig: Rig, way: Way, activity: str) -> Result:
     """Closed in motion, the arm stands; a new driver is DISABLED and nothing moves."""
     rig.begin_activity(activity)
     began = time.monotonic()
-    start = rig.look().joints
-    rig.stop_activity()
-    rig.driver.close()
+    rig.close_watched()
     result = Result()
-    rest = rig.until_still()
-    result.way = float(np.abs(rest - start).max(initial=0.0))
-    result.stood = time.monotonic() - began
+    rest = _stood(rig, way, began, result)
     rig.open()
     rig.run(CALM)
     rig.require(rig.status.state == "DISABLED", f"it is {rig.status}")
@@ -287,6 +283,36 @@ def _outlived(rig: Rig, way: Way, activity: str) -> Result:
     return result
 
 
+def _obeys(rig: Rig, way: Way, activity: str) -> Result:
+    """A stop is carried out though one message of it is not; what cannot be confirmed is told."""
+    rig.begin_activity(activity)
+    began = rig.begin_fault(way)
+    rig.stop_activity()
+    result = Result()
+    if way.action == "close":
+        rig.close_watched()
+    elif way.action == "hold":
+        rig.arm.hold()
+    else:
+        rig.engine.state_command(way.action)
+    rest = _stood(rig, way, began, result)
+    if way.action == "close":
+        rig.end_fault()
+        rig.open()
+    else:
+        rig.until(lambda: rig.engine.transition_ended, PATIENCE, f"{way.action} ends")
+        wanted = {"hold": "ENABLED", "pause": "PAUSED", "disable": "DISABLED"}[way.action]
+        state, detail = rig.status.state, rig.status.detail
+        told = state == wanted or (state == "FAULT" and bool(detail))
+        rig.require(told, f"after {way.action} it is {state} ({detail})")
+        result.state, result.detail = str(state), detail
+    rig.run(CALM)
+    _stands_at(rig, rest, f"{way.action} has been carried out")
+    rig.end_fault()
+    _enables(rig, rest)
+    return result
+
+
 PROCEDURES: Mapping[Follows, Callable[[Rig, Way, str], Result]] = {
     Follows.STOPS: _stops,
     Follows.GOES_ON: _goes_on,
@@ -295,6 +321,7 @@ PROCEDURES: Mapping[Follows, Callable[[Rig, Way, str], Result]] = {
     Follows.OUTLIVED: _outlived,
     Follows.RESTARTED: _restarted,
     Follows.KEPT_OUT: _kept_out,
+    Follows.OBEYS: _obeys,
 }
 
 __all__ = ["REST", "BrokenPromiseError", "Result", "run"]

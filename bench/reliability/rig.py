@@ -21,7 +21,7 @@ from bench.reliability.table import Absent, Way
 from crtk_drivers import runtime
 from crtk_drivers.config import DeviceConfig, from_values, load
 from crtk_drivers.engine import Engine, Observer
-from crtk_drivers.errors import CommandRefused, CrtkError
+from crtk_drivers.errors import CommandRefused, CrtkError, DeviceError
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.samples import Stamp
@@ -192,6 +192,18 @@ class Rig(ABC):
         """End the session."""
         self.activity = None
         self.driver.close()
+
+    def close_watched(self) -> None:
+        """End the session, and look at the joints meanwhile. What could not be confirmed may be said."""
+
+        def close() -> None:
+            with contextlib.suppress(DeviceError):
+                self.driver.close()
+
+        self.activity = None
+        closing = threading.Thread(target=close)
+        closing.start()
+        self.until(lambda: not closing.is_alive(), PATIENCE, "it is closed")
 
     def reopen(self) -> None:
         """End the session and begin another."""

@@ -12,7 +12,7 @@ import numpy as np
 from bench.reliability.activities import Plan
 from bench.reliability.common import own_process
 from bench.reliability.rig import Rig
-from bench.reliability.table import REST, Absent, Follows, Way
+from bench.reliability.table import REST, Absent, Follows, Way, single_messages
 from crtk_driver_canopen import PLUGIN
 from crtk_drivers.plugins import DevicePlugin
 from crtk_sim_backends.canopen import SIM
@@ -108,6 +108,19 @@ WAYS = (
     _through("F8", "every 40th frame is lost", "drop", every=40),
     _through("F8", "every 2nd frame comes twice", "duplicate", every=2),
     _through("F8", "frames are late by 0.5 ms", "delay", seconds=0.0005),
+    *single_messages(
+        {
+            "setpoint (RPDO)": {"id": 0x200 + MOVING},
+            "SYNC": {"id": 0x080, "sender": US},
+            "SDO request": {"id": 0x600 + MOVING},
+            "SDO reply": {"id": 0x580 + MOVING},
+            "TPDO": {"id": 0x180 + MOVING},
+            "heartbeat of ours": {"id": 0x700 + 127},
+        },
+        within=STOP,
+        actions=("hold", "disable", "close"),
+        activities=_MOVING,
+    ),
     _bus("bus-off", "bus_off", "bus-off"),
     _bus("interface down", "down", "interface is down"),
     _bus(

@@ -8,6 +8,9 @@ from enum import StrEnum
 from typing import Any, NamedTuple
 
 REST = "rest"
+THINNED = 7
+"""See `covering`; no divisor of what there are of anything, so that every kind has its turn."""
+
 ANY = "any activity"
 """In `Way.pending`."""
 
@@ -22,6 +25,7 @@ class Follows(StrEnum):
     OUTLIVED = "stands without its driver"
     RESTARTED = "starts DISABLED"
     KEPT_OUT = "the second host is refused"
+    OBEYS = "stands, whatever message is lost"
 
 
 class Fault(NamedTuple):
@@ -72,6 +76,7 @@ class Way:
         freezes: the joints stand in it whatever they did; what must stop them is judged from its end.
         repair: name of a method of the rig that does what a person does besides.
         activities: those in which it is met; all of the driver if empty.
+        action: for `Follows.OBEYS`, what is asked for: hold, disable, pause, or close.
         pending: number of the finding of issue 15 for which a cell still fails, by activity or `ANY`.
     """
 
@@ -87,6 +92,7 @@ class Way:
     freezes: bool = False
     repair: str = ""
     activities: tuple[str, ...] = ()
+    action: str = ""
     pending: Mapping[str, str] = field(default_factory=dict)
 
     def finding(self, activity: str) -> str:
@@ -125,14 +131,51 @@ def full(driver: str, ways: tuple[Way, ...], activities: tuple[str, ...]) -> lis
     ]
 
 
+def thinned(ways: tuple[Way, ...]) -> tuple[Way, ...]:
+    """Return the ways without most of those of single messages."""
+    single = [way for way in ways if way.follows is Follows.OBEYS]
+    left_out = {id(way) for number, way in enumerate(single) if number % THINNED}
+    return tuple(way for way in ways if id(way) not in left_out)
+
+
+def single_messages(
+    kinds: Mapping[str, Mapping[str, Any]], *, within: float, actions: tuple[str, ...], **more: Any
+) -> tuple[Way, ...]:
+    """Return F8 for each kind of message on the way to a stop: exactly one is lost, doubled or late.
+
+    Args:
+        kinds: the parameters of the fault ``message`` of a simulator, by what people call the message.
+        within: declared s in which the joints stand after each action.
+        actions: what is asked for.
+        more: of each `Way`.
+    """
+    return tuple(
+        Way(
+            "F8",
+            f"{effect}: {ordinal} {kind} after {action}",
+            Follows.OBEYS,
+            "message",
+            {**parameters, "effect": effect, "number": number},
+            stands=within,
+            action=action,
+            **more,
+        )
+        for kind, parameters in kinds.items()
+        for action in actions
+        for effect in ("lost", "doubled", "late")
+        for number, ordinal in ((1, "1st"), (2, "2nd"))
+    )
+
+
 def covering(driver: str, ways: tuple[Way, ...], activities: tuple[str, ...]) -> list[Cell]:
     """Return a part of `full` in which each way is met, and each activity: one cell a way, in turn.
 
-    Besides, the first way of the driver that stops it is met in every activity.
+    Besides, the first way of the driver that stops it is met in every activity. Of single messages that are
+    lost on the way to a stop there are too many: one in `THINNED` is taken.
     """
     cells: list[Cell] = []
     thorough = next((way for way in ways if way.follows is Follows.STOPS), None)
-    for number, way in enumerate(ways):
+    for number, way in enumerate(thinned(ways)):
         own = full(driver, (way,), activities)
         cells += own if way is thorough else own[number % len(own) :][:1]
     return cells

@@ -56,6 +56,25 @@ def duplicate(every: int) -> WireHook:
     return hook
 
 
+def single(effect: str, number: int, seconds: float) -> WireHook:
+    """Lose the frame with this `number`, send it twice, or let it be late; all others pass."""
+    seen = 0
+
+    def hook(direction: Direction, data: bytes, now: float) -> Pieces:
+        nonlocal seen
+        seen += 1
+        return _EFFECTS[effect](data, seconds) if seen == number else [(0.0, data)]
+
+    return hook
+
+
+_EFFECTS: Final[Mapping[str, Callable[[bytes, float], Pieces]]] = {
+    "lost": lambda data, seconds: [],
+    "doubled": lambda data, seconds: [(0.0, data)] * 2,
+    "late": lambda data, seconds: [(seconds, data)],
+}
+
+
 def corrupt(what: str, every: int, seed: int) -> WireHook:
     """Change one bit of the data, or of the identifier, of every `every`-th frame."""
     generator = random.Random(seed)
@@ -95,6 +114,7 @@ HOOKS: Final[Mapping[str, Callable[[Parameters], WireHook]]] = {
     "duplicate": lambda p: duplicate(p["every"]),
     "delay": lambda p: wire.delay(p["seconds"]),
     "corrupt": lambda p: corrupt(p["what"], p["every"], p["seed"]),
+    "message": lambda p: single(p["effect"], p["number"], p["seconds"]),
 }
 """Kinds that change the frames of some senders and identifiers, by name."""
 
@@ -176,6 +196,13 @@ KINDS: Final[Mapping[str, FaultKind]] = {
             what=Parameter(str, "data", choices=tuple(_CHANGES)),
             every=_EVERY,
             seed=_SEED,
+        ),
+        _frame_kind(
+            "message",
+            "the n-th frame, and only that, is lost, sent twice, or late",
+            effect=Parameter(str, "lost", choices=tuple(_EFFECTS)),
+            number=Parameter(int, 1, minimum=1),
+            seconds=Parameter(float, 0.03, minimum=0.0001, maximum=3600.0),
         ),
         _node_kind("down", "the interface is down: ENETDOWN"),
         _node_kind("bus_off", "the controller is bus-off; cleared: restarted"),
