@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
@@ -251,8 +251,9 @@ def _outlived(rig: Rig, way: Way, activity: str) -> Result:
     """The hardware stops by itself when the driver's process is killed or frozen."""
     rig.close()
     options = {
-        "driver": rig.name,
+        "plugin": rig.plugin.name,
         "config": json.loads(rig.config.model_dump_json(exclude_unset=True)),
+        "plan": asdict(rig.plan),
     }
     command = [sys.executable, "-m", "bench.reliability.victim", json.dumps(options), activity]
     result = Result()
@@ -266,7 +267,7 @@ def _outlived(rig: Rig, way: Way, activity: str) -> Result:
                 raise BrokenPromiseError(f"the driver's process ended: {victim.returncode}")
             return bool(np.abs(rig.joints() - start).max() > 10.0 * rig.tolerance)
 
-        rig.until(moves, PATIENCE, "it moves")
+        rig.until(moves, 2.0 * PATIENCE, "it moves")
         began = time.monotonic()
         victim.send_signal(way.parameters["signal"])
         rest = _stood(rig, way, began, result)

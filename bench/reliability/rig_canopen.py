@@ -99,7 +99,7 @@ WAYS = (
         "a node does not hear its setpoints",
         kind="drop",
         parameters={"id": 0x200 + MOVING},
-        detail=f"joint_{MOVING}",
+        detail=f"node {MOVING}",
         within=HEARTBEAT,
         stands=HEARTBEAT + STOP,
         activities=("servo_jp", "interpolate_jp", "move_jp", "servo_jv"),

@@ -9,7 +9,7 @@ import numpy as np
 from bench.reliability.activities import Plan
 from bench.reliability.common import own_process
 from bench.reliability.rig import Rig
-from bench.reliability.table import ANY, REST, Absent, Follows, Way
+from bench.reliability.table import ANY, REST, Absent, Follows, Way, single_messages
 from crtk_driver_dynamixel import PLUGIN
 from crtk_drivers.plugins import DevicePlugin
 from crtk_sim_backends.dynamixel import SIM, RunningSim
@@ -76,6 +76,17 @@ WAYS = (
         "late",
         {"every": 29, "seconds": 0.03},
     ),
+    *single_messages(
+        {
+            "group write": {"code": 0x83},
+            "write": {"code": 0x03},
+            "group read": {"code": 0x82},
+            "read": {"code": 0x02},
+        },
+        within=STOP,
+        actions=("hold", "disable", "close"),
+        activities=_MOVING,
+    ),
     Way("F8", "the adapter echoes what it sends", Follows.GOES_ON, "echo"),
     _servo("F11", "one servo loses its power", "power_off", JOINT, within=SILENT),
     _servo("F12", "overload", "overload", f"{JOINT}: overload"),
@@ -108,7 +119,7 @@ ABSENT = (
 
 
 _DEFAULTS = {"arm": "arm6", "fast_read": False}
-values = {
+_PATIENT = {
     "sample_timeout": 3.0,
     "open_timeout": 10.0,
     "latency_budget": 0.02,
@@ -140,6 +151,7 @@ class DynamixelRig(Rig):
         "free",
     )
     defaults = _DEFAULTS
+    values = _PATIENT
     tolerance = 5e-3  # three counts of 1.5 mrad
 
     @property

@@ -8,8 +8,8 @@ import sys
 import time
 from typing import Any
 
-from bench.reliability.activities import Activity
-from bench.reliability.rigs import RIGS
+from bench.reliability.activities import Activity, Plan
+from crtk_drivers import plugins
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
@@ -18,15 +18,14 @@ from crtk_drivers.session import Session
 def main() -> None:
     """Connect, enable, do it."""
     options, activity = json.loads(sys.argv[1]), sys.argv[2]
-    rig = RIGS[options["driver"]]()
-    config = rig.plugin.load_config(options["config"], {})
-    session = Session(rig.plugin, config)
+    plugin = plugins.device(options["plugin"])
+    session = Session(plugin, plugin.load_config(options["config"], {}))
     arm: Any = LocalDevice(session)
     session.start()
     while not (session.engine.connected and session.engine.has_sample):
         time.sleep(0.01)
     arm.enable(20.0)
-    doing = Activity(activity, arm, rig.plan)
+    doing = Activity(activity, arm, Plan(**options["plan"]))
     while True:
         with contextlib.suppress(CommandRefused):
             doing.send()
