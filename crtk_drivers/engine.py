@@ -144,6 +144,7 @@ class Engine:
         )
         self._stopping = Stopping(device, clock)
         self._stop_asked = False
+        self._overdue = ""
         self._broken_sample = ""
         reach = Reach(device, self.where, self._check, self._feedback)
         self._orders = OrderMaker(
@@ -617,12 +618,15 @@ class Engine:
                 self._stopping.stop()
         overdue = self._stopping.overdue(now)
         if overdue and running is not StateCommand.DISABLE:
+            if not self._overdue:
+                logger.error("%s: %s", self.where, overdue)
+                self._board.warned(overdue)
             self._to_fault(overdue)
+        self._overdue = overdue
 
     def _to_fault(self, reason: str) -> None:
-        if self.status.state is OperatingState.FAULT:
-            self._board.update(detail=reason)
-        else:
+        """Go to FAULT, unless it is there for another reason."""
+        if self.status.state is not OperatingState.FAULT:
             self._leave(OperatingState.FAULT, reason)
 
     def _stream_timeout(self, name: str) -> float:

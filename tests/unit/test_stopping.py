@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 from engine_rig import PERIOD, Rig, jf, jp, jv, two_joints
 
-from crtk_drivers.device import Following, JointLimits, MoveProgress, Setpoint, StopPolicy
+from crtk_drivers.device import (
+    Condition,
+    Following,
+    JointLimits,
+    MoveProgress,
+    Setpoint,
+    StopPolicy,
+)
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, MotionAborted, Reason, StopUnconfirmed
 from crtk_drivers.limits import LimitPolicy
@@ -349,3 +356,14 @@ def test_the_declared_error_can_be_replaced() -> None:
     assert move is not None
     other.cycle(200)
     assert other.state is S.ENABLED
+
+
+def test_two_reasons_for_a_fault_do_not_take_turns_in_being_told() -> None:
+    rig = Runaway(heeds=10_000).running()
+    rig.device.reported = Condition(S.FAULT, "overload")
+    rig.cycle(50)
+    count = len(rig.told.statuses)
+    rig.cycle(50)
+    assert len(rig.told.statuses) == count
+    assert rig.engine.status.detail == "overload"
+    assert any("a stop has not been carried out" in text for text in rig.told.warnings)
