@@ -198,9 +198,9 @@ def test_what_is_no_payload_is_refused_before_it_is_sent(far: Far) -> None:
 def test_streams_move_the_device(far: Far) -> None:
     far.arm.enable()
     for step in range(20):
-        far.arm.servo_jr([0.001, 0.0, 0.0, 0.0])
+        far.arm.servo_jr([0.0003, 0.0, 0.0, 0.0])
         assert step >= 0
-    until(lambda: abs(far.arm.measured_jp()[0] - 0.02) < 1e-4, "all increments arrived")
+    until(lambda: abs(far.arm.measured_jp()[0] - 0.006) < 1e-4, "all increments arrived")
     until(lambda: far.engine.health().stream == "", "the stream has ended")
     time.sleep(0.15)  # two streams may not mix
 

@@ -143,9 +143,9 @@ def test_setpoint_depends_on_the_command(rig: Rig) -> None:
     client = rig.client
     client.reach("enable", "ENABLED")
     since = client["setpoint_js"].mark()
-    client.send("servo_jp", JointState(position=[0.01, 0.0, 0.0, 0.0]))
+    client.send("servo_jp", JointState(position=[0.005, 0.0, 0.0, 0.0]))
     by_position = client["setpoint_js"].wait(
-        lambda m: len(m.position) == 4 and m.position[0] == 0.01, since
+        lambda m: len(m.position) == 4 and m.position[0] == 0.005, since
     )
     assert list(by_position.name) == JOINTS
     assert len(by_position.velocity) == 0
