@@ -48,9 +48,11 @@ from crtk_drivers.samples import (
 )
 
 JOINTS = ("x", "y", "z", "yaw")
-LINEAR = JointLimits(lower=-1.0, upper=1.0, velocity=1.0, acceleration=5.0, jerk=50.0, effort=100.0)
+LINEAR = JointLimits(
+    lower=-1.0, upper=1.0, velocity=1.0, acceleration=20.0, jerk=200.0, effort=100.0
+)
 ROTARY = JointLimits(
-    lower=-3.1, upper=3.1, velocity=2.0, acceleration=10.0, jerk=100.0, effort=20.0
+    lower=-3.1, upper=3.1, velocity=2.0, acceleration=40.0, jerk=400.0, effort=20.0
 )
 TIME_CONSTANT = 0.02
 """Seconds in which the plant makes up 63 % of a difference."""
