@@ -74,6 +74,7 @@ class Transitions:
         self._stopping = stopping
         self._seed = seed
         self._running: _Running | None = None
+        self._next: StateCommand | None = None
         self._abandoned: list[_Running] = []
         self._procedures: dict[StateCommand, Callable[[], Steps]] = {
             StateCommand.ENABLE: device.enable,
@@ -95,11 +96,16 @@ class Transitions:
 
         Raises:
             CommandRefused: invalid in this state, or another one is running. `disable` replaces any, and
-                `pause` what moves: a stop is never refused.
+                `pause` what moves: a stop is never refused. `enable` waits for a `disable` in DISABLED.
         """
         with self._board.lock:
             running = self._running
             if running is not None:
+                if running.target is self._board.status.state is OperatingState.DISABLED and (
+                    command is StateCommand.ENABLE
+                ):
+                    self._next = command  # nothing is on its way that it could contradict
+                    return
                 if not _ends(command, running.command):
                     raise CommandRefused(
                         "state_command",
@@ -109,6 +115,7 @@ class Transitions:
                         remedy="Wait for it, or send disable.",
                     )
                 if running.command is command:
+                    self._next = None
                     return
             state = self._board.status.state
             target = target_of(state, command)
@@ -116,6 +123,7 @@ class Transitions:
                 self._board.announce()
                 return
             self.cancel()
+            self._next = None
             self._running = _Running(command, target)
 
     def end_homing(self) -> None:
@@ -127,6 +135,7 @@ class Transitions:
     def cancel(self) -> None:
         """Forget the running command. From any thread; the next `step` closes its procedure."""
         with self._board.lock:
+            self._next = None
             if self._running is not None:
                 self._abandoned.append(self._running)
                 self._running = None
@@ -221,4 +230,7 @@ class Transitions:
                 self._board.update(running.target, homed=homed, busy=False)
                 if self._board.status is before:
                     self._board.announce()
+                following, self._next = self._next, None
+                if following is not None:
+                    self.accept(following)
         return True

@@ -202,9 +202,9 @@ def test_increments_add_up(rig: Rig) -> None:
     client = rig.client
     client.reach("enable", "ENABLED")
     for _ in range(100):
-        client.send("servo_jr", JointState(position=[0.0005, 0.0, 0.0, 0.0]))
+        client.send("servo_jr", JointState(position=[0.0002, 0.0, 0.0, 0.0]))
     client["measured_js"].wait(
-        lambda m: abs(m.position[0] - 0.05) < 1e-4, client["measured_js"].mark()
+        lambda m: abs(m.position[0] - 0.02) < 1e-4, client["measured_js"].mark()
     )
 
 

@@ -147,6 +147,25 @@ def test_a_second_disable_does_not_start_it_again() -> None:
     assert rig.device.calls.count("disable") == 1
 
 
+def test_enable_waits_for_a_disable_that_changes_nothing() -> None:
+    rig = Rig().connect()
+    rig.device.procedures["disable"] = lambda: cycles(3)
+    rig.engine.state_command("disable")
+    rig.engine.state_command("enable")
+    rig.cycle(2)
+    assert rig.state is S.DISABLED
+    rig.cycle(5)
+    assert rig.state is S.ENABLED
+    assert not rig.told.refusals
+    rig.command("disable")
+    rig.cycle(5)
+    rig.engine.state_command("disable")
+    rig.engine.state_command("enable")
+    rig.engine.state_command("disable")  # the newest counts
+    rig.cycle(10)
+    assert rig.state is S.DISABLED
+
+
 def test_disable_is_carried_out_in_every_state() -> None:
     """After a connection DISABLED says nothing of the hardware: there may be power, and torque."""
     rig = Rig().connect()
