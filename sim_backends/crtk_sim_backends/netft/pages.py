@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 from xml.sax.saxutils import escape
@@ -55,11 +54,13 @@ def calibration_page(box: Box) -> str:
 def with_tags(page: str, tags: Mapping[str, str]) -> str:
     """Return a page in which these tags have these texts, whatever is wrong with them."""
     for tag, text in tags.items():
-        line = f"<{tag}>{escape(text)}</{tag}>"
-        pattern = f"<{re.escape(tag)}>[^<]*</{re.escape(tag)}>"
-        page, count = re.subn(pattern, lambda _, line=line: line, page)
-        if not count:
-            page = re.sub(r"(</\w+>\n)$", lambda end, line=line: f"{line}\n{end[1]}", page)
+        line = f"<{tag}>{escape(text)}</{tag}>\n"
+        before, there, rest = page.partition(f"<{tag}>")
+        if there:
+            page = before + line + rest.partition(f"</{tag}>\n")[2]
+        else:
+            head, end, tail = page.rpartition("</")
+            page = head + line + end + tail
     return page
 
 
