@@ -28,8 +28,6 @@ from crtk_drivers.session import Session
 
 logger = logging.getLogger(__name__)
 
-SWITCH_INTERVAL = 0.0005
-"""Seconds after which Python lets another thread run: at the default, I/O would be 4 ms late."""
 SAME_SIGNAL = 1.0
 """Seconds in which a second SIGINT is taken for the first."""
 CLOSE_TIMEOUT = 1.2
@@ -160,7 +158,6 @@ def run(
     Raises:
         ConfigError: the ROS arguments cannot be used.
     """
-    sys.setswitchinterval(SWITCH_INTERVAL)
     stop = threading.Event()
     with _signals(stop):
         try:

@@ -1,5 +1,6 @@
 """Threads: one for each bus, and the watchdog. On the real clock, with devices that misbehave."""
 
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,7 +13,7 @@ from crtk_drivers.device import Capabilities, Setpoint
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, DeviceError, MotionAborted
 from crtk_drivers.moves import Outcome
-from crtk_drivers.runtime import Runtime
+from crtk_drivers.runtime import SWITCH_INTERVAL, Runtime
 from crtk_drivers.samples import JointState, Sample, vector
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
@@ -368,3 +369,17 @@ def test_an_open_that_ignores_its_deadline_is_an_alarm() -> None:
         assert device.stopped == 0, "there is nobody to stop yet"
         release.set()
         until(lambda: engine.connected)
+
+
+def test_python_passes_its_lock_on_in_time_whoever_starts_it() -> None:
+    """Beside a busy thread of the program a sensor at 500 Hz was heard at 139 Hz."""
+    before = sys.getswitchinterval()
+    try:
+        for given, wanted in ((0.005, SWITCH_INTERVAL), (0.0001, 0.0001)):
+            sys.setswitchinterval(given)
+            runtime = Runtime([(Engine(Misbehaving(), "a"), 1.0)])
+            runtime.start()
+            runtime.close()
+            assert sys.getswitchinterval() == pytest.approx(wanted, rel=0.05)
+    finally:
+        sys.setswitchinterval(before)

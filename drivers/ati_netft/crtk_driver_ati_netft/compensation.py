@@ -74,11 +74,14 @@ class Compensation:
     matrix: Array = field(default_factory=lambda: np.eye(6))
     _offset: Vector = field(init=False)
     _is_known: bool = field(init=False)
+    _changes: bool = field(init=False)
 
     def __post_init__(self) -> None:
         offset = self.matrix @ (self.bias + self.weight)
         object.__setattr__(self, "_offset", offset)
         object.__setattr__(self, "_is_known", bool(np.isfinite(offset).all()))
+        changes = offset.any() or not np.array_equal(self.matrix, np.eye(6))
+        object.__setattr__(self, "_changes", bool(changes))
 
     @property
     def is_known(self) -> bool:
@@ -88,8 +91,10 @@ class Compensation:
     def apply(self, values: Array) -> Array:
         """Return wrenches (n, 6) or (6,) without bias and weight, at the point and in the axes wanted.
 
-        All of it is not a number while the weight is not known.
+        All of it is not a number while the weight is not known. Where nothing is to be done it is `values`.
         """
+        if not self._changes:
+            return values
         result: Array = values @ self.matrix.T - self._offset
         return result
 

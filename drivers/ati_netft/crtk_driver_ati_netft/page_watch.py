@@ -55,19 +55,21 @@ class JumpWatch:
     """
 
     def __init__(self, rated: Vector) -> None:
-        self._faint = FAINT * rated if rated.size else None
-        self._before: Array | None = None
+        self._faint: list[float] = (FAINT * rated).tolist()
+        self._before: list[float] = []
 
     def take(self, values: Array) -> bool:
         """Take measurements (n, 6) that arrived together; return whether their mean is far from the last."""
-        if self._faint is None:
+        if not self._faint:
             return False
-        mean = np.add.reduce(values) / len(values)
-        before, self._before = self._before, mean
-        if before is None:
+        means: list[float] = (np.add.reduce(values) / len(values)).tolist()
+        before, self._before = self._before, means
+        if not before:
             return False
-        least = np.maximum(JUMP * np.maximum(np.abs(mean), np.abs(before)), self._faint)
-        return bool((np.abs(mean - before) > least).any())
+        return any(
+            abs(now - then) > max(faint, JUMP * abs(now), JUMP * abs(then))
+            for now, then, faint in zip(means, before, self._faint, strict=True)
+        )
 
 
 class PageWatch:

@@ -27,6 +27,7 @@ MOST: Final = 512
 SLOT: Final = 1536
 """Bytes of a datagram; a longer one is cut and its length says so."""
 
+_FLAGS: Final = int(socket.MSG_DONTWAIT | socket.MSG_TRUNC)
 _SO_TIMESTAMPNS: Final = 35
 _SO_RCVBUFFORCE: Final = 33
 _CONTROL_SIZE: Final = 64
@@ -100,8 +101,7 @@ class BatchReceiver:
 
     def receive(self) -> Datagrams | None:
         """See `Receiver`."""
-        flags = socket.MSG_DONTWAIT | socket.MSG_TRUNC
-        count = self._call(self._fd, self._address, MOST, flags, None)
+        count = self._call(self._fd, self._address, MOST, _FLAGS, None)
         if count < 0:
             code = ctypes.get_errno()
             if code in (errno.EAGAIN, errno.EINTR):
@@ -119,9 +119,9 @@ class BatchReceiver:
         was_set = before is not None and abs(offset - before) > _CLOCK_STEP * 1e9
         if was_set or not self._control_lengths[:count].all():
             return np.full(count, now)
-        seconds, rest = divmod(offset, 1_000_000_000)
         control = self._control[:count]
-        arrivals: NDArray[np.float64] = control[:, 2] - seconds + (control[:, 3] - rest) * 1e-9
+        nanoseconds = control[:, 2] * 1_000_000_000 + control[:, 3] - offset
+        arrivals: NDArray[np.float64] = nanoseconds * 1e-9
         if arrivals[0] > arrivals[-1] or arrivals[-1] > now:
             arrivals = np.maximum.accumulate(np.minimum(arrivals, now))
         return arrivals
