@@ -27,8 +27,8 @@ FIRST_RETRY = 0.25
 LONGEST_RETRY = 5.0
 WATCHDOG_PERIOD = 0.05
 SWITCH_INTERVAL = 0.0005
-"""Seconds after which a busy thread lets another one run: at Python's default, 5 ms, I/O would be late by as much
-each time that it waits for something."""
+"""Seconds after which a busy thread lets another one run: at Python's default, 5 ms, I/O would be late by as
+much each time that it waits for something."""
 REAL_TIME_PRIORITY = 10
 """Of the I/O threads, under SCHED_FIFO: above everything ordinary, below the kernel's own threads."""
 STALL_LIMIT = 0.5

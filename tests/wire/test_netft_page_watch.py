@@ -56,6 +56,20 @@ def test_a_unit_changed_is_noticed_also_where_the_scale_is_typed_in() -> None:
         bench.was(OperatingState.FAULT, "scale")
 
 
+def test_over_tcp_without_a_page_the_scale_is_asked_for_again() -> None:
+    typed = {"counts_per_force": 1e6, "counts_per_torque": 1e6}
+    config = {"page_period": 0.1, "http": False, "scale": typed, "transport": "tcp"}
+    with netft_bench(config, load=LOAD_TEXT) as bench:
+        bench.until_load(LOAD, tolerance=0.05)
+        bench.front.enable()
+        received = bench.counter("received")
+        eventually(lambda: bench.counter("received") > received + 200, "goes on")
+        bench.state(OperatingState.ENABLED)
+        set_on_page(bench, "cfgfu=1")
+        bench.was(OperatingState.FAULT, "scale")
+        bench.until_load(LOAD, tolerance=0.05)
+
+
 def test_a_tool_transform_set_on_the_page_is_noticed() -> None:
     with netft_bench({"page_period": 0.1}) as bench:
         set_on_page(bench, "cfgtdu=3&cfgtfx2=100")

@@ -116,7 +116,7 @@ class NetFtConfig(DeviceConfig):
         ge=0.0,
         le=3600.0,
         description="The web page is read again every so many s while the sensor streams, and when the load "
-        "jumps: what it says otherwise ends in FAULT. 0: never.",
+        "jumps (over TCP the scale as well): what it says otherwise ends in FAULT. 0: never.",
     )
     scale: ScaleConfig | None = Field(
         default=None, description="What a count is worth; what the sensor says, if null."

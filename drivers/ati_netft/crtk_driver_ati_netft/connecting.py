@@ -216,7 +216,11 @@ def _open_udp(
 def _open_tcp(
     config: NetFtConfig, before: Source | None, deadline: float, tell: Callable[[Source], None]
 ) -> TcpStream:
-    tcp = before if isinstance(before, TcpStream) else TcpStream(config.host, config.tcp_port)
+    tcp = (
+        before
+        if isinstance(before, TcpStream)
+        else TcpStream(config.host, config.tcp_port, config.page_period)
+    )
     tell(tcp)
     tcp.open(deadline)
     return tcp

@@ -149,10 +149,24 @@ class TcpChannel:
             ConnectionFailed: no answer by the monotonic `deadline`.
             ConnectionLost, ProtocolError: the connection ended; the answer is none.
         """
-        self._ask(encode_read_calibration())
+        found = self.calibration_again(deadline)
+        if found is None:
+            raise ConnectionFailed("no answer in time", where=self.where, remedy=_REMEDY)
+        return found
+
+    def calibration_again(self, deadline: float) -> TcpScale | None:
+        """Return units and scale, None if they do not come by the deadline: the next call goes on waiting.
+
+        No reading may be on its way.
+
+        Raises:
+            ConnectionLost, ProtocolError: as for `calibration`.
+        """
+        if not self._asked:
+            self._ask(encode_read_calibration())
         reply = self._await(_CALIBRATION.size, deadline)
         if reply is None:
-            raise ConnectionFailed("no answer in time", where=self.where, remedy=_REMEDY)
+            return None
         try:
             return decode_calibration(reply)
         except ValueError as error:

@@ -5,6 +5,7 @@ It stands in for `crtk_driver_ati_netft.stream.RdtStream`: the same methods, the
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 
@@ -15,7 +16,7 @@ from crtk_driver_ati_netft.profiles import Action
 from crtk_driver_ati_netft.sequence import Event
 from crtk_driver_ati_netft.stream import Batch
 from crtk_driver_ati_netft.tcp49151 import TcpChannel
-from crtk_drivers.errors import ConnectionFailed, ProtocolError
+from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
 from crtk_drivers.samples import Vector, vector
 
 
@@ -25,6 +26,7 @@ class TcpStream:
     Args:
         host: address of the sensor.
         port: of its TCP channel.
+        period: seconds after which the scale is asked for again; 0: never.
         clock: monotonic seconds.
     """
 
@@ -35,12 +37,17 @@ class TcpStream:
         self,
         host: str,
         port: int = tcp49151.PORT,
+        period: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.host = host
         self.port = port
         self._channel = TcpChannel(host, port, clock)
         self._clock = clock
+        self._period = period
+        self._next_look = math.inf
+        self._looking = self._reading = False
+        """Which answer is waited for."""
         self._factors: Vector = vector(np.ones(6))
         self._sequence = 0
         self._bias = False
@@ -69,7 +76,8 @@ class TcpStream:
         self._channel.open(deadline)
         try:
             self._factors = self._channel.calibration(deadline).factors
-            self._held = False
+            self._held = self._looking = self._reading = False
+            self._look_later()
             self._early = self.receive(deadline)
             if self._early is None:
                 raise ConnectionFailed(
@@ -119,7 +127,8 @@ class TcpStream:
         """Return one measurement, None if it does not come by `deadline`; see `RdtStream.receive`.
 
         Raises:
-            ConnectionLost, ProtocolError: the sensor closed the connection; its answer is none.
+            ConnectionLost, ProtocolError: the sensor closed the connection, or has another scale; its answer
+                is none.
         """
         if self._early is not None:
             early, self._early = self._early, None
@@ -129,7 +138,12 @@ class TcpStream:
             time.sleep(wait)
         if self._held:
             return None
+        if self._looking or (not self._reading and self._clock() >= self._next_look):
+            self._looking = not self._look(deadline)
+            if self._looking:
+                return None
         found = self._channel.read(deadline, bias=self._bias, clear_latch=self._clear)
+        self._reading = found is None
         if found is None:
             return None
         self._bias = self._clear = False
@@ -143,3 +157,20 @@ class TcpStream:
             np.array([when]),
             ((Event.BEGUN, 0),) if self._sequence == 1 else (),
         )
+
+    def _look_later(self) -> None:
+        self._next_look = self._clock() + self._period if self._period else math.inf
+
+    def _look(self, deadline: float) -> bool:
+        """Ask for the scale again; return whether the answer is there, and as before."""
+        found = self._channel.calibration_again(deadline)
+        if found is None:
+            return False
+        if not np.array_equal(found.factors, self._factors):
+            raise ConnectionLost(
+                f"the sensor's scale is another than when it was connected: now {found.scale}",
+                where=self._channel.where,
+                remedy="The driver asks for it again. Check who sets the sensor.",
+            )
+        self._look_later()
+        return True
