@@ -42,6 +42,12 @@ class Stopping:
         self._joints = capabilities.joints
         self._still = [_STILL * limit.velocity for limit in capabilities.limits]
         self._time = capabilities.stop.time
+        self._can_move = bool(
+            capabilities.joints
+            or capabilities.modes
+            or capabilities.native_moves
+            or capabilities.has_free
+        )
         self._asked = -math.inf
         self._sent = -math.inf
         self._watches = False
@@ -54,7 +60,7 @@ class Stopping:
         return not self._watches
 
     def stop(self) -> None:
-        """Stop the hardware, and watch from now on that it does.
+        """Stop the hardware, and watch from now on that it does; a sensor has nothing that could go on.
 
         Raises:
             DeviceError: it could not be told.
@@ -62,7 +68,7 @@ class Stopping:
         now = self._clock()
         if not self._watches:
             self._asked = now
-        self._watches, self._sent = True, now
+        self._watches, self._sent = self._can_move, now
         self._device.stop()
 
     def moves_again(self) -> None:
