@@ -17,7 +17,7 @@ from crtk_driver_ati_netft.stream import RdtStream
 from crtk_driver_ati_netft.tcp49151 import TcpChannel
 from crtk_driver_ati_netft.tcp_stream import TcpStream
 from crtk_driver_ati_netft.units import Scale
-from crtk_driver_ati_netft.web import WebPages
+from crtk_driver_ati_netft.web import NoSuchPage, WebPages
 from crtk_drivers.errors import ConfigError, ConnectionFailed, DeviceError
 from crtk_drivers.samples import vector
 
@@ -106,13 +106,13 @@ def identify(config: NetFtConfig, web: WebPages, deadline: float) -> SensorInfo:
         if typed is not None:
             logger.warning("%s; going on with the scale of the configuration", error)
             return SensorInfo(typed, problems=(error.message,))
-        if not isinstance(error, ConnectionFailed):
+        if not isinstance(error, ConnectionFailed | NoSuchPage):
             raise
         return _ask_over_tcp(config, error, deadline)
 
 
-def _ask_over_tcp(config: NetFtConfig, refusal: ConnectionFailed, deadline: float) -> SensorInfo:
-    """Return the scale that the TCP channel tells, for a sensor whose web server is off."""
+def _ask_over_tcp(config: NetFtConfig, refusal: DeviceError, deadline: float) -> SensorInfo:
+    """Return the scale that the TCP channel tells, for a sensor whose web page is off or not there."""
     channel = TcpChannel(config.host, config.tcp_port)
     until = min(deadline, time.monotonic() + config.http_timeout)
     try:

@@ -30,6 +30,10 @@ _LONGEST_ANSWER: Final = LONGEST_PAGE + 16384
 _ON = "The sensor's web server can be reached with a browser when it is on."
 
 
+class NoSuchPage(ProtocolError):
+    """There is a web server, and it has no page of that name."""
+
+
 class WebPages:
     """The web server of one sensor. Each call is one connection.
 
@@ -159,6 +163,12 @@ class WebPages:
         words = head.split(b"\r\n", 1)[0].decode("latin-1").split(None, 2)
         if not blank or len(words) < 2 or not words[0].startswith("HTTP/"):
             raise self._wrong(f"GET {path}: the answer is not HTTP: {answer[:40]!r}")
+        if words[1] == "404":
+            raise NoSuchPage(
+                f"GET {path}: answered with {' '.join(words[1:])[:80]}",
+                where=self.where,
+                remedy="Is this the address of a NetFT sensor? For one of OnRobot, give `profile`.",
+            )
         if words[1] != "200":
             raise self._wrong(f"GET {path}: answered with {' '.join(words[1:])[:80]}")
         if len(answer) >= _LONGEST_ANSWER:
