@@ -121,7 +121,7 @@ class BatchReceiver:
             return np.full(count, now)
         control = self._control[:count]
         nanoseconds = control[:, 2] * 1_000_000_000 + control[:, 3] - offset
-        arrivals: NDArray[np.float64] = nanoseconds * 1e-9
+        arrivals: NDArray[np.float64] = np.multiply(nanoseconds, 1e-9, dtype=np.float64)
         if arrivals[0] > arrivals[-1] or arrivals[-1] > now:
             arrivals = np.maximum.accumulate(np.minimum(arrivals, now))
         return arrivals
