@@ -156,7 +156,7 @@ def test_what_sync_made_valid_is_done_before_anything_else(bench, when):
             (sample,) = drive.on_frame(0x80, b"", bench.now)
             assert sample == (0x180 + NODE, b"\x31\x02")
         case "an RPDO":
-            assert not drive.keep(0x300 + NODE, b"\x00\x00")
+            assert not drive.keep(0x300 + NODE, b"\x00\x00", bench.now)
             drive.on_frame(0x300 + NODE, b"\x00\x00", bench.now)
         case "a timer":
             drive.on_timer(bench.now)
@@ -165,9 +165,9 @@ def test_what_sync_made_valid_is_done_before_anything_else(bench, when):
 
 def test_an_rpdo_is_kept_until_sync(bench):
     drive = synchronous(bench)
-    assert drive.keep(0x300 + NODE, b"\x06\x00")
-    assert not drive.keep(0x300 + NODE, b"\x06")
-    assert not drive.keep(0x80, b"")
+    assert drive.keep(0x300 + NODE, b"\x06\x00", bench.now)
+    assert not drive.keep(0x300 + NODE, b"\x06", bench.now)
+    assert not drive.keep(0x80, b"", bench.now)
     assert bench.axis.statusword() == 0x0250
     bench.frame(0x80)
     assert bench.axis.statusword() == 0x0231
@@ -313,6 +313,22 @@ def test_rpdo_that_stays_away_is_reported(bench):
     bench.run(0.2)
     assert bench.emergencies() == [0x8250]
     assert (0x80 + NODE, "00 00 00 00 00 00 00 00") in bench.frame(0x200 + NODE, "06 00")
+
+
+def test_an_rpdo_that_is_kept_until_sync_keeps_its_deadline(bench):
+    bench.map(RPDO, 1, [CONTROL], kind=1)
+    bench.write(RPDO + 1, 5, 50, "H")
+    bench.start()
+    drive = bench.drive
+    assert not drive.keep(0x300 + NODE, b"\x06\x00", bench.now)  # the first begins the deadline
+    bench.frame(0x300 + NODE, "06 00")
+    for _ in range(5):
+        bench.run(0.03)
+        assert drive.keep(0x300 + NODE, b"\x06\x00", bench.now)
+    assert bench.emergencies() == []
+    bench.run(0.06)
+    assert bench.emergencies() == [0x8250]
+    assert not drive.keep(0x300 + NODE, b"\x06\x00", bench.now)  # it ends the error
 
 
 def test_cyclic_mode_faults_when_sync_stays_away(bench):

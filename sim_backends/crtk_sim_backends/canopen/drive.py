@@ -220,8 +220,8 @@ class Drive:
             self.heartbeats.on_heartbeat(identifier - 0x700, now)
         return self._leave(frames + self._events(now), now)
 
-    def keep(self, identifier: int, data: bytes) -> bool:
-        """Keep an RPDO until SYNC, if nothing else is to be done with it: the quick part of `on_frame`.
+    def keep(self, identifier: int, data: bytes, now: float) -> bool:
+        """Keep an RPDO until SYNC, if that and its deadline are all it changes: the quick part of `on_frame`.
 
         Returns:
             Whether that was all; otherwise give the frame to `on_frame`.
@@ -229,8 +229,12 @@ class Drive:
         pdo = self.pdos.receiving.get(identifier)
         if pdo is None or not pdo.plain or len(data) != pdo.layout.size or self.acts:
             return False
+        if pdo.event and pdo.deadline is None:
+            return False  # the first one, or one that ends an error
         if self.state is OPERATIONAL and not self.faults.silent:
             pdo.received = data
+            if pdo.event:
+                pdo.deadline = now + pdo.event
         return True
 
     def act(self, now: float) -> list[Frame]:

@@ -55,9 +55,10 @@ class BusDrive:
     def deliver(self, raw: bytes) -> None:
         """Hear a frame of the bus."""
         can_id, data = frames.unpack(raw)
-        if self.drive.keep(can_id, data):
+        now = time.monotonic()
+        if self.drive.keep(can_id, data, now):
             return
-        answers = self.drive.on_frame(can_id, data, time.monotonic())
+        answers = self.drive.on_frame(can_id, data, now)
         if answers:
             self._send(answers)
         if self.drive.acts:

@@ -54,7 +54,7 @@ class Pdo:
     held: bool = False  # TPDO that has changed and waits for that
 
     def __post_init__(self) -> None:
-        self.plain = self.kind <= _CYCLIC and not self.event
+        self.plain = self.kind <= _CYCLIC
 
 
 class ProcessData:
