@@ -32,12 +32,12 @@ MESSAGES = {
 }
 
 HAPPENS: tuple[dict[str, Any], ...] = (
-    {"kind": "drop", "skip": 0},
-    {"kind": "delay", "skip": 0, "seconds": 5 * PERIOD},
-    {"kind": "drop", "skip": 1},
-    {"kind": "duplicate", "skip": 1},
+    {"effect": "lost", "number": 1},
+    {"effect": "late", "number": 1, "seconds": 5 * PERIOD},
+    {"effect": "lost", "number": 2},
+    {"effect": "doubled", "number": 2},
 )
-"""What happens to one message, and how many of its kind come through before it."""
+"""What happens to one message, and which of its kind it is."""
 
 STREAMS = {"servo_jv": 0.5, "servo_jf": 3.0}
 
@@ -92,11 +92,11 @@ class Bench:
 @contextmanager
 def one_message(sim: RunningSim, number: int, happens: dict[str, Any]) -> Iterator[None]:
     """Have something happen to exactly one message with this identifier."""
-    sim.control.inject(id=number, count=1, **happens)
+    sim.control.inject("message", id=number, **happens)
     try:
         yield
     finally:
-        sim.control.clear(happens["kind"])
+        sim.control.clear("message")
 
 
 @pytest.fixture(scope="module")

@@ -39,8 +39,6 @@ _MATCH: Final = {
     "sender": Parameter(str, "*"),
     "id": _ID,
     "mask": Parameter(int, frames.EXTENDED_MASK, minimum=0, maximum=frames.EXTENDED_MASK),
-    "skip": Parameter(int, 0, minimum=0),
-    "count": Parameter(int, 0, minimum=0),
 }
 
 
@@ -136,18 +134,12 @@ ERROR_FRAMES: Final = {
 
 
 def selecting(hook: WireHook, parameters: Parameters) -> FrameHook:
-    """Apply `hook` to the frames of matching senders with matching identifiers, from one on and so often."""
+    """Apply `hook` to the frames of matching senders with matching identifiers."""
     sender, number, mask = parameters["sender"], parameters["id"], parameters["mask"]
-    skip, count = parameters["skip"], parameters["count"]
-    seen = 0
 
     def selected(name: str, raw: bytes, now: float) -> Pieces:
-        nonlocal seen
         can_id = int.from_bytes(raw[:4], "little") & frames.EXTENDED_MASK
         if (number != ANY_ID and (can_id ^ number) & mask) or not fnmatchcase(name, sender):
-            return [(0.0, raw)]
-        seen += 1
-        if seen <= skip or (count and seen > skip + count):
             return [(0.0, raw)]
         return hook(Direction.IN, raw, now)
 
