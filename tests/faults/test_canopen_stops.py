@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from canopen_arm import PERIOD, SOON, arm_of, arm_on, device_of, drives, until
 
-from crtk_drivers.errors import CommandRefused
+from crtk_drivers.errors import CommandRefused, StopUnconfirmed
 from crtk_drivers.front import LocalDevice
 from crtk_sim_backends.process import RunningSim
 
@@ -215,3 +215,16 @@ def test_a_stuck_io_thread_does_not_keep_the_drives_from_being_stopped(command: 
             np.testing.assert_allclose(after, before, atol=0.05)
             assert powered(sim) == [False] * COUNT
             arm.enable(SOON)
+
+
+@pytest.mark.parametrize("on_close", ["hold", "power_off"])
+def test_close_with_a_silent_drive_says_so_in_time_and_leaves_the_watch_armed(
+    on_close: str,
+) -> None:
+    with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT, on_close=on_close)) as arm:
+        arm.enable(SOON)
+        until(moves(sim, "servo_jv", arm), "it moves")
+        sim.control.inject("silent", node=2)
+        with pytest.raises(StopUnconfirmed):
+            arm.close()
+        until(lambda: stand(sim) and powered(sim) == [False] * COUNT, "they stop by themselves")

@@ -139,23 +139,32 @@ class CanopenDevice(Device):
         Raises:
             ConnectionLost: the bus, or every drive on it, is gone.
         """
+        waited = self._motion.stopping_for(time.monotonic())
         self._motion.stop()
-        stopped = self._run_until(lambda: self.has_stopped, self._capabilities.stop.time)
+        rest = self._capabilities.stop.time - waited
+        stopped = self._run_until(lambda: self.has_stopped, max(0.0, rest))
         if stopped and self._config.on_close == "hold":
             leave_holding(self.link, self._config)
             return
         for axis in self.axes:
             if axis.is_powered:
                 axis.drive.request(State.DISABLED if stopped else State.QUICK_STOP)
-        gone = self._run_until(lambda: not any(axis.is_powered for axis in self.axes), POWER_TIME)
+        gone = self._run_until(lambda: not self._powered, POWER_TIME)
         if not stopped or not gone:
-            powered = ", ".join(axis.place for axis in self.axes if axis.is_powered)
+            unheard = [f"node {node}" for node in sorted(self._missing(time.monotonic()))]
+            powered = ", ".join([*(axis.place for axis in self._powered), *unheard])
             logger.error(
                 "%s: closed, and it was not read back that the joints stand and are without power%s; "
                 "what stops the drives without us stays armed",
                 self.link.where,
                 f": {powered}" if powered else "",
             )
+
+    @property
+    def _powered(self) -> list[Axis]:
+        """The axes that tell that they have power."""
+        missing = self._missing(time.monotonic())
+        return [axis for axis in self.axes if axis.is_powered and axis.config.node not in missing]
 
     def _run_until(self, done: Callable[[], bool], seconds: float) -> bool:
         """Go on with the cycle; return whether it came to be so in time."""

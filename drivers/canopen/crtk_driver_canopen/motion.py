@@ -204,6 +204,10 @@ class Motion:
         """Whether the last stop has come to its end, as the drives show it: modes, and joints that stand."""
         return not self._stop.is_set() and self._stop_since is None
 
+    def stopping_for(self, now: float) -> float:
+        """Return for how many seconds a stop has been under way."""
+        return 0.0 if self._stop_since is None else now - self._stop_since
+
     @property
     def braking_time(self) -> float:
         """Seconds in which the joints stand that are told to stop, and follow."""
