@@ -54,6 +54,8 @@ PATIENCE: Final = 0.05
 MODEL_NUMBER_1: Final = 0
 """Address of model number (2 bytes) and firmware (1) in tables of protocol 1.0, whose ping tells neither."""
 
+GAP: Final = 0.05
+"""Seconds of silence after which a servo that answers again may have been without power."""
 STANDING: Final = 0.03
 """rad/s of a servo below which it stands; a count of the X series is 0.024."""
 
@@ -342,7 +344,7 @@ class ChainLink:
         health.hardware_error = values.get("hardware_error_status", 0)
         if "torque_enable" in values:
             health.torque = bool(values["torque_enable"])
-        health.tripped = values.get("bus_watchdog", 0) < 0
+        health.watchdog = values.get("bus_watchdog")
         health.hottest = float(values.get("temperature_limit", math.nan))
 
     # -------------------------------------------------------------------------------------- reading
@@ -400,6 +402,8 @@ class ChainLink:
         self.frame = Frame(stamp, **columns, seen=seen, valid=valid)
         self.cycles += 1
         self._follow_turns(before, self.frame)
+        # A servo that was without power says so by its registers, before it is sent anything.
+        self.read_health(np.flatnonzero(valid & (before.seen < middle - GAP)).tolist())
         if ended >= self._slow_due:
             self._read_slow(ended)
         return self.frame

@@ -168,6 +168,11 @@ class ServoConfig(Settings):
         return OPERATING_MODES[self.mode]
 
     @property
+    def yields(self) -> bool:
+        """Whether it gives way to what is in its way: by a limited current."""
+        return self.mode == "current_based_position" and self.current_limit is not None
+
+    @property
     def ids(self) -> tuple[int, ...]:
         """Ids of all servos, the first one first."""
         return (self.id, *(shadow.id for shadow in self.shadows))
@@ -238,6 +243,20 @@ class JointConfig(ServoConfig):
         description="Limit in N·m; the stall torque of the model if null.",
     )
 
+    following_error: float = Field(
+        default=0.35,
+        gt=0.0,
+        le=100.0,
+        description="FAULT when the joint is further than this from where it was sent, in rad.",
+    )
+    arrival: float = Field(
+        default=0.1,
+        gt=0.0,
+        le=100.0,
+        description="A move has reached its goal when the joint is nearer than this, in rad: as far as the "
+        "arm sags under its load.",
+    )
+
     @property
     def range(self) -> tuple[float, float]:
         """Least and greatest position, in rad."""
@@ -259,6 +278,8 @@ class JointConfig(ServoConfig):
                 f"from {lower:g} to {upper:g} rad is more than the servo can turn in mode position; "
                 "set mode to extended_position"
             )
+        if self.arrival > self.following_error:
+            raise ValueError("arrival: must not be above following_error")
         known = {"velocity": model.no_load_speed, "effort": model.stall_torque}
         for key, value in known.items():
             if getattr(self, key) is None and math.isnan(value):

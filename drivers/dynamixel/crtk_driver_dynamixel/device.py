@@ -27,6 +27,7 @@ from crtk_drivers.device import (
     Capabilities,
     Condition,
     Device,
+    Following,
     JointLimits,
     Mode,
     Note,
@@ -46,6 +47,8 @@ __all__ = ["ArmDevice", "GripperDevice", "make_device"]
 GRIPPER: Final = "gripper"
 """Namespace of the gripper."""
 
+LAG: Final = 0.2
+"""Seconds in which a servo without a profile carries a goal out: transport, and its own loop."""
 HOT: Final = 5.0
 """Degrees below its limit at which a servo's temperature is told."""
 
@@ -300,7 +303,7 @@ class _ChainDevice(Device):
         if takes_efforts:
             modes.add(Mode.JOINT_EFFORT)
             estimates = frozenset({Mode.JOINT_EFFORT} if self._by_pwm.size else ())
-        has_watchdog = all(servo.protocol == 2 for servo in servos)
+        has_watchdog = all(servo.has_watchdog for servo in servos)
         timeout = self._config.watchdog if has_watchdog else 0.0
         what = "stops by itself" if timeout else "goes on to its last goal"
         return Capabilities(
@@ -314,8 +317,21 @@ class _ChainDevice(Device):
             # A voltage makes the same effort only as long as the speed is the same.
             writes_every_cycle=bool(estimates),
             rate=self._config.rate,
-            stop=StopPolicy(timeout, f"each servo {what} when it hears nothing"),
+            stop=StopPolicy(
+                timeout, f"each servo {what} when it hears nothing", self.part.stop_time
+            ),
+            following=self._following(),
         )
+
+    def _following(self) -> Following | None:
+        """Return how closely joints follow; None where something may be in their way."""
+        own = list(self._config.joints.values())
+        if isinstance(self, GripperDevice) or any(
+            joint.yields or joint.profile_velocity or joint.profile_acceleration for joint in own
+        ):
+            return None
+        errors = tuple(joint.following_error for joint in own)
+        return Following(errors, tuple(joint.arrival for joint in own), LAG)
 
 
 class ArmDevice(_ChainDevice):

@@ -71,6 +71,11 @@ class ChainServo:
         return f"joint {self.name} (servo {self.id} on {self.bus})"
 
     @property
+    def has_watchdog(self) -> bool:
+        """Whether it has a bus watchdog."""
+        return self.protocol == 2 and self.units.model.family.has_watchdog
+
+    @property
     def takes_velocities(self) -> bool:
         """Whether it has a mode for velocities."""
         return self.protocol == 2 and OperatingMode.VELOCITY in self.units.model.modes

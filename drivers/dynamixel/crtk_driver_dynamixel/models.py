@@ -80,6 +80,7 @@ class Family:
             register or its limits are not known.
         fast_read_since: first firmware with fast sync and fast bulk read; None: never.
         restarts: whether it knows the instruction Reboot.
+        has_watchdog: whether it has the register Bus Watchdog.
     """
 
     name: str
@@ -98,6 +99,7 @@ class Family:
     homing_limit: int
     fast_read_since: int | None
     restarts: bool = True
+    has_watchdog: bool = True
 
 
 def _x(name: str, fast_read_since: int | None) -> Family:
@@ -157,6 +159,7 @@ def _joint_and_wheel(name: str, counts: int, unit: float, velocity: float, turns
         full_pwm=0,
         homing_limit=0,
         fast_read_since=None,
+        has_watchdog=False,
     )
 
 

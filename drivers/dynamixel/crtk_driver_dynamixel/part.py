@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import defaultdict
 from collections.abc import Sequence
 from typing import Final, NamedTuple, TypeVar
 
@@ -21,6 +20,7 @@ from crtk_driver_dynamixel import registers
 from crtk_driver_dynamixel.chain_link import ChainLink
 from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.confirmed import make_sure
+from crtk_driver_dynamixel.goals import SentGoals
 from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.modes import BY_HAND, Modes
 from crtk_driver_dynamixel.preparation import recover, set_up
@@ -74,9 +74,6 @@ class Part:
         self._chain = link.chain.part(joints)
         self.places = link.chain.places_of(joints)
         self._index = np.array(self.places)
-        self._commanded = np.array(
-            [i for i, p in enumerate(self.places) if link.chain.servos[p].follow == "goals"]
-        )
         self._has_profile = any(
             link.chain.servos[place].config.profile_velocity > 0.0 for place in self.places
         )
@@ -91,8 +88,7 @@ class Part:
         self._fault = ""
         self._is_free = False
         self._stop = threading.Event()
-        self._goals: Counts | None = None
-        self._goal_registers: dict[Kind, list[tuple[str, NDArray[np.int64]]]] = {}
+        self._sent = SentGoals(link, self._modes, self.places)
 
     @property
     def goals(self) -> Counts | None:
@@ -101,7 +97,7 @@ class Part:
         None without a profile, and as long as it is not known.
         """
         holds = self.kind is Kind.POSITION and not self._is_free and self.takes_setpoints
-        return self._goals if holds and self._has_profile else None
+        return self._sent.positions if holds and self._has_profile else None
 
     @property
     def chain(self) -> Chain:
@@ -115,6 +111,11 @@ class Part:
     def takes_setpoints(self) -> bool:
         """Whether a setpoint takes effect at once: no change of mode and no stop is under way."""
         return self._work is None and not self._stop.is_set()
+
+    @property
+    def stop_time(self) -> float:
+        """Seconds in which the servos stand after they were told to stop, mode and all."""
+        return self._stopping.time + SETTLE_TIME
 
     @property
     def has_stopped(self) -> bool:
@@ -131,6 +132,7 @@ class Part:
     def take_over(self) -> None:
         """The chain was opened: take the servos as they are, holding in some mode or without torque."""
         self._forget()
+        self._sent.forget()
         self.kind = None
         self._armed = False
         self._stopping.unconfirmed = ()
@@ -178,7 +180,17 @@ class Part:
                 found.append(
                     f"{self._name(place)}: its torque is off, perhaps it was without power"
                 )
+            elif self._was_reset(place):
+                found.append(f"{self._name(place)}: it was reset, perhaps it was without power")
         return "; ".join(found)
+
+    def _was_reset(self, place: int) -> bool:
+        """Whether registers of a servo are as after a start, though it was set up otherwise."""
+        health, values = self._link.health[place], self._link.states[place].values
+        if health.watchdog == 0 and self._armed and self._config.watchdog:
+            return True
+        level = values.get("status_return_level", health.return_level)
+        return health.return_level is not None and health.return_level != level
 
     def _name(self, place: int) -> str:
         return self._link.chain.servos[place].place
@@ -198,6 +210,9 @@ class Part:
             self._is_stopping = True
             self._work = self._come_to_rest()
             self._go_on(self._work)
+        if self._work is None and not self._fault:
+            here = self.own(self._frame.position)
+            self._fault = self._sent.refused() or self._sent.stuck(here)
 
     def _go_on(self, work: Steps) -> None:
         try:
@@ -214,7 +229,7 @@ class Part:
     def send(self, kind: Kind, counts: Counts) -> None:
         """Send goals (servos of this part,), after a change of mode if they need one."""
         if self._work is None and kind is self.kind:
-            self._write_goals(kind, counts)
+            self._sent.send(kind, counts)
             return
         self._pending = _Pending(kind, counts)
         if self._work is None:
@@ -238,7 +253,11 @@ class Part:
         Raises:
             DeviceFault: one does not change its mode; it has stopped before.
         """
-        stopping, held = self._stopping, self._held()
+        stopping = self._stopping
+        here = self.own(self._frame.position)
+        held = self._sent.held(here, where_they_are=self._has_profile)
+        if not held:
+            self._sent.forget()
         # A change of mode would take the torque away, and may not come to its end.
         may_switch = self.kind is not Kind.VELOCITY or not self._is_troubled()
         is_ours = self.kind is not None and not self._is_free
@@ -271,18 +290,6 @@ class Part:
         servos = (self._link.chain.servos[place] for place in self.places)
         return all(servo.takes_velocities for servo in servos)
 
-    def _held(self) -> dict[int, int]:
-        """Return the goals of servos in position mode that are not where they are on the way to now."""
-        if self.kind is not Kind.POSITION or self._is_free:
-            return {}
-        here = self.own(self._frame.position)
-        if self._has_profile:
-            # The servos may be far behind their goals.
-            self._goals = here
-        if self._goals is None:
-            return {}
-        return {self.places[i]: int(self._goals[i]) for i in self._commanded.tolist()}
-
     def _answering(self) -> list[int]:
         """Return the servos that answer and have no error: those that do what they are told."""
         gone = {*self.silent(self._frame, time.monotonic()), *self._broken()}
@@ -293,22 +300,6 @@ class Part:
 
     def _broken(self) -> list[int]:
         return [place for place in self.places if self._link.health[place].error_text]
-
-    def _write_goals(self, kind: Kind, counts: Counts) -> None:
-        self._goals = counts if kind is Kind.POSITION else None
-        for register, index in self._registers(kind):
-            self._link.send(register, [self.places[i] for i in index], counts[index])
-
-    def _registers(self, kind: Kind) -> Sequence[tuple[str, NDArray[np.int64]]]:
-        """Return the registers that setpoints of a kind go to, each with the servos of this part."""
-        found = self._goal_registers.get(kind)
-        if found is None:
-            by_name: dict[str, list[int]] = defaultdict(list)
-            for i in self._commanded.tolist():
-                by_name[self._modes.goal_register(self.places[i], kind)].append(i)
-            found = [(name, np.array(index)) for name, index in by_name.items()]
-            self._goal_registers[kind] = found
-        return found
 
     @property
     def _frame(self) -> Frame:
@@ -375,7 +366,8 @@ class Part:
         """
         if self.kind is not None:
             self._stopping.write(self.places)
-        self.kind = self._goals = None
+        self.kind = None
+        self._sent.forget()
         self._is_free = False
         try:
             yield from make_sure(self._link, self._each({"torque_enable": 0}))
@@ -396,6 +388,7 @@ class Part:
             DeviceFault: a servo keeps its torque.
         """
         self._is_free = True
+        self._sent.forget()
         yield from make_sure(self._link, self._each({"torque_enable": 0}))
         while True:
             yield
@@ -403,7 +396,8 @@ class Part:
     def let_go(self) -> None:
         """Take the torque away now; the next cycles make sure of those that answer."""
         self._link.write_values(self._each({"torque_enable": 0}))
-        self.kind = self._pending = self._goals = None
+        self.kind = self._pending = None
+        self._sent.forget()
         self._is_free = self._is_stopping = False
         gone = self.silent(self._frame, time.monotonic())
         held = {place: {"torque_enable": 0} for place in self.places if place not in gone}
@@ -462,6 +456,7 @@ class Part:
 
     def _switch(self, kind: Kind, places: Sequence[int] | None = None) -> Steps:
         """Bring servos, all unless told otherwise, into the mode for a kind of setpoints."""
-        self.kind = self._goals = None
+        self.kind = None
+        self._sent.forget()
         yield from self._modes.switch(kind, self.places if places is None else places)
         self.kind = kind

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -30,12 +30,17 @@ MEASURED: Final[Mapping[str, Sequence[str]]] = {
 """What is read in each cycle, and the names that models have for it."""
 
 SLOW: Final[Sequence[dict[str, Sequence[str]]]] = (
-    {"torque": ("torque_enable",), "hardware_error": ("hardware_error_status",)},
+    {
+        "torque": ("torque_enable",),
+        "return_level": ("status_return_level",),
+        "hardware_error": ("hardware_error_status",),
+    },
     {"watchdog": ("bus_watchdog",)},
     {
         "voltage": ("present_input_voltage", "present_voltage"),
         "temperature": ("present_temperature",),
     },
+    {name: (name,) for name in ("goal_pwm", "goal_current", "goal_velocity", "goal_position")},
 )
 """What is read now and then, one group at a time; of each what a model has."""
 
@@ -73,7 +78,10 @@ class Health:
         protocol: of the servo, which decides what the bits of `hardware_error` mean.
         hardware_error: bits of Hardware Error Status (70); of every status in protocol 1.0.
         torque: whether Torque Enable (64) is on; None if not known.
-        tripped: the bus watchdog has stopped it.
+        watchdog: what Bus Watchdog (98) holds: -1, it has stopped the servo; None if not known.
+        return_level: Status Return Level (68); None if not known.
+        goals: what its goal registers hold, by name.
+        goals_read: times that these were read.
         hottest: degrees Celsius at which it stops; NaN if not known.
         voltage: V; NaN if not known.
         temperature: degrees Celsius; NaN if not known.
@@ -82,10 +90,18 @@ class Health:
     protocol: int = 2
     hardware_error: int = 0
     torque: bool | None = None
-    tripped: bool = False
+    watchdog: int | None = None
+    return_level: int | None = None
     voltage: float = math.nan
     temperature: float = math.nan
     hottest: float = math.nan
+    goals: dict[str, int] = field(default_factory=dict)
+    goals_read: int = 0
+
+    @property
+    def tripped(self) -> bool:
+        """Whether the bus watchdog has stopped it."""
+        return self.watchdog is not None and self.watchdog < 0
 
     @property
     def error_text(self) -> str:
@@ -105,8 +121,11 @@ class Health:
             self.torque = bool(values["torque"])
         if "hardware_error" in values:
             self.hardware_error = values["hardware_error"]
-        if "watchdog" in values:
-            self.tripped = values["watchdog"] < 0
+        self.watchdog = values.get("watchdog", self.watchdog)
+        self.return_level = values.get("return_level", self.return_level)
+        if "goal_position" in values:
+            self.goals = {name: value for name, value in values.items() if name.startswith("goal_")}
+            self.goals_read += 1
         if "voltage" in values:
             self.voltage = 0.1 * values["voltage"]
         if "temperature" in values:

@@ -24,6 +24,9 @@ TIME_BASED: Final = 0x04
 TORQUE_ON_BY_GOAL: Final = 0x08
 """Bits of Drive Mode (10): counting the other way, profiles by time instead of velocity, and torque that
 comes on by itself with a goal, which would undo `disable`."""
+TORQUE_ON_AT_START: Final = 0x01
+"""Bit of Startup Configuration (60): a servo whose supply dips would come back with torque, without watchdog
+and gains, and follow the goals of a driver that has not noticed."""
 NO_SECONDARY_ID: Final = 255
 WATCHDOG_STEP: Final = 0.02
 """Unit of Bus Watchdog (98), in s."""
@@ -76,6 +79,7 @@ def eeprom(
         ("drive_mode", drive_mode, REVERSE | TIME_BASED | TORQUE_ON_BY_GOAL),
         ("secondary_id", first.id if follows else NO_SECONDARY_ID, None),
         ("return_delay_time", _return_delay(config), None),
+        ("startup_configuration", 0, TORQUE_ON_AT_START),
         ("homing_offset", None if calibration is None else calibration.homing_offset, None),
     ]
     return tuple(_settings(table, wanted))

@@ -41,6 +41,7 @@ _FOUND: Final = (
     "velocity_limit",
     "max_position_limit",
     "min_position_limit",
+    "startup_configuration",
     "torque_enable",
     "hardware_error_status",
     "bus_watchdog",

@@ -265,6 +265,7 @@ class DynamixelServer:
                 "outputs": self._outputs,
                 "trace": self._trace_after,
                 "place": self._place,
+                "write": self._write,
             },
             self._secret,
         )
@@ -307,20 +308,30 @@ class DynamixelServer:
 
     def _place(self, id: int, angle: float, bus: int = 1) -> None:
         """Put the joint of a servo somewhere by hand: angle of its horn from the middle, rad."""
-        if not 1 <= bus <= len(self._lines):
-            raise ValueError(f"there is no bus {bus}, only {len(self._lines)}")
         if not math.isfinite(angle):
             raise ValueError("angle must be finite")
+        servo = self._servo(bus, id)
+        self._advance()
+        servo.joint.angle = servo.drive.mount * float(angle)
+        servo.joint.velocity = 0.0
+        servo.joint.wake()
+        self._advance()
+
+    def _write(self, id: int, address: int, data: str, bus: int = 1) -> None:
+        """Put bytes (hexadecimal) into the registers of a servo, as another program would have."""
+        servo = self._servo(bus, id)
+        self._advance()
+        servo.poke(address, bytes.fromhex(data))
+
+    def _servo(self, bus: int, id: int) -> Servo:
+        if not 1 <= bus <= len(self._lines):
+            raise ValueError(f"there is no bus {bus}, only {len(self._lines)}")
         servos = {servo.number: servo for servo in self._lines[bus - 1].bus.servos}
         if id not in servos:
             raise ValueError(
                 f"no servo has the id {id} on bus {bus}: {', '.join(map(str, servos))}"
             )
-        self._advance()
-        servos[id].joint.angle = servos[id].drive.mount * float(angle)
-        servos[id].joint.velocity = 0.0
-        servos[id].joint.wake()
-        self._advance()
+        return servos[id]
 
     def _outputs(self, names: list[str]) -> dict[str, Any]:
         """State of servos; a name is ``bus1/7``."""

@@ -145,6 +145,24 @@ class Servo(ABC):
         self._store(runs, registers, time)
         return Error.NONE
 
+    def poke(self, address: int, data: bytes) -> None:
+        """Put whole registers into memory, whatever its rules say.
+
+        Raises:
+            ValueError: they are not whole ones, or not within their bounds.
+        """
+        at, found = address, []
+        while at < address + len(data):
+            register = self.table.at[at] if 0 <= at < self.table.size else None
+            if register is None or register.address != at or register.end > address + len(data):
+                raise ValueError(f"no register is from {at} on within these {len(data)} bytes")
+            value = register.decode(data[at - address : register.end - address])
+            if not register.low <= value <= register.high:
+                raise ValueError(f"{register.name} takes {register.low} to {register.high}")
+            found.append(register)
+            at = register.end
+        self._store([(address, data)], found, self.joint.time)
+
     def _store(self, runs: Run, registers: list[Register], time: float) -> None:
         for at, piece in runs:
             self.memory[at : at + len(piece)] = piece

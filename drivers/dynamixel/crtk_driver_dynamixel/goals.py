@@ -1,0 +1,159 @@
+"""The goals that servos were sent: whether they have taken them, and are on their way to them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crtk_driver_dynamixel.chain_link import ChainLink
+from crtk_driver_dynamixel.config import JointConfig
+from crtk_driver_dynamixel.joints import ChainServo
+from crtk_driver_dynamixel.modes import Modes
+from crtk_driver_dynamixel.units import Counts
+from crtk_drivers.commands import Kind
+
+__all__ = ["SentGoals"]
+
+MOST_REFUSED: Final = 3
+"""Times in a row that a servo may be found with another goal than it was sent."""
+STUCK_TIME: Final = 1.0
+"""Seconds for which a servo may stand far from its goal."""
+
+
+class _Sent(NamedTuple):
+    """One goal register: the servos of a part that have it, and their counts."""
+
+    register: str
+    index: NDArray[np.int64]
+    counts: Counts
+
+
+class SentGoals:
+    """What some servos of a chain were sent last.
+
+    Args:
+        link: to the chain.
+        modes: which they have.
+        places: of the servos.
+
+    Attributes:
+        positions: (servos,) counts, None if it is not known where they are sent to.
+    """
+
+    def __init__(self, link: ChainLink, modes: Modes, places: Sequence[int]) -> None:
+        self._link = link
+        self._modes = modes
+        self._places = tuple(places)
+        servos = [link.chain.servos[place] for place in places]
+        self._commanded = np.array([servo.follow == "goals" for servo in servos])
+        self._reach = np.array([_reach(servo) for servo in servos])
+        self._registers: dict[Kind, list[tuple[str, NDArray[np.int64]]]] = {}
+        self._sent: list[_Sent] = []
+        self._read = [0] * len(servos)
+        self._refused = [0] * len(servos)
+        self._far_since = math.inf
+        self.positions: Counts | None = None
+
+    def forget(self) -> None:
+        """They have other goals now."""
+        self._sent = []
+        self._refused = [0] * len(self._places)
+        self.positions = None
+
+    def send(self, kind: Kind, counts: Counts) -> None:
+        """Send goals (servos,)."""
+        self._remember(kind, counts)
+        self._send()
+
+    def _remember(self, kind: Kind, counts: Counts) -> None:
+        self.positions = counts if kind is Kind.POSITION else None
+        self._sent = [_Sent(name, index, counts[index]) for name, index in self._of_kind(kind)]
+
+    def _send(self) -> None:
+        for register, index, counts in self._sent:
+            self._link.send(register, [self._places[i] for i in index], counts)
+
+    def _of_kind(self, kind: Kind) -> list[tuple[str, NDArray[np.int64]]]:
+        """Return the registers that setpoints of a kind go to, each with the servos that are sent them."""
+        found = self._registers.get(kind)
+        if found is None:
+            by_name: dict[str, list[int]] = defaultdict(list)
+            for i in np.flatnonzero(self._commanded).tolist():
+                by_name[self._modes.goal_register(self._places[i], kind)].append(i)
+            found = [(name, np.array(index)) for name, index in by_name.items()]
+            self._registers[kind] = found
+        return found
+
+    def held(self, here: Counts, *, where_they_are: bool) -> dict[int, int]:
+        """Return goals, by place, that hold servos in position mode: where they were sent, or where they are.
+
+        Args:
+            here: (servos,) present positions.
+            where_they_are: all of them; otherwise those that are far from their goals: one that is blocked
+                would jump when it comes free.
+        """
+        if self.positions is None:
+            return {}
+        is_far = np.abs(self.positions - here) > self._reach
+        self._remember(
+            Kind.POSITION, here if where_they_are else np.where(is_far, here, self.positions)
+        )
+        return {
+            self._places[i]: int(self.positions[i])
+            for i in np.flatnonzero(self._commanded).tolist()
+        }
+
+    def refused(self) -> str:
+        """Compare what servos hold, read now and then, with what was sent, and send it again if it differs.
+
+        Returns:
+            which servo does not take its goals, in words; empty while all do.
+        """
+        lost = False
+        for register, index, counts in self._sent:
+            for i, count in zip(index.tolist(), counts.tolist(), strict=True):
+                health = self._link.health[self._places[i]]
+                if health.goals_read == self._read[i]:
+                    continue
+                self._read[i] = health.goals_read
+                held = health.goals.get(register, count)
+                self._refused[i] = 0 if held == count else self._refused[i] + 1
+                lost = lost or held != count
+                if self._refused[i] == MOST_REFUSED:
+                    name = self._link.chain.servos[self._places[i]].place
+                    return f"{name} does not take its goals: {register} is {held}, and {count} was sent"
+        if lost:
+            self._send()
+        return ""
+
+    def stuck(self, here: Counts) -> str:
+        """Return which servos have stood far from their goals for a while, in words; empty if none.
+
+        Args:
+            here: (servos,) present positions.
+        """
+        far: list[int] = []
+        if self.positions is not None:
+            off = (np.abs(self.positions - here) > self._reach) & self._commanded
+            far = [self._places[i] for i in np.flatnonzero(off).tolist()]
+        far = [place for place in far if self._link.rests(place)]
+        now = time.monotonic()
+        self._far_since = min(self._far_since, now) if far else math.inf
+        if now - self._far_since <= STUCK_TIME:
+            return ""
+        names = ", ".join(self._link.chain.servos[place].place for place in far)
+        return f"{names} does not follow: it stands far from where it was sent"
+
+
+def _reach(servo: ChainServo) -> float:
+    """Return how far a servo may be from its goal, in counts; inf if something may be in its way."""
+    own, unit = servo.config, servo.units.model.family.position_unit
+    if not isinstance(own, JointConfig) or own.yields:
+        return math.inf
+    return own.following_error * own.gear / unit
