@@ -15,9 +15,7 @@ from crtk_driver_dynamixel.calibration import (
     ServoCalibration,
     calibrate,
     load_calibration,
-    load_positions,
     save_calibration,
-    save_positions,
     turn_shift,
     unshifted,
 )
@@ -185,16 +183,6 @@ def test_files_that_are_none(tmp_path: Path, text: str, message: str) -> None:
 def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"none/arm\.yaml: cannot be written"):
         save_calibration(tmp_path / "none" / "arm.yaml", Calibration(servos=()))
-
-
-def test_positions_are_kept(tmp_path: Path) -> None:
-    path = tmp_path / "turns.yaml"
-    assert load_positions(path) == {}
-    save_positions(path, {"waist": 7.5, "lift": -12.25})
-    assert load_positions(path) == {"waist": 7.5, "lift": -12.25}
-    path.write_text("positions: {waist: .nan}\n")
-    with pytest.raises(ConfigError, match=r"positions\.waist: must be a finite number"):
-        load_positions(path)
 
 
 @given(

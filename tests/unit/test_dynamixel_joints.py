@@ -11,6 +11,7 @@ import pytest
 from crtk_driver_dynamixel.calibration import Calibration, ServoCalibration
 from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.joints import Chain
+from crtk_driver_dynamixel.turns import Turns
 from crtk_drivers.config import from_values, load
 from crtk_drivers.errors import ConfigError
 
@@ -213,11 +214,12 @@ def test_turns_are_found_for_the_whole_chain() -> None:
     with pytest.raises(ConfigError, match="may be in any of 15 turns") as caught:
         arm.turn_shifts(counts)
     assert caught.value.where == "joint winch (servo 3 on main)"
-    shifts = arm.turn_shifts(counts, {"winch": 18.5})
+    found = arm.turn_shifts(counts, Turns(clean=True, positions={"winch": 18.5}))
+    shifts = {place: turn.shift for place, turn in found.items()}
     assert shifts == {0: 4096, 2: -3 * 4096, 3: -4096}
-    found = arm.with_shifts(shifts).scaling.position.to_si(counts)
+    positions = arm.with_shifts(shifts).scaling.position.to_si(counts)
     unit = math.tau / 4096
-    np.testing.assert_allclose(found, [0.0, 0.0, 3 * math.tau + 100 * unit, 0.0], atol=1e-9)
+    np.testing.assert_allclose(positions, [0.0, 0.0, 3 * math.tau + 100 * unit, 0.0], atol=1e-9)
 
 
 def test_registers_limit_what_a_servo_is_asked_for() -> None:

@@ -30,11 +30,10 @@ __all__ = [
     "ServoCalibration",
     "calibrate",
     "load_calibration",
-    "load_positions",
     "save_calibration",
-    "save_positions",
     "turn_shift",
     "unshifted",
+    "write_whole",
 ]
 
 Identity = tuple[str, str, int, str]
@@ -232,7 +231,7 @@ def save_calibration(path: Path | str, calibration: Calibration) -> None:
         ConfigError: it cannot be written.
     """
     head = "# Calibration of a chain of DYNAMIXEL servos. Counts; see docs/dynamixel.md.\n"
-    _write(Path(path), head, calibration.model_dump(mode="json"))
+    write_whole(Path(path), head, calibration.model_dump(mode="json"))
 
 
 def load_calibration(path: Path | str) -> Calibration:
@@ -244,32 +243,12 @@ def load_calibration(path: Path | str) -> Calibration:
     return load(Calibration, from_file(Path(path)))
 
 
-class _Positions(Settings):
-    positions: dict[str, float] = Field(description="Joint positions in rad, by name.")
-
-
-def save_positions(path: Path | str, positions: Mapping[str, float]) -> None:
-    """Write where joints are, for the next start.
+def write_whole(path: Path, head: str, values: object) -> None:
+    """Write a file of YAML; it is replaced as a whole or not at all.
 
     Raises:
         ConfigError: it cannot be written.
     """
-    head = "# Where the joints were when the power may have gone, in rad.\n"
-    _write(Path(path), head, {"positions": dict(positions)})
-
-
-def load_positions(path: Path | str) -> Mapping[str, float]:
-    """Read what `save_positions` wrote; nothing if there is no such file yet.
-
-    Raises:
-        ConfigError: not such a file; with its line.
-    """
-    if not Path(path).exists():
-        return {}
-    return load(_Positions, from_file(Path(path))).positions
-
-
-def _write(path: Path, head: str, values: object) -> None:
     new = path.with_name(f"{path.name}.new")
     try:
         new.write_text(head + yaml.safe_dump(values, sort_keys=False), encoding="utf-8")

@@ -12,7 +12,6 @@ import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -22,8 +21,6 @@ from crtk_driver_dynamixel.blocks import BlockReads, Member, values_of
 from crtk_driver_dynamixel.bus import Bus
 from crtk_driver_dynamixel.calibration import (
     Calibration,
-    load_positions,
-    save_positions,
     unshifted,
 )
 from crtk_driver_dynamixel.config import DynamixelConfig
@@ -40,6 +37,7 @@ from crtk_driver_dynamixel.readings import HEALTH, MEASURED, SLOW, Frame, Health
 from crtk_driver_dynamixel.registers import WATCHDOG_STEP
 from crtk_driver_dynamixel.replies import ServoCorrupt, ServoRefused, ServoSilent
 from crtk_driver_dynamixel.servo_state import ServoState, Values, runs
+from crtk_driver_dynamixel.turns import Placed, Turns, TurnsFile, has_turned
 from crtk_driver_dynamixel.units import Counts, encoded
 from crtk_drivers.errors import ConfigError, ConnectionFailed, ConnectionLost
 from crtk_drivers.samples import Stamp
@@ -82,6 +80,7 @@ class ChainLink:
 
     Attributes:
         calibrated: by bus and id.
+        doubts: why it is not known which turn a servo is in, by its place.
     """
 
     def __init__(
@@ -104,6 +103,9 @@ class ChainLink:
         self._shifts: dict[int, int] = {}
         self._homing: dict[int, int] = {}
         self._placed = False
+        self._turns = TurnsFile(config.turns) if config.turns else None
+        self._kept: Turns | None = None
+        self.doubts: dict[int, str] = {}
         self._turning = np.array(
             [
                 place
@@ -152,7 +154,7 @@ class ChainLink:
             bus.open()
             self._buses[name] = bus
         self.chain = self._configured
-        self._shifts, self._homing, self._placed = {}, {}, False
+        self._shifts, self._homing, self._placed, self.doubts = {}, {}, False, {}
         self.health = [Health(protocol=servo.protocol) for servo in self.chain.servos]
         self.states = []
         missing = []
@@ -242,24 +244,54 @@ class ChainLink:
                 where=self.address,
                 remedy="Set fast_read to false, or raise latency_budget.",
             )
-        turns = self._config.turns
         self._homing = {place: self._other_homing(place) for place in range(len(self.states))}
         counts = [count - self._homing[i] for i, count in enumerate(frame.position.tolist())]
         try:
-            if turns and not Path(turns).exists():
-                logger.warning(
-                    "%s: %s does not exist yet: joints are taken to be in the turn that they count",
-                    self.address,
-                    turns,
-                )
-                shifts: Mapping[int, int] = {}
+            known = None if self._turns is None else self._turns.load()
+            if self._turns is not None and known is None:
+                found = self._first_turns()
             else:
-                last = load_positions(turns) if turns else None
-                shifts = self._configured.turn_shifts(counts, last)
+                found = self._configured.turn_shifts(counts, known, self._has_run_on)
         except ConfigError as error:
             raise ConnectionFailed(error.message, where=error.where, remedy=error.remedy) from error
-        self._shift({place: shifts.get(place, 0) + other for place, other in self._homing.items()})
+        self._shift(
+            {
+                place: (found[place].shift if place in found else 0) + other
+                for place, other in self._homing.items()
+            }
+        )
+        self.doubts = {
+            place: f"{self.chain.servos[place].place} may be in another turn: {turn.doubt}"
+            for place, turn in found.items()
+            if turn.doubt
+        }
+        for doubt in self.doubts.values():
+            logger.warning("%s: %s", self.address, doubt)
         self._placed = True
+        self._open_turns()
+
+    def _first_turns(self) -> dict[int, Placed]:
+        """Return where servos are of which nothing was kept yet: where they count."""
+        doubt = f"{self._config.turns} does not exist yet, and it is taken to be in the turn that it counts"
+        return {place: Placed(0, doubt) for place in self._turning.tolist()}
+
+    def _has_run_on(self, place: int) -> bool:
+        """Whether a servo has had its power since a driver enabled it: its bus watchdog is set."""
+        return self.states[place].values.get("bus_watchdog", 0) != 0
+
+    def trust(self, places: Iterable[int]) -> None:
+        """Take these servos to be in the turns that they are believed to be in."""
+        for place in places:
+            self.doubts.pop(place, None)
+        self._keep_turns()
+
+    def distrust(self, places: Iterable[int]) -> None:
+        """Take these servos, if they have more than one turn, as not homed."""
+        turning = set(self._turning.tolist())
+        for place in turning.intersection(places):
+            name = self.chain.servos[place].place
+            self.doubts[place] = f"{name} may be in another turn: its position was given up"
+        self._keep_turns()
 
     def _other_homing(self, place: int) -> int:
         """Return the counts by which the homing offset in a servo is another than that of the calibration."""
@@ -278,20 +310,63 @@ class ChainLink:
         placed = self._configured.with_shifts(self._shifts)
         self.chain = placed.with_registers([state.values for state in self.states])
 
-    def _keep_turns(self) -> None:
-        frame = self.frame
-        if not self._config.turns or not self._placed or frame is None or not frame.valid.all():
+    def _open_turns(self) -> None:
+        """Mark the file as not clean, before anything can move."""
+        if self._turns is None:
             return
-        positions = self.chain.positions(self.chain.scaling.position.to_si(frame.position))
         try:
-            save_positions(
-                self._config.turns, dict(zip(self.chain.names, positions.tolist(), strict=True))
-            )
+            self._kept = self._turns_now(clean=False)
+            self._turns.save(self._kept)
+        except ConfigError as error:
+            raise ConnectionFailed(error.message, where=error.where, remedy=error.remedy) from error
+
+    def _turns_now(self, *, clean: bool) -> Turns:
+        frame = self.frame
+        assert frame is not None
+        positions = self.chain.positions(self.chain.scaling.position.to_si(frame.position))
+        shifts = {
+            self.chain.servos[place].key: self._shifts.get(place, 0) - self._homing[place]
+            for place in self._turning.tolist()
+        }
+        named = dict(zip(self.chain.names, positions.tolist(), strict=True))
+        return Turns(clean=clean, positions=named, shifts=shifts)
+
+    def _keep_turns(self) -> None:
+        if self._turns is not None and self._placed:
+            self._kept = self._turns_now(clean=False)
+            self._turns.keep(self._kept)
+
+    def _follow_positions(self) -> None:
+        """Keep where joints are, once one has turned far enough."""
+        if self._turns is None or self._kept is None:
+            return
+        frame, servos = self.frame, self.chain.servos
+        assert frame is not None
+        for place in self._turning.tolist():
+            units = servos[place].units
+            now = units.position(int(frame.position[place]))
+            if servos[place].is_first and has_turned(
+                units, self._kept.positions[servos[place].name], now
+            ):
+                self._keep_turns()
+                return
+
+    def _close_turns(self) -> None:
+        """Mark the file as clean, if all is known."""
+        turns, self._kept = self._turns, None
+        if turns is None or not self._placed or not turns.end():
+            return
+        frame = self.frame
+        if self.doubts or frame is None or not frame.valid.all():
+            return
+        try:
+            turns.save(self._turns_now(clean=True))
         except ConfigError as error:
             logger.warning("%s: %s", self.address, error)
 
     def _close(self) -> None:
-        self._keep_turns()
+        self._close_turns()
+        self._placed = False
         buses, self._buses = self._buses, {}
         for bus in buses.values():
             bus.close()
@@ -406,6 +481,7 @@ class ChainLink:
         self.read_health(np.flatnonzero(valid & (before.seen < middle - GAP)).tolist())
         if ended >= self._slow_due:
             self._read_slow(ended)
+            self._follow_positions()
         return self.frame
 
     def _follow_turns(self, before: Frame, frame: Frame) -> None:

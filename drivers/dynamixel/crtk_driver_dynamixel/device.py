@@ -269,6 +269,21 @@ class _ChainDevice(Device):
         """Take the torque away, so that the joints can be moved by hand."""
         yield from self.part.free()
 
+    @property
+    def is_homed(self) -> bool:
+        """See the base class: it is known in which turn every servo is."""
+        return not self.part.doubts
+
+    def home(self) -> Steps:
+        """Take the joints to be where `measured_js` says: somebody has looked. Nothing moves."""
+        yield from ()
+        self.part.trust()
+
+    def unhome(self) -> Steps:
+        """Take the turns as not known."""
+        yield from ()
+        self.part.distrust()
+
     # ------------------------------------------------------------------------------------------- told
 
     @property
@@ -283,6 +298,7 @@ class _ChainDevice(Device):
 
     def _notes(self) -> list[Note]:
         notes = [Note(Severity.WARNING, "latency timer", text) for text in self.link.remedies]
+        notes += [Note(Severity.WARNING, "not homed", text) for text in self.part.doubts]
         for place in self.part.places:
             health, servo = self.link.health[place], self.link.chain.servos[place]
             if health.error_text:
@@ -311,6 +327,7 @@ class _ChainDevice(Device):
             limits=limits,
             modes=frozenset(modes),
             estimates=estimates,
+            needs_homing=self.part.turning,
             has_free=True,
             integrates_twists=True,
             stops_between_modes=True,

@@ -8,7 +8,7 @@ other: ``(joints,)`` or ``(servos,)``.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -24,6 +24,7 @@ from crtk_driver_dynamixel.config import (
     ShadowConfig,
 )
 from crtk_driver_dynamixel.models import OperatingMode, model_named
+from crtk_driver_dynamixel.turns import Placed, Turns, placed
 from crtk_driver_dynamixel.units import Scaling, Servo
 from crtk_drivers.device import JointLimits
 from crtk_drivers.errors import ConfigError
@@ -69,6 +70,11 @@ class ChainServo:
     def place(self) -> str:
         """For messages: ``joint elbow (servo 3 on main)``."""
         return f"joint {self.name} (servo {self.id} on {self.bus})"
+
+    @property
+    def key(self) -> str:
+        """For files: ``main/3``."""
+        return f"{self.bus}/{self.id}"
 
     @property
     def has_watchdog(self) -> bool:
@@ -258,31 +264,37 @@ class Chain:
         return replace(self, servos=servos, scaling=Scaling.of([servo.units for servo in servos]))
 
     def turn_shifts(
-        self, counts: Sequence[int], last: Mapping[str, float] | None = None
-    ) -> Mapping[int, int]:
-        """Return the whole turns by which servos are elsewhere than they count, for `with_shifts`.
+        self,
+        counts: Sequence[int],
+        known: Turns | None = None,
+        has_run_on: Callable[[int], bool] = lambda place: False,
+    ) -> Mapping[int, Placed]:
+        """Return where servos of more than one turn are, by their place.
 
         Args:
-            counts: present positions (servos,) after the power was off.
-            last: positions of joints before it went, by name (the gripper's: angle of its servo).
+            counts: present positions (servos,) after the power may have been off.
+            known: what was kept of them (of the gripper the angle of its servo).
+            has_run_on: whether a servo, by its place, has had its power all along.
 
         Raises:
             ConfigError: which turn a servo is in cannot be told; see `calibration.turn_shift`.
         """
-        known = {} if last is None else last
-        shifts = {}
-        for place, (servo, count) in enumerate(zip(self.servos, counts, strict=True)):
-            if servo.units.mode is not OperatingMode.POSITION:
-                lower, upper = servo_range(servo.config)
-                try:
-                    shifts[place] = turn_shift(
-                        servo.units, count, lower, upper, known.get(servo.name)
-                    )
-                except ConfigError as error:
-                    raise ConfigError(
-                        error.message, where=servo.place, remedy=error.remedy
-                    ) from None
-        return shifts
+        found = {}
+        for at, (servo, count) in enumerate(zip(self.servos, counts, strict=True)):
+            if servo.units.mode is OperatingMode.POSITION:
+                continue
+            if known is not None and servo.name in known.positions:
+                last, shift = known.positions[servo.name], known.shifts.get(servo.key)
+                found[at] = placed(
+                    servo.units, count, last, shift, clean=known.clean, has_run_on=has_run_on(at)
+                )
+                continue
+            lower, upper = servo_range(servo.config)
+            try:
+                found[at] = Placed(turn_shift(servo.units, count, lower, upper))
+            except ConfigError as error:
+                raise ConfigError(error.message, where=servo.place, remedy=error.remedy) from None
+        return found
 
     def with_registers(self, read: Sequence[Mapping[str, int]]) -> Chain:
         """Return the same, which never asks a servo for more than its registers and its configuration allow.

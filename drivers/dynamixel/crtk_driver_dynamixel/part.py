@@ -22,6 +22,7 @@ from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.confirmed import make_sure
 from crtk_driver_dynamixel.goals import SentGoals
 from crtk_driver_dynamixel.joints import Chain
+from crtk_driver_dynamixel.models import OperatingMode
 from crtk_driver_dynamixel.modes import BY_HAND, Modes
 from crtk_driver_dynamixel.preparation import recover, set_up
 from crtk_driver_dynamixel.readings import Frame
@@ -111,6 +112,18 @@ class Part:
     def takes_setpoints(self) -> bool:
         """Whether a setpoint takes effect at once: no change of mode and no stop is under way."""
         return self._work is None and not self._stop.is_set()
+
+    @property
+    def turning(self) -> bool:
+        """Whether a file says which turns these servos are in."""
+        servos = (self._link.chain.servos[place] for place in self.places)
+        has_turns = any(servo.units.mode is not OperatingMode.POSITION for servo in servos)
+        return has_turns and bool(self._config.turns)
+
+    @property
+    def doubts(self) -> list[str]:
+        """Of which servos it is not known which turn they are in, and why."""
+        return [text for place, text in self._link.doubts.items() if place in self.places]
 
     @property
     def stop_time(self) -> float:
@@ -392,6 +405,14 @@ class Part:
         yield from make_sure(self._link, self._each({"torque_enable": 0}))
         while True:
             yield
+
+    def trust(self) -> None:
+        """Take the servos to be in the turns that they are believed to be in."""
+        self._link.trust(self.places)
+
+    def distrust(self) -> None:
+        """Take the servos of more than one turn as not homed."""
+        self._link.distrust(self.places)
 
     def let_go(self) -> None:
         """Take the torque away now; the next cycles make sure of those that answer."""
