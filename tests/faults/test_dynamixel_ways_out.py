@@ -1,5 +1,6 @@
 """How a driver leaves servos that turn, by whatever way it ends, and how the next one finds them."""
 
+import threading
 import time
 
 import pytest
@@ -179,3 +180,25 @@ def test_on_close_power_off(sim):
     with driver_at(sim, {**VALUES, "on_close": "power_off"}):
         pass
     assert all(servo["torque"] for servo in sim.control.outputs().values()), "not enabled: left"
+
+
+@pytest.mark.parametrize("name", MOVING)
+def test_a_stop_does_not_need_the_thread_that_is_stuck(sim, name):
+    """Nor a watchdog of the servos: what the core's own watchdog asks for reaches the line at once."""
+    alone = Alone(sim, watchdog=0.0)
+    device = alone.turning(name)
+    mark = sim.control.status()["instructions"]
+    began = time.monotonic()
+    other = threading.Thread(target=device.stop)
+    other.start()
+    other.join(LONG)
+    assert time.monotonic() - began < 1.0
+    if name == "servo_jv":
+        until_still(sim)
+    else:
+        eventually(lambda: alone.waist["torque_applied"] == 0.0, "it exerts nothing")
+    sent = [entry["code"] for entry in sim.control.trace(after=mark)]
+    assert sent == [SYNC_WRITE] * len(sent), "nothing of the thread of the line"
+    assert not device.has_stopped, "nobody has read it back"
+    device.close()
+    assert device.has_stopped

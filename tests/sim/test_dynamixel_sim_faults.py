@@ -375,5 +375,5 @@ def test_a_wrong_fault_file(tmp_path: Path) -> None:
 
 
 def test_every_kind_has_an_effect() -> None:
-    wire = {*REPLIES, "lost", "late", "silent", "echo", "latency", "stall", "unplug"}
+    wire = {*REPLIES, "lost", "message", "late", "silent", "echo", "latency", "stall", "unplug"}
     assert set(KINDS) == wire | set(BEGIN)

@@ -31,6 +31,7 @@ from dynamixel_bus import (
 from fastcrc import crc16
 
 RESULT_FAIL, INSTRUCTION, CRC, RANGE, LENGTH, LIMIT, ACCESS = range(1, 8)
+MOVING = 122
 CLEAR = hand("01 44 58 4C 22")
 STORE, RESTORE = hand("01 43 54 52 4C"), hand("02 43 54 52 4C")
 CENTRE = hand("00 08 00 00")
@@ -165,8 +166,19 @@ def test_clear_forgets_full_turns_at_rest() -> None:
         within = struct.pack("<i", turned % 4096)
         assert wire.ask(read(1, POSITION, 4), 15) == done(1, 0, within)
         sim.control.inject("push", id=1, torque=1.0)
-        wait_until(lambda: sim.control.status()["servos"]["bus1/1"]["velocity"] > 0.1)
+        wait_until(lambda: sim.control.status()["servos"]["bus1/1"]["velocity"] > 0.5)
         assert wire.ask(instruction(1, 0x10, CLEAR), 11) == done(1, RESULT_FAIL)
+
+
+def test_clear_is_taken_as_soon_as_moving_says_that_it_stands() -> None:
+    with running(servos="1:xm430-w350") as sim, Wire(sim.ttys["bus1"]) as wire:
+        wire.ask(write(1, MODE, b"\x04"), 11)
+        wire.ask(write(1, TORQUE, b"\x01"), 11)
+        for goal in (3000, 2048, 3000):
+            wire.ask(write(1, GOAL_POSITION, struct.pack("<i", goal)), 11)
+            wait_until(lambda: wire.ask(read(1, MOVING, 1), 12) == done(1, 0, b"\x01"))
+            wait_until(lambda: wire.ask(read(1, MOVING, 1), 12) == done(1, 0, b"\x00"))
+            assert wire.ask(instruction(1, 0x10, CLEAR), 11) == done(1)
 
 
 def test_turns_are_lost_at_reboot() -> None:

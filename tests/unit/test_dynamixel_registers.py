@@ -41,6 +41,7 @@ def test_eeprom_of_a_new_servo() -> None:
         "drive_mode": 0,
         "secondary_id": 255,
         "return_delay_time": 0,
+        "startup_configuration": 0,
     }
     assert all(s.item.eeprom for s in eeprom(servo, servo, table, config))
 
@@ -56,6 +57,7 @@ def test_eeprom_of_a_configured_one() -> None:
         "drive_mode": 1,
         "secondary_id": 255,
         "return_delay_time": 10,
+        "startup_configuration": 0,
         "homing_offset": -300,
     }
     other = values(eeprom(servo, servo, table, config, mode=OperatingMode.VELOCITY))

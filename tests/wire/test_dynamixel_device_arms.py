@@ -465,3 +465,65 @@ def test_the_session_has_one_thread_for_arm_and_gripper():
         buses = {engine.device.bus for engine in session.engines}
         assert len(buses) == 1
         session.close()
+
+
+def test_an_xl_320_takes_positions_only_and_has_no_watchdog():
+    values = {**PATIENT, "joints": {"neck": {"id": 1, "model": "xl-320", "velocity": 2.0}}}
+    with dynamixel_bench(values) as bench:
+        assert not hasattr(bench.arm, "servo_jv")
+        stop = bench.device.capabilities.stop
+        assert stop.link_timeout == 0.0
+        assert "goes on to its last goal" in stop.description
+        with bench.nothing_moves():
+            bench.arm.enable()
+            bench.cycles(5)
+        assert bench.arm.move_jp([0.4]).wait(LONG)
+        eventually(lambda: abs(bench.angles()[0] - 0.4) < 0.01, "it is there")
+        bench.sim.control.inject("overload", id=1)
+        bench.until_state("FAULT", "joint neck (servo 1 on main): overload")
+        bench.arm.enable(timeout=LONG)
+        assert bench.torques() == [True]
+
+
+@pytest.mark.parametrize("model", ["xl-320", "ax-12a"])
+def test_a_servo_that_was_left_as_a_wheel(model):
+    """Its torque would turn it on and on: an XL-320 is set up as a joint, and the others are refused."""
+    joint = {"id": 1, "model": model, "velocity": 2.0}
+    with dynamixel_bench({**PATIENT, "joints": {"neck": joint}}) as bench:
+        address, data = (11, "01") if model == "xl-320" else (6, "00000000")
+        bench.sim.control.call("write", id=1, address=address, data=data)
+        with bench.nothing_moves():
+            if model == "xl-320":
+                bench.arm.enable(timeout=LONG)
+            else:
+                with pytest.raises(TransitionFailed, match="wheel"):
+                    bench.arm.enable(timeout=LONG)
+            bench.cycles(5)
+
+
+def test_a_servo_that_answers_no_reads_is_told_so():
+    with sim_for(arm_values()) as sim:
+        sim.control.call("write", id=3, address=68, data="00")
+        with (
+            pytest.raises(
+                ConnectionFailed, match=r"servo 3 on main\).*Status Return Level is 0.*Wizard"
+            ),
+            opened(sim, arm_values()),
+        ):
+            pass
+
+
+def test_the_first_enable_after_a_calibration_into_the_servo(tmp_path):
+    """The range fits with the homing offset that this enable writes, and not without."""
+    file = tmp_path / "calibration.yaml"
+    model = "xm430-w350"
+    servo = ServoCalibration(joint="a", bus="main", id=1, model=model, homing_offset=-900)
+    save_calibration(file, Calibration(servos=(servo,)))
+    joint = {"id": 1, "model": model, "lower": -2.4, "upper": 2.4}
+    values = {**PATIENT, "joints": {"a": joint}, "calibration": str(file)}
+    with sim_for(values) as sim:
+        place(sim, 1, 900 * COUNT)
+        sim.control.call("write", id=1, address=52, data=(400).to_bytes(4, "little").hex())
+        with driver_at(sim, values) as bench:
+            bench.arm.enable(timeout=LONG)
+            assert bench.arm.measured_js().position == pytest.approx([0.0], abs=3 * COUNT)

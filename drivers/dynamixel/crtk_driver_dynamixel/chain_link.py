@@ -31,15 +31,16 @@ from crtk_driver_dynamixel.control_tables import (
 )
 from crtk_driver_dynamixel.groups import GroupWrite
 from crtk_driver_dynamixel.joints import Chain, ChainServo
-from crtk_driver_dynamixel.models import GOALS, OperatingMode, model_numbered
+from crtk_driver_dynamixel.models import GOALS, PROTOCOL_1_ERRORS, OperatingMode, model_numbered
 from crtk_driver_dynamixel.port import Port
+from crtk_driver_dynamixel.protocols import PROTOCOLS
 from crtk_driver_dynamixel.readings import HEALTH, MEASURED, SLOW, Frame, Health
 from crtk_driver_dynamixel.registers import WATCHDOG_STEP
 from crtk_driver_dynamixel.replies import ServoCorrupt, ServoRefused, ServoSilent
 from crtk_driver_dynamixel.servo_state import ServoState, Values, runs
 from crtk_driver_dynamixel.turns import Placed, Turns, TurnsFile, has_turned
 from crtk_driver_dynamixel.units import Counts, encoded
-from crtk_drivers.errors import ConfigError, ConnectionFailed, ConnectionLost
+from crtk_drivers.errors import ConfigError, ConnectionFailed, ConnectionLost, DeviceError
 from crtk_drivers.samples import Stamp
 
 logger = logging.getLogger(__name__)
@@ -50,8 +51,12 @@ PATIENCE: Final = 0.05
 """Seconds allowed to adapter and system while the chain is opened: whatever is done first is slow."""
 
 MODEL_NUMBER_1: Final = 0
-"""Address of model number (2 bytes) and firmware (1) in tables of protocol 1.0, whose ping tells neither."""
+"""Address of model number (2 bytes) and, in protocol 1.0, whose ping tells neither, firmware (1)."""
 
+OUTSIDE_TIMES: Final = 3
+"""Times that a stop is sent from another thread."""
+OUTSIDE_PAUSE: Final = 0.01
+"""Seconds between them, and for which a write of the I/O thread is waited for."""
 GAP: Final = 0.05
 """Seconds of silence after which a servo that answers again may have been without power."""
 STANDING: Final = 0.03
@@ -68,6 +73,17 @@ class _Prepared:
     measured: BlockReads
     slow: list[BlockReads]
     goals: dict[str, list[tuple[GroupWrite, NDArray[np.int64], Item]]] = field(default_factory=dict)
+
+
+class ServoMute(DeviceError):
+    """A servo answers a ping, and no read."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "it answers a ping, and no read: its Status Return Level is 0",
+            remedy="Set Status Return Level to 1 or 2 with DYNAMIXEL Wizard: 68 in the X series, where a "
+            "power cycle does it too, 16 in AX and MX(1.0), 17 in the XL-320.",
+        )
 
 
 class ChainLink:
@@ -92,7 +108,7 @@ class ChainLink:
         self._configured = chain
         self.chain = chain
         self.states: list[ServoState] = []
-        self.health = [Health(protocol=servo.protocol) for servo in chain.servos]
+        self.health = [_health(servo) for servo in chain.servos]
         self.frame: Frame | None = None
         self.cycles = 0
         self._users = 0
@@ -155,7 +171,7 @@ class ChainLink:
             self._buses[name] = bus
         self.chain = self._configured
         self._shifts, self._homing, self._placed, self.doubts = {}, {}, False, {}
-        self.health = [Health(protocol=servo.protocol) for servo in self.chain.servos]
+        self.health = [_health(servo) for servo in self.chain.servos]
         self.states = []
         missing = []
         for place, servo in enumerate(self.chain.servos):
@@ -167,6 +183,10 @@ class ChainLink:
                 )
             try:
                 self.states.append(self._find(servo))
+            except ServoMute as error:
+                raise ConnectionFailed(
+                    f"{servo.place}: {error.message}", where=self.address, remedy=error.remedy
+                ) from error
             except (ServoSilent, ServoCorrupt, ServoRefused) as error:
                 missing.append(f"{servo.place}: {error.message}")
                 continue
@@ -378,8 +398,11 @@ class ChainLink:
         bus.set_link(servo.id, protocol=servo.protocol)
         found = bus.ping(servo.id)
         number, firmware = found.model, found.firmware
-        if servo.protocol == 1:
+        try:
             data = bus.read(servo.id, MODEL_NUMBER_1, 3)
+        except ServoSilent as error:
+            raise ServoMute from error
+        if servo.protocol == 1:
             number, firmware = int.from_bytes(data[:2], "little"), data[2]
         wanted = servo.units.model
         if number != wanted.number:
@@ -559,6 +582,10 @@ class ChainLink:
 
         What a servo does not have is left out.
         """
+        for (bus, _, address, length), by_id in self._together(wanted).items():
+            self._buses[bus].sync_write(address, length, by_id)
+
+    def _together(self, wanted: Mapping[int, Values]) -> dict[GroupKey, dict[int, bytes]]:
         together: dict[GroupKey, dict[int, bytes]] = defaultdict(dict)
         for place, values in wanted.items():
             state = self.states[place]
@@ -566,8 +593,23 @@ class ChainLink:
             for address, data in runs(state.table, known):
                 key = (state.servo.bus, state.servo.protocol, address, len(data))
                 together[key][state.servo.id] = data
-        for (bus, _, address, length), by_id in together.items():
-            self._buses[bus].sync_write(address, length, by_id)
+        return together
+
+    def write_from_outside(self, wanted: Mapping[int, Values]) -> None:
+        """Write registers of several servos from another thread, which does not wait for the I/O thread.
+
+        What a servo answers meanwhile may collide with it: it is sent several times.
+        """
+        packets: dict[str, bytes] = defaultdict(bytes)
+        for (bus, protocol, address, length), by_id in self._together(wanted).items():
+            packets[bus] += PROTOCOLS[protocol].sync_write(address, length, by_id)
+        for attempt in range(OUTSIDE_TIMES):
+            if attempt:
+                time.sleep(OUTSIDE_PAUSE)
+            for name, data in packets.items():
+                bus = self._buses.get(name)
+                if bus is not None:
+                    bus.port.write_from_outside(data, OUTSIDE_PAUSE)
 
     def write_checked(self, place: int, values: Values) -> None:
         """Write registers of one servo one by one, and read them back: EEPROM.
@@ -646,6 +688,11 @@ class ChainLink:
         if temperatures:
             figures["temperature_max"] = max(temperatures)
         return figures
+
+
+def _health(servo: ChainServo) -> Health:
+    bits = PROTOCOL_1_ERRORS if servo.protocol == 1 else servo.units.model.errors
+    return Health(protocol=servo.protocol, errors=bits)
 
 
 def lost(where: str) -> ConnectionLost:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import threading
 import time
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -88,6 +89,7 @@ class _ChainDevice(Device):
         self._stamp = -math.inf
         self._last: dict[str, Value] = {}
         self._is_open = False
+        self._thread = 0
         self._condition = Condition()
         servos = part.chain.servos
         by_pwm = [servo.effort_mode is OperatingMode.PWM for servo in servos]
@@ -106,6 +108,7 @@ class _ChainDevice(Device):
     def open(self, deadline: float) -> None:
         """See the base class. It finds the servos, and changes nothing in them."""
         self.link.open(deadline)
+        self._thread = threading.get_ident()
         self._is_open = True
         self._seen_cycle = -1
         self._stamp, self._last = -math.inf, {}
@@ -232,8 +235,10 @@ class _ChainDevice(Device):
         return counts
 
     def stop(self) -> None:
-        """See the base class."""
+        """See the base class. Another thread than that of `open` does not wait for the next cycle."""
         self.part.ask_to_stop()
+        if threading.get_ident() != self._thread:
+            self.part.stop_from_outside()
 
     @property
     def has_stopped(self) -> bool:

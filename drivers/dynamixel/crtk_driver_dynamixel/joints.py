@@ -307,8 +307,13 @@ class Chain:
         least, most = scaling.position.lowest.copy(), scaling.position.highest.copy()
         for place, (servo, registers) in enumerate(zip(self.servos, read, strict=True)):
             if servo.units.mode is OperatingMode.POSITION:
-                least[place] = registers.get("min_position_limit", least[place])
-                most[place] = registers.get("max_position_limit", most[place])
+                low, high = registers.get("cw_angle_limit"), registers.get("ccw_angle_limit")
+                least[place] = registers.get(
+                    "min_position_limit", least[place] if low is None else low
+                )
+                most[place] = registers.get(
+                    "max_position_limit", most[place] if high is None else high
+                )
         velocity, current, pwm = (
             np.array([registers.get(name, math.inf) for registers in read])
             for name in ("velocity_limit", "current_limit", "pwm_limit")

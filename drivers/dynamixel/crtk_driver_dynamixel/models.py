@@ -57,7 +57,8 @@ GOALS: Final[Mapping[OperatingMode, str]] = MappingProxyType(
 _ALL_MODES: Final = frozenset(OperatingMode)
 _NEEDS_CURRENT: Final = frozenset({OperatingMode.CURRENT, OperatingMode.CURRENT_BASED_POSITION})
 _NO_CURRENT_BASED: Final = _ALL_MODES - {OperatingMode.CURRENT_BASED_POSITION}
-_JOINT_AND_WHEEL: Final = frozenset({OperatingMode.POSITION, OperatingMode.VELOCITY})
+_POSITIONS_ONLY: Final = frozenset({OperatingMode.POSITION})
+"""Of the older series: their wheel mode takes a share of the output (AX, XL-320), or is set by the limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +82,7 @@ class Family:
         fast_read_since: first firmware with fast sync and fast bulk read; None: never.
         restarts: whether it knows the instruction Reboot.
         has_watchdog: whether it has the register Bus Watchdog.
+        joint_mode: what its Control Mode (11) must hold; None if it has no such register.
     """
 
     name: str
@@ -100,6 +102,7 @@ class Family:
     fast_read_since: int | None
     restarts: bool = True
     has_watchdog: bool = True
+    joint_mode: int | None = None
 
 
 def _x(name: str, fast_read_since: int | None) -> Family:
@@ -146,7 +149,7 @@ def _joint_and_wheel(name: str, counts: int, unit: float, velocity: float, turns
     return Family(
         name=name,
         protocol=1,
-        modes=_JOINT_AND_WHEEL,
+        modes=_POSITIONS_ONLY,
         counts=counts,
         zero=counts // 2,
         position_unit=unit,
@@ -174,8 +177,9 @@ PM42: Final = _p("PM42", 526_374)
 AX: Final = replace(
     _joint_and_wheel("AX", 1024, math.radians(300.0) / 1023, 0.111, 0), restarts=False
 )
-XL320: Final = replace(AX, name="XL-320", protocol=2, restarts=True)
+XL320: Final = replace(AX, name="XL-320", protocol=2, restarts=True, joint_mode=2)
 MX_1: Final = _joint_and_wheel("MX(1.0)", 4096, TURN / 4096, 0.114, 28_672)
+MX_12: Final = replace(MX_1, name="MX-12W", velocity_unit=0.916 * RPM)
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,6 +218,13 @@ class Model:
     def reports_current(self) -> bool:
         """Whether it measures current; otherwise it has a load in 0.1 % that is no physical effort."""
         return not math.isnan(self.current_unit)
+
+    @property
+    def errors(self) -> Mapping[int, str]:
+        """What the bits of its hardware error mean."""
+        if self.family.name == "XL-320":
+            return XL320_ERRORS
+        return PROTOCOL_1_ERRORS if self.family.protocol == 1 else HARDWARE_ERRORS
 
     @property
     def modes(self) -> frozenset[OperatingMode]:
@@ -266,6 +277,7 @@ _ROWS: Final = (
     ("xd540-t150", 1111, X, 0.00269, 0, _12, _NONE, _NONE, _NONE),
     ("xw540-t260", 1170, X, 0.00269, 0, _12, 40.0, 9.5, 4.9),
     ("xw540-t140", 1180, X, 0.00269, 0, _12, 72.0, 6.9, 4.9),
+    ("xw540-h260", 1310, X, 0.00269, 0, _24, _NONE, _NONE, _NONE),
     ("xw430-t333", 1270, X, 0.00269, 0, _12, _NONE, _NONE, _NONE),
     ("xw430-t200", 1280, X, 0.00269, 0, _12, _NONE, _NONE, _NONE),
     ("mx-28", 30, MX, _LOAD, 0, _12, 55.0, 2.5, 1.4),
@@ -280,13 +292,13 @@ _ROWS: Final = (
     ("pm54-060-s250", 2120, PM54, 0.001, 7980, _P, 33.1, 10.1, 3.0),
     ("xl-320", 350, XL320, _LOAD, 0, (6.0, 8.4), 114.0, 0.39, 1.1),
     ("ax-12a", 12, AX, _LOAD, 0, _11, 59.0, 1.5, 1.5),
-    ("ax-12w", 300, AX, _LOAD, 0, _11, 470.0, _NONE, _NONE),
+    ("ax-12w", 300, AX, _LOAD, 0, _11, 54.0, 0.2, 1.4),  # in joint mode; 470 as a wheel
     ("ax-18a", 18, AX, _LOAD, 0, _11, 97.0, 1.8, 2.2),
     ("rx-10", 10, AX, _LOAD, 0, _11, 54.0, 1.3, _NONE),
     ("rx-24f", 24, AX, _LOAD, 0, _11, 126.0, 2.6, 2.4),
     ("rx-28", 28, AX, _LOAD, 0, _15, 85.0, 3.7, 1.9),
     ("rx-64", 64, AX, _LOAD, 0, _15, 64.0, 5.3, 2.6),
-    ("mx-12w-1.0", 360, MX_1, _LOAD, 0, _12, 470.0, 0.2, 1.4),
+    ("mx-12w-1.0", 360, MX_12, _LOAD, 0, _12, 470.0, 0.2, 1.4),
     ("mx-28-1.0", 29, MX_1, _LOAD, 0, _12, 55.0, 2.5, 1.4),
     ("mx-64-1.0", 310, MX_1, 0.0045, 0, _12, 63.0, 6.0, 4.1),
     ("mx-106-1.0", 320, MX_1, 0.0045, 0, _12, 45.0, 8.4, 5.2),
@@ -378,6 +390,11 @@ HARDWARE_ERRORS: Final[Mapping[int, str]] = MappingProxyType(
     }
 )
 """Bits of Hardware Error Status (70 in the X series) and of Shutdown (63)."""
+
+XL320_ERRORS: Final[Mapping[int, str]] = MappingProxyType(
+    {0: "overload", 1: "overheating", 2: "input voltage out of range"}
+)
+"""Bits of Hardware Error Status (50) of the XL-320."""
 
 PROTOCOL_1_ERRORS: Final[Mapping[int, str]] = MappingProxyType(
     {

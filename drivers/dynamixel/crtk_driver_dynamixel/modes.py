@@ -19,7 +19,7 @@ from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.confirmed import make_sure, stubborn, wrong
 from crtk_driver_dynamixel.models import GOALS, OperatingMode
 from crtk_driver_dynamixel.preparation import ATTEMPTS
-from crtk_driver_dynamixel.servo_state import KEPT
+from crtk_driver_dynamixel.servo_state import KEPT, position_limits
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import DeviceFault
@@ -129,14 +129,8 @@ class Modes:
         return 0 if is_position or not limit or abs(offset) <= limit else offset
 
     def _limits(self, place: int) -> tuple[int, int]:
-        values, family = (
-            self._link.states[place].values,
-            self._link.chain.servos[place].units.model.family,
-        )
-        return (
-            values.get("min_position_limit", family.lowest),
-            values.get("max_position_limit", family.highest),
-        )
+        family = self._link.chain.servos[place].units.model.family
+        return position_limits(self._link.states[place].values, family)
 
     def _check_counts(self, before: Mapping[int, int], here: Mapping[int, int]) -> None:
         """Make sure that servos count as before.

@@ -55,7 +55,7 @@ class _Pending(NamedTuple):
 class Part:
     """The servos of some joints of a chain, with one mode.
 
-    All methods are for the I/O thread, but `ask_to_stop`.
+    All methods are for the I/O thread, but `ask_to_stop` and `stop_from_outside`.
 
     Args:
         link: to the chain.
@@ -251,6 +251,11 @@ class Part:
     def ask_to_stop(self) -> None:
         """Have the next cycle end all motion. From any thread."""
         self._stop.set()
+
+    def stop_from_outside(self) -> None:
+        """End velocities and efforts now, from another thread: nobody may call `step` any more."""
+        if self.kind in (Kind.VELOCITY, Kind.EFFORT):
+            self._stopping.write_from_outside()
 
     def _send_pending(self) -> None:
         pending, self._pending = self._pending, None

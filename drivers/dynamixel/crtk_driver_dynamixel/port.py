@@ -12,6 +12,7 @@ import math
 import os
 import select
 import termios
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -50,7 +51,7 @@ def stable_name(device: Path, by_id: Path = _BY_ID) -> Path | None:
 
 
 class Port:
-    """One serial port. Not thread-safe: it belongs to the thread that runs the bus.
+    """One serial port. It belongs to the thread that runs the bus; others may `write_from_outside`.
 
     Args:
         name: device file or a link to it, for example under /dev/serial/by-id.
@@ -79,6 +80,7 @@ class Port:
         self._serial: serial.Serial | None = None
         self._fd = -1
         self._poll = select.poll()
+        self._writing = threading.Lock()
 
     def __enter__(self) -> Self:
         self.open()
@@ -178,13 +180,33 @@ class Port:
             ConnectionLost: it is gone, or takes no bytes.
         """
         try:
-            sent = os.write(self._fd, data)
+            with self._writing:
+                sent = os.write(self._fd, data)
             if sent < len(data):
                 self._write_rest(data[sent:])
         except BlockingIOError:
             self._write_rest(data)
         except OSError as error:
             raise self._lost(error) from error
+
+    def write_from_outside(self, data: bytes, patience: float) -> bool:
+        """Hand bytes to the adapter from another thread than the one that the port belongs to.
+
+        Args:
+            data: a whole packet, or several.
+            patience: seconds to wait for a write of that thread; then they are handed over all the same.
+
+        Returns:
+            whether the adapter took all of them.
+        """
+        locked = self._writing.acquire(timeout=patience)
+        try:
+            return os.write(self._fd, data) == len(data)
+        except (OSError, ValueError):
+            return False
+        finally:
+            if locked:
+                self._writing.release()
 
     def read(self, deadline: float) -> bytes:
         """Return what has arrived as soon as there is any; nothing if none came before the deadline.

@@ -115,7 +115,8 @@ def set_up(link: ChainLink, places: Sequence[int], config: DynamixelConfig) -> S
         if wanted:
             yield from _write_eeprom(link, place, wanted, config)
             yield
-        found = registers.obstacles(servo, state.values)
+        # With the homing offset that may have been written, it is placed otherwise.
+        found = registers.obstacles(link.chain.servos[place], state.values)
         if found:
             raise TransitionFailed("; ".join(found), where=link.address)
 

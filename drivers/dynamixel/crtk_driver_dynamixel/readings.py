@@ -11,11 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crtk_driver_dynamixel.control_tables import EFFORT, POSITION, VELOCITY
-from crtk_driver_dynamixel.models import (
-    HARDWARE_ERRORS,
-    PROTOCOL_1_ERRORS,
-    hardware_error_text,
-)
+from crtk_driver_dynamixel.models import HARDWARE_ERRORS, hardware_error_text
 from crtk_driver_dynamixel.servo_state import Values
 from crtk_driver_dynamixel.units import Counts
 from crtk_drivers.samples import Stamp
@@ -47,9 +43,6 @@ SLOW: Final[Sequence[dict[str, Sequence[str]]]] = (
 HEALTH: Final[Mapping[str, Sequence[str]]] = SLOW[0] | SLOW[1]
 """What says whether a servo can be relied on."""
 
-ERROR_BITS: Final = {1: PROTOCOL_1_ERRORS, 2: HARDWARE_ERRORS}
-"""What bits of an error mean, by protocol."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
@@ -75,7 +68,8 @@ class Health:
     """What is known of one servo besides its motion.
 
     Attributes:
-        protocol: of the servo, which decides what the bits of `hardware_error` mean.
+        protocol: of the servo.
+        errors: what the bits of `hardware_error` mean.
         hardware_error: bits of Hardware Error Status (70); of every status in protocol 1.0.
         torque: whether Torque Enable (64) is on; None if not known.
         watchdog: what Bus Watchdog (98) holds: -1, it has stopped the servo; None if not known.
@@ -88,6 +82,7 @@ class Health:
     """
 
     protocol: int = 2
+    errors: Mapping[int, str] = field(default_factory=lambda: HARDWARE_ERRORS)
     hardware_error: int = 0
     torque: bool | None = None
     watchdog: int | None = None
@@ -106,7 +101,7 @@ class Health:
     @property
     def error_text(self) -> str:
         """The hardware errors in words; empty if there are none."""
-        return hardware_error_text(self.hardware_error, ERROR_BITS[self.protocol])
+        return hardware_error_text(self.hardware_error, self.errors)
 
     def take(self, values: Values, status_bits: int) -> None:
         """Take what was read.

@@ -16,6 +16,7 @@ from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.control_tables import ControlTable, Item
 from crtk_driver_dynamixel.joints import ChainServo, servo_range
 from crtk_driver_dynamixel.models import OperatingMode
+from crtk_driver_dynamixel.servo_state import position_limits
 
 __all__ = ["Setting", "eeprom", "obstacles", "ram", "watchdog_count"]
 
@@ -76,6 +77,7 @@ def eeprom(
     drive_mode = REVERSE if servo.reverse else 0
     wanted: list[tuple[str, int | None, int | None]] = [
         ("operating_mode", servo.units.mode if mode is None else mode, None),
+        ("control_mode", servo.units.model.family.joint_mode, None),
         ("drive_mode", drive_mode, REVERSE | TIME_BASED | TORQUE_ON_BY_GOAL),
         ("secondary_id", first.id if follows else NO_SECONDARY_ID, None),
         ("return_delay_time", _return_delay(config), None),
@@ -127,10 +129,15 @@ def obstacles(servo: ChainServo, read: Mapping[str, int]) -> tuple[str, ...]:
     ends = servo_range(servo.config)
     low, high = sorted(servo.units.count(end) for end in ends)
     family = servo.units.model.family
-    least = read.get("min_position_limit", family.lowest)
-    most = read.get("max_position_limit", family.highest)
+    least, most = position_limits(read, family)
     is_limited = servo.units.mode is OperatingMode.POSITION
-    if is_limited and not (least - 0.5 <= low and high <= most + 0.5):
+    if least == most and "cw_angle_limit" in read:
+        found.append(
+            f"{servo.place} is in wheel or multi-turn mode (both of its angle limits are {least}), which "
+            f"takes no positions: set CW Angle Limit (6) to {family.lowest} and CCW Angle Limit (8) to "
+            f"{family.highest}"
+        )
+    elif is_limited and not (least - 0.5 <= low and high <= most + 0.5):
         found.append(
             f"{servo.place} takes goals from {least} to {most} (Min and Max Position Limit), and its range "
             f"is {low:.0f} to {high:.0f}: narrow lower and upper, or widen the limits in the servo"

@@ -8,9 +8,10 @@ from typing import Final
 
 from crtk_driver_dynamixel.control_tables import ControlTable, Item
 from crtk_driver_dynamixel.joints import ChainServo
+from crtk_driver_dynamixel.models import Family
 from crtk_driver_dynamixel.units import read_number, write_number
 
-__all__ = ["KEPT", "ServoState", "Values", "runs"]
+__all__ = ["KEPT", "ServoState", "Values", "position_limits", "runs"]
 
 Values = Mapping[str, int]
 """Numbers by the name of their register, signs put right."""
@@ -32,6 +33,9 @@ _FOUND: Final = (
     "return_delay_time",
     "drive_mode",
     "operating_mode",
+    "control_mode",
+    "cw_angle_limit",
+    "ccw_angle_limit",
     "secondary_id",
     "homing_offset",
     "status_return_level",
@@ -48,6 +52,14 @@ _FOUND: Final = (
     *KEPT,
 )
 """What is read of a servo when it is found."""
+
+
+def position_limits(values: Values, family: Family) -> tuple[int, int]:
+    """Return the least and greatest count that a servo takes as a goal in position mode."""
+    return (
+        values.get("min_position_limit", values.get("cw_angle_limit", family.lowest)),
+        values.get("max_position_limit", values.get("ccw_angle_limit", family.highest)),
+    )
 
 
 @dataclass(slots=True)

@@ -51,6 +51,10 @@ class Stopping:
         """
         self._link.write_values(self._wanted(places, held or {}))
 
+    def write_from_outside(self) -> None:
+        """Tell servos with velocities or efforts to stop, from another thread than the I/O thread."""
+        self._link.write_from_outside(self._wanted(self._places, {}))
+
     def until_confirmed(
         self,
         places: Callable[[], Sequence[int]],

@@ -19,7 +19,7 @@ from crtk_sim_backends.dynamixel.packets import (
     status,
 )
 from crtk_sim_backends.dynamixel.plant import Joint
-from crtk_sim_backends.dynamixel.registers import LEGACY
+from crtk_sim_backends.dynamixel.registers import OLDER
 from crtk_sim_backends.dynamixel.servo import Servo
 
 _READS: Final = frozenset({Code.PING, Code.READ})
@@ -48,7 +48,7 @@ def make_servos(specs: Sequence[ServoSpec], baud: int, return_delay: int) -> lis
     """Build the servos of one bus, set to a baud rate and Return Delay Time."""
     servos: dict[int, Servo] = {}
     for spec in specs:
-        make = LegacyServo if spec.model.series in LEGACY else ModernServo
+        make = LegacyServo if spec.model.series in OLDER else ModernServo
         if spec.partner is None:
             joint, mount = Joint(spec.model.torque, spec.gravity), 1
         else:

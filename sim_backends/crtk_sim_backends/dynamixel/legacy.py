@@ -1,7 +1,8 @@
-"""Servos of protocol 1.0: AX-12A and the MX series with its old firmware.
+"""Older servos: AX-12A, the MX series with its old firmware, both of protocol 1.0, and the XL-320 of 2.0.
 
-Source: e-manual, control tables of AX-12A and MX-28/MX-64 (1.0). A joint has joint mode and wheel mode
-(both angle limits 0), MX multi-turn mode too (both 4095).
+Source: e-manual, control tables of AX-12A, MX-28/MX-64 (1.0) and XL-320. A joint has joint mode and wheel
+mode (both angle limits 0; XL-320: Control Mode 1), MX multi-turn mode too (both 4095). As a wheel an MX keeps
+a speed, and the others a share of their output.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Final
 
 from crtk_sim_backends.dynamixel.drive import Mode
 from crtk_sim_backends.dynamixel.models import Model
-from crtk_sim_backends.dynamixel.packets import Code, Error
+from crtk_sim_backends.dynamixel.packets import ALERT, Code, Error
 from crtk_sim_backends.dynamixel.plant import Joint
 from crtk_sim_backends.dynamixel.profile import by_velocity
 from crtk_sim_backends.dynamixel.registers import Series
@@ -26,6 +27,11 @@ STANDARD: Final = {1: 1_000_000, 9: 200_000, 16: 115_200, 34: 57_600, 103: 19_20
 VOLTAGE, ANGLE_LIMIT, OVERHEAT, OVERLOAD = 0, 1, 2, 5
 """Bits of the error byte, of Alarm LED (17) and of Shutdown (18)."""
 
+XL320_BITS: Final = {OVERLOAD: 0, OVERHEAT: 1, VOLTAGE: 2}
+"""Bits of Hardware Error Status (50) and Shutdown (18) of the XL-320."""
+
+XL320_BAUD_RATES: Final = (9600, 57_600, 115_200, 1_000_000)
+
 _FOREIGN_BITS: Final = {0: VOLTAGE, 2: OVERHEAT, 5: OVERLOAD}
 
 
@@ -36,7 +42,7 @@ def _signed_10(value: float, limit: int = 1023) -> int:
 
 
 class LegacyServo(Servo):
-    """A servo of the AX or MX(1.0) series."""
+    """A servo of the AX or MX(1.0) series, or an XL-320."""
 
     def __init__(self, model: Model, firmware: int, joint: Joint, mount: int = 1) -> None:
         super().__init__(model, firmware, joint, mount)
@@ -46,20 +52,30 @@ class LegacyServo(Servo):
     def derive(self) -> None:
         """See the base class."""
         super().derive()
-        self.protocol = 1
         value = self["baud_rate"]
+        self.protocol = 2 if self._is_xl320 else 1
+        if self._is_xl320:
+            self.baud = XL320_BAUD_RATES[value]
+            return
         self.baud = FASTER.get(value) or STANDARD.get(value) or 2_000_000 // (value + 1)
+
+    @property
+    def _is_xl320(self) -> bool:
+        return self.model.series is Series.XL320
 
     @property
     def error_bits(self) -> int:
         """See the base class."""
+        if self._is_xl320:
+            return ALERT if self["hardware_error_status"] else 0
         return self._errors
 
     @property
     def _mode(self) -> Mode:
         limits = self["cw_angle_limit"], self["ccw_angle_limit"]
-        if limits == (0, 0):
-            return Mode.VELOCITY
+        is_wheel = self["control_mode"] == 1 if self._is_xl320 else limits == (0, 0)
+        if is_wheel:
+            return Mode.VELOCITY if self.model.series is Series.MX_LEGACY else Mode.PWM
         multi = self.model.series is Series.MX_LEGACY and limits == (4095, 4095)
         return Mode.EXTENDED_POSITION if multi else Mode.POSITION
 
@@ -106,7 +122,7 @@ class LegacyServo(Servo):
         count = round(self._count(self.drive.angle))
         if self._mode is Mode.EXTENDED_POSITION:
             return max(-32768, min(32767, count + self.get("multi_turn_offset")))
-        if self.model.series is Series.AX:
+        if self.model.series is not Series.MX_LEGACY:
             return max(0, min(1023, count))  # beyond 300 degrees there is nothing to measure
         return count % self.model.units.counts
 
@@ -115,7 +131,10 @@ class LegacyServo(Servo):
 
     def force_error(self, bit: int) -> None:
         """See the base class; `bit` is one of protocol 2.0 or 1.0, which agree on those that both have."""
-        self._errors |= 1 << _FOREIGN_BITS.get(bit, OVERLOAD)
+        own = _FOREIGN_BITS.get(bit, OVERLOAD)
+        if self._is_xl320:
+            self["hardware_error_status"] |= 1 << XL320_BITS[own]
+        self._errors |= 1 << (XL320_BITS[own] if self._is_xl320 else own)
         if self["shutdown"] & self._errors:
             self["torque_enable"] = 0
             self.drive.switch(None, self.joint.time)
@@ -150,6 +169,8 @@ class LegacyServo(Servo):
         if mode is Mode.VELOCITY:
             way = -1 if speed & 0x400 else 1
             drive.turn(way * (speed & 0x3FF) * units.velocity, self._acceleration, time)
+        elif mode is Mode.PWM:
+            drive.push((-1 if speed & 0x400 else 1) * (speed & 0x3FF) / 1023)
         elif name in ("goal_position", "moving_speed"):
             position, velocity, _ = drive.trajectory(time)
             goal = (self["goal_position"] - units.zero - self._turns) * units.position
@@ -176,10 +197,12 @@ class LegacyServo(Servo):
     def started(self, time: float) -> None:
         """See the base class."""
         self._errors = 0
+        if self._is_xl320:
+            self["hardware_error_status"] = 0
         self._turns = 0
         units = self.model.units
         count = round(self._count(self.drive.angle))
-        if self.model.series is not Series.AX:
+        if self.model.series is Series.MX_LEGACY:
             self._turns = -(count // units.counts) * units.counts
         self["torque_limit"] = self["max_torque"]
         self["goal_position"] = self._present_position()

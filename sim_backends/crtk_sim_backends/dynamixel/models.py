@@ -13,7 +13,7 @@ from functools import cache
 from types import MappingProxyType
 from typing import Final
 
-from crtk_sim_backends.dynamixel.registers import LEGACY, Series, Table, make_table
+from crtk_sim_backends.dynamixel.registers import LEGACY, OLDER, Series, Table, make_table
 
 TURN: Final = 2.0 * math.pi
 RPM: Final = TURN / 60.0
@@ -34,6 +34,7 @@ class Units:
 
 _X: Final = Units(4096, 2048, TURN / 4096, 0.229 * RPM, 214.577 * TURN / 3600.0, 885, 1000)
 _AX: Final = Units(1024, 512, math.radians(300.0) / 1023, 0.111 * RPM, math.nan, 1023, 1023)
+_MX12: Final = Units(4096, 2048, TURN / 4096, 0.916 * RPM, math.radians(8.583), 1023, 1023)
 _MX1: Final = Units(4096, 2048, TURN / 4096, 0.114 * RPM, math.radians(8.583), 1023, 1023)
 
 
@@ -100,7 +101,7 @@ def _values(model: Model, firmware: int) -> dict[str, tuple[int, int, int]]:
         "model_number": (model.number, 0, 65535),
         "firmware_version": (firmware, 0, 255),
     }
-    if model.series in LEGACY:
+    if model.series in OLDER:
         return values | {
             "max_voltage_limit": (high, 50, 250),
             "min_voltage_limit": (low, 50, 250),
@@ -136,7 +137,7 @@ def _values(model: Model, firmware: int) -> dict[str, tuple[int, int, int]]:
 
 
 def _legacy_goals(model: Model) -> tuple[int, int]:
-    return (0, 1023) if model.series is Series.AX else (-28672, 28672)
+    return (-28672, 28672) if model.series is Series.MX_LEGACY else (0, 1023)
 
 
 _FIRMWARE: Final = {
@@ -148,6 +149,7 @@ _FIRMWARE: Final = {
     Series.P: 14,
     Series.AX: 24,
     Series.MX_LEGACY: 36,
+    Series.XL320: 29,
 }
 
 _5V = (5.0, (31, 70))
@@ -192,9 +194,12 @@ _ROWS: Final = (
     ("pm54-040-s250", 2110, Series.P, _p(502_834), 0.001, 4470, 2840, 7.8, 28.4, 3.8, _P24),
     ("pm54-060-s250", 2120, Series.P, _p(502_834), 0.001, 7980, 2840, 20.0, 33.1, 6.0, _P24),
     ("ax-12a", 12, Series.AX, _AX, None, 0, 1023, 1.5, 59.0, 1.5, (12.0, (60, 140))),
+    ("xl-320", 350, Series.XL320, _AX, None, 0, 1023, 0.39, 114.0, 1.1, (7.4, (60, 90))),
+    ("ax-12w", 300, Series.AX, _AX, None, 0, 1023, 0.2, 470.0, 1.4, (12.0, (60, 140))),
     ("ax-18a", 18, Series.AX, _AX, None, 0, 1023, 1.8, 97.0, 2.2, (12.0, (60, 140))),
     ("rx-28", 28, Series.AX, _AX, None, 0, 1023, 3.7, 85.0, 1.9, (14.8, (60, 240))),
     ("rx-64", 64, Series.AX, _AX, None, 0, 1023, 5.3, 64.0, 2.6, (14.8, (60, 240))),
+    ("mx-12w-1.0", 360, Series.MX_LEGACY, _MX12, None, 0, 1023, 0.2, 470.0, 1.4, (12.0, (60, 160))),
     ("mx-28-1.0", 29, Series.MX_LEGACY, _MX1, None, 0, 1023, 2.5, 55.0, 1.4, (12.0, (60, 160))),
     ("mx-64-1.0", 310, Series.MX_LEGACY, _MX1, 0.0045, 0, 1023, 6.0, 63.0, 4.1, (12.0, (60, 160))),
     ("mx-106-1.0", 320, Series.MX_LEGACY, _MX1, 0.0045, 0, 1023, 8.4, 45.0, 5.2, (12.0, (60, 160))),

@@ -402,8 +402,8 @@ class ModernServo(Servo):
         if parameters != MULTI_TURN_CLEAR:
             return Error.RANGE
         self.refresh(time)
-        if self.drive.velocity != 0.0:
-            return Error.RESULT_FAIL
+        if abs(self._per_velocity * self.drive.velocity) > self["moving_threshold"]:
+            return Error.RESULT_FAIL  # it moves, by its register Moving (122)
         self._forget_turns()
         if self.drive.positions:
             self["goal_position"] = _wide(self._count(self.drive.angle))

@@ -230,6 +230,40 @@ _MX_TORQUE: Final[tuple[Row, ...]] = (
     (71, "2", "goal_torque", "w", 0, 0, 2047),
 )
 
+_XL320: Final[tuple[Row, ...]] = (
+    (0, "2", "model_number", "r", 0),
+    (2, "1", "firmware_version", "r", 0),
+    (3, "1", "id", "e", 1, 0, 252),
+    (4, "1", "baud_rate", "e", 3, 0, 3),
+    (5, "1", "return_delay_time", "e", 250, 0, 254),
+    (6, "2", "cw_angle_limit", "e", 0, 0, 1023),
+    (8, "2", "ccw_angle_limit", "e", 1023, 0, 1023),
+    (11, "1", "control_mode", "e", 2, 1, 2),
+    (12, "1", "temperature_limit", "e", 65, 0, 150),
+    (13, "1", "min_voltage_limit", "e", 60, 50, 250),
+    (14, "1", "max_voltage_limit", "e", 90, 50, 250),
+    (15, "2", "max_torque", "e", 1023, 0, 1023),
+    (17, "1", "status_return_level", "e", 2, 0, 2),
+    (18, "1", "shutdown", "e", 3, 0, 7),
+    (24, "1", "torque_enable", "w", 0, 0, 1),
+    (25, "1", "led", "w", 0, 0, 7),
+    (27, "1", "d_gain", "w", 0, 0, 254),
+    (28, "1", "i_gain", "w", 0, 0, 254),
+    (29, "1", "p_gain", "w", 32, 0, 254),
+    (30, "2", "goal_position", "w", 0, 0, 1023),
+    (32, "2", "moving_speed", "w", 0, 0, 2047),
+    (35, "2", "torque_limit", "w", 1023, 0, 1023),
+    (37, "2", "present_position", "r", 0),
+    (39, "2", "present_speed", "r", 0),
+    (41, "2", "present_load", "r", 0),
+    (45, "1", "present_voltage", "r", 0),
+    (46, "1", "present_temperature", "r", 0),
+    (47, "1", "registered_instruction", "r", 0),
+    (49, "1", "moving", "r", 0),
+    (50, "1", "hardware_error_status", "r", 0),
+    (51, "2", "punch", "w", 32, 0, 1023),
+)
+
 _COMPLIANCE: Final = tuple(row[2] for row in _AX if "_compliance_" in row[2])  # no MX has them
 _NO_CURRENT: Final = frozenset({"current_limit", "goal_current", "present_current"})
 _SINCE_BACKUP: Final = frozenset({"startup_configuration", "backup_ready"})
@@ -246,10 +280,13 @@ class Series(Enum):
     P = "P"
     AX = "AX"
     MX_LEGACY = "MX(1.0)"
+    XL320 = "XL-320"
 
 
 LEGACY: Final = frozenset({Series.AX, Series.MX_LEGACY})
 """Those that speak protocol 1.0 only."""
+OLDER: Final = LEGACY | {Series.XL320}
+"""Those with the registers of the older servos."""
 
 RAM_OFFSET: Final = {Series.P: 448}
 """By how much the RAM registers lie behind those of the X series."""
@@ -281,7 +318,7 @@ def make_table(
         missing = set(_COMPLIANCE) | (set() if has_current else {row[2] for row in _MX_TORQUE})
         for name in missing:
             del registers[name]
-    if series not in LEGACY:
+    if series not in OLDER:
         since = BACKUP_SINCE.get(series)
         missing = set() if since is not None and firmware >= since else set(_SINCE_BACKUP)
         if series is not Series.X330:
@@ -304,6 +341,9 @@ def make_table(
 
 
 def _rows(series: Series) -> Iterator[Row]:
+    if series is Series.XL320:
+        yield from _XL320
+        return
     if series in LEGACY:
         yield from _AX
         if series is Series.MX_LEGACY:
@@ -333,7 +373,7 @@ def _register(row: Row) -> Register:
 
 
 def _blocks(series: Series, firmware: int) -> tuple[Block, ...]:
-    if series in LEGACY:
+    if series in OLDER:
         return ()
     if series is Series.P:
         return (Block(168, 634, 128),)
