@@ -250,8 +250,11 @@ class ControlProcess:
         host = str(arguments["host"])
         self._watchdog_frequency = float(arguments["watchdog_frequency"])
         self._upper_registers = bool(arguments["upper_range_registers"])
-        names = {field.name for field in fields(MotionOptions)}
-        options = MotionOptions(**{name: float(arguments[name]) for name in names})
+        names = {field.name for field in fields(MotionOptions)} - {"joint_speeds"}
+        options = MotionOptions(
+            **{name: float(arguments[name]) for name in names},
+            joint_speeds=six(arguments["joint_speeds"]),
+        )
         self._announce("RTDEControlInterface", CONNECT_ALLOWANCE)
         try:
             from rtde_control import RTDEControlInterface

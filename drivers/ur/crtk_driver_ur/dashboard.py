@@ -124,6 +124,7 @@ class DashboardClient:
             self._connect()
         assert self._socket is not None
         try:
+            self._drop_unasked()
             self._socket.settimeout(timeout)
             self._socket.sendall(f"{line}\n".encode())
             return self._read_line()
@@ -135,6 +136,16 @@ class DashboardClient:
                 where=self._where,
                 remedy="The controller does not answer: check the network and the controller.",
             ) from error
+
+    def _drop_unasked(self) -> None:
+        """Forget lines that nobody asked for: each answer belongs to the line before it."""
+        assert self._socket is not None
+        self._received = b""
+        self._socket.setblocking(False)
+        with suppress(BlockingIOError):
+            while self._socket.recv(LONGEST_LINE):
+                pass
+            raise ConnectionResetError("the controller closed the connection")
 
     def _connect(self) -> None:
         self._received = b""

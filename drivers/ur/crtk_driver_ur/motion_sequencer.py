@@ -9,6 +9,7 @@ the blocking stop is called on an arm that stands.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -42,6 +43,8 @@ ASYNC_START = 0.3
 """An asynchronous operation that shows no new number after so many seconds has ended already."""
 SETTLE_MARGIN = 0.1
 """Seconds for the last of a motion to die away after its nominal end."""
+LONGEST_STEP = 0.02
+"""Seconds of motion at most that one position of a stream may ask for, however late it is."""
 STILL = 1e-5
 """Change of a servo target, in rad, that counts as none."""
 
@@ -57,6 +60,7 @@ class MotionOptions:
         joint_deceleration: rad/s², for stops of joint motions.
         linear_deceleration: m/s², for stops of Cartesian motions.
         feed_period: how often the robot-side watchdog is fed, in s.
+        joint_speeds: rad/s, of each joint at most on its way to a position of a stream.
     """
 
     period: float = 0.002
@@ -65,6 +69,7 @@ class MotionOptions:
     joint_deceleration: float = 5.0
     linear_deceleration: float = 2.0
     feed_period: float = 0.02
+    joint_speeds: tuple[float, ...] = (math.pi,) * 6
 
 
 class MotionSequencer:
@@ -86,6 +91,8 @@ class MotionSequencer:
         self.sequence = 0
         self.settling = False
         self._command = MotionCommand(0, MotionKind.NONE)
+        self._target: tuple[float, ...] = ()
+        self._stepped_at = 0.0
         self._pending: MotionCommand | None = None
         self._commanded_at = 0.0
         self._moved_at = 0.0
@@ -132,6 +139,8 @@ class MotionSequencer:
                 self._finish_settling(now)
             elif self.motion in MOVES:
                 self._watch_move(now)
+            elif self.motion is MotionKind.SERVO_JOINT and self._command.values != self._target:
+                self._stream(self._command._replace(values=self._target), now)
             elif (
                 self.motion in (MotionKind.SPEED_JOINT, MotionKind.SPEED_CARTESIAN)
                 and now > self._commanded_at + self._command.second
@@ -186,7 +195,8 @@ class MotionSequencer:
         if kind in STREAMED:
             # Adopted first: if the library fails half-way, the motion may have begun all the same.
             self._adopt(command, now)
-            self._moved_at = now
+            self._moved_at = self._stepped_at = now
+            self._target = command.values
             self._send(command)
             return
         if kind in MOVES:
@@ -204,6 +214,8 @@ class MotionSequencer:
 
     def _stream(self, command: MotionCommand, now: float) -> None:
         if command.kind is MotionKind.SERVO_JOINT:
+            self._target = command.values
+            command = command._replace(values=self._step(now))
             change = max(
                 abs(a - b) for a, b in zip(command.values, self._command.values, strict=True)
             )
@@ -211,6 +223,16 @@ class MotionSequencer:
                 self._moved_at = now
         self._send(command)
         self._adopt(command, now)
+
+    def _step(self, now: float) -> tuple[float, ...]:
+        """Return the way to the target that joints go since the last step: what waited here is no jump."""
+        elapsed, self._stepped_at = min(now - self._stepped_at, LONGEST_STEP), now
+        return tuple(
+            sent + max(-speed * elapsed, min(speed * elapsed, wanted - sent))
+            for sent, wanted, speed in zip(
+                self._command.values, self._target, self._options.joint_speeds, strict=True
+            )
+        )
 
     def _send(self, command: MotionCommand) -> None:
         options = self._options

@@ -170,6 +170,9 @@ class ProcessLink(ControlLink):
             self._stopping = 0
         if event.kind in (EventKind.PROCESS_DIED, EventKind.CONNECTION_LOST):
             self._left_running |= self.program_runs
+            if self._connected_process == self.process.status.starts:
+                # The library may have connected and started its program anew, without the watchdog.
+                self._interrupted_at = time.monotonic()
             self.loss = self.loss or f"{error.text}. {error.hint}"
             logger.error("%s: %s", self._where, error.text)
         elif event.kind is EventKind.PROGRAM_STOPPED:
@@ -265,7 +268,7 @@ class ProcessLink(ControlLink):
 
     @property
     def left_program(self) -> bool:
-        """See the base class: its start ended before its watchdog was armed."""
+        """See the base class: its start ended before its watchdog was armed, by us or by the library."""
         return self._interrupted_at > -math.inf
 
     def stop_program(self) -> Steps:
