@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ur_bench import HOME, LONG, WAYS, UrBench, driver_at, eventually, ur_bench
+from ur_bench import HOME, LONG, PROTECTIVE_STOP, WAYS, UrBench, driver_at, eventually, ur_bench
 
 from crtk_drivers.errors import CommandRefused, DeviceError, MotionAborted, TransitionFailed
 from crtk_sim_backends.ur import SIM
@@ -80,6 +80,8 @@ def start_streaming(bench: UrBench) -> None:
 
 def assert_enables_at_rest(bench: UrBench) -> None:
     """Enable (or resume) must work, move nothing, and start from where the arm is."""
+    if bench.control == "ur_rtde" and bench.outputs("safety_mode") == PROTECTIVE_STOP:
+        unlock(bench)  # the library's program follows at once what a network or a stall held up
     with bench.nothing_moves():
         bench.enable()
         np.testing.assert_allclose(bench.arm.setpoint_jp(), bench.q(), atol=1e-3)

@@ -1,16 +1,24 @@
 """Stops of a UR arm: read back, by a second way where the first is gone, and what the driver leaves."""
 
+import math
+import os
+import signal
 import socket
 import threading
 import time
 
+import numpy as np
 import pytest
 from ur_bench import HOME, LONG, WAYS, UrBench, driver_at, eventually, ur_bench
 
+from crtk_driver_ur.models import JOINT_NAMES, model_named
+from crtk_driver_ur.motion_sequencer import LONGEST_STEP
+from crtk_drivers.errors import ConfigError
 from crtk_sim_backends.ur import SIM
 
 POWER_OFF, IDLE, RUNNING = 3, 5, 7
 STOPPED, PLAYING = 1, 2
+SERVO_J = 11
 FAR = [2.5, *HOME[1:]]
 CONFIG = {"sample_timeout": 1.0, "open_timeout": 5.0}
 RELEASED = "the brakes are released"
@@ -96,6 +104,80 @@ def test_a_stop_does_not_wait_for_a_thread_that_hangs_in_the_connection(bench, r
     bench.until_outputs(runtime_state=(STOPPED,))
     with bench.nothing_moves():
         eventually(lambda: bench.status.state != "ENABLED", "it is told")
+
+
+@pytest.mark.parametrize("shared", ["ur_rtde"], indirect=True)
+def test_what_waited_for_the_control_process_is_no_jump(bench):
+    """The process stands still for 200 ms in a stream of 1 rad/s, and takes only the newest position."""
+    mark, began = bench.mark(), time.monotonic()
+    frozen = False
+    while (now := time.monotonic() - began) < 1.5:
+        bench.arm.servo_jp([min(now, 1.0), *HOME[1:]])
+        if now > 0.5 and not frozen:
+            frozen = True
+            os.kill(bench.child, signal.SIGSTOP)
+            resume = threading.Timer(0.2, os.kill, (bench.child, signal.SIGCONT))
+            resume.start()
+        time.sleep(0.005)
+    resume.join()
+    servo = [v for v in bench.sent_since(mark) if v["input_int_register_0"] == SERVO_J]
+    positions = np.array([values["input_double_register_0"] for values in servo])
+    assert positions[-1] == pytest.approx(1.0)
+    fastest = model_named("ur5e").velocity_limits[0]
+    assert np.abs(np.diff(positions)).max() < fastest * LONGEST_STEP * 1.001
+    bench.arm.hold()
+    bench.until_still()
+
+
+# Ranges.
+
+
+def test_the_ranges_of_the_safety_configuration_hold_and_are_told():
+    """Narrower there than in the model: the program stops a velocity before the controller stops the arm."""
+    with ur_bench(CONFIG, position_limit=110.0) as bench:
+        bench.enable()
+        notes = {note.key: note.text for note in bench.engine.health().notes}
+        assert "1.920" in notes["wrist_3_joint"]
+        deadline = time.monotonic() + LONG
+        while bench.q()[5] < 1.85:
+            assert time.monotonic() < deadline, "never: the end of the range"
+            bench.arm.servo_jv([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+            time.sleep(0.02)
+        for _ in range(50):
+            bench.arm.servo_jv([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+            time.sleep(0.02)
+        assert bench.q()[5] <= math.radians(110.0)
+        assert bench.status.state == "ENABLED", "the controller saw nothing to stop"
+        bench.arm.hold()
+        bench.until_still()
+
+
+def test_ranges_of_the_configuration_are_those_of_the_device():
+    joints = {"wrist_3_joint": {"upper": 0.5, "velocity": 1.0}, "elbow_joint": {"lower": 0.0}}
+    with ur_bench({**CONFIG, "joints": joints}) as bench:
+        limits = dict(zip(JOINT_NAMES, bench.engine.capabilities.limits, strict=True))
+        assert (limits["wrist_3_joint"].upper, limits["wrist_3_joint"].velocity) == (0.5, 1.0)
+        assert limits["elbow_joint"].lower == 0.0
+        bench.enable()
+        with bench.refused("out_of_range", "move_jp"):
+            bench.arm.move_jp([*HOME[:5], 0.6])
+        assert bench.arm.move_jp([*HOME[:5], 0.4]).wait(LONG)
+
+
+@pytest.mark.parametrize(
+    "joints",
+    [
+        {"wrist_3": {"upper": 0.5}},
+        {"elbow_joint": {"lower": 1.0, "upper": 0.5}},
+        {"elbow_joint": {"lower": 7.0}},
+        {"elbow_joint": {"velocity": 0.0}},
+        {"elbow_joint": {"velocity": float("nan")}},
+        {"elbow_joint": {"upper": float("nan")}},
+    ],
+)
+def test_ranges_that_cannot_be_are_refused(joints):
+    with pytest.raises(ConfigError, match="joints"), ur_bench({"joints": joints}, start=False):
+        pass
 
 
 # What is found, and what is left.

@@ -1,5 +1,6 @@
 """The text of the control program: what is filled in, and which built-ins each controller is asked for."""
 
+import math
 import re
 
 import pytest
@@ -17,6 +18,7 @@ from crtk_driver_ur.control_program import (
     Setting,
     program_text,
 )
+from crtk_driver_ur.models import Limits
 
 NEWER = {
     "freedrive_mode": {(5, 10), (5, 23)},
@@ -29,11 +31,12 @@ NEWER = {
 }
 """Built-ins that not every controller has, and the versions whose program may name them."""
 
+RANGES = Limits((-6.0,) * 6, (6.0,) * 5 + (math.inf,))
 VERSIONS = ((3, 5), (3, 15), (5, 0), (5, 9), (5, 10), (5, 23))
 
 
 def options(version=(5, 12), first=0) -> ProgramOptions:
-    return ProgramOptions(version, first, 5.0, 0.002, 4.5, 2.5, 0.1, 4.5, (3.14,) * 6)
+    return ProgramOptions(version, first, 5.0, 0.002, 4.5, 2.5, 0.1, 4.5, (3.14,) * 6, RANGES)
 
 
 @pytest.mark.parametrize("version", VERSIONS, ids=str)

@@ -21,6 +21,7 @@ from crtk_driver_ur.control_program import (
     Setting,
     program_text,
 )
+from crtk_driver_ur.models import Limits
 from crtk_driver_ur.program_settings import AXES
 from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
 from crtk_drivers.errors import ConfigError, ConnectionFailed, MotionAborted, TransitionFailed
@@ -34,6 +35,7 @@ PATIENCE = 0.1
 LOOKAHEAD = 0.1
 ACCELERATION = 5.0
 SPEEDS = (3.14,) * 6
+RANGES = Limits((-6.28,) * 6, (6.28,) * 5 + (0.5,))
 NATIVE = {"control": "native"}
 FAR = [2.5, *HOME[1:]]
 
@@ -75,6 +77,7 @@ class Rig:
             LOOKAHEAD,
             ACCELERATION,
             SPEEDS,
+            RANGES,
         )
         self.channel.address(MINE)
         with socket.create_connection((self.sim.host, 30001), LONG) as peer:
@@ -260,6 +263,25 @@ def test_what_cannot_be_meant_stops_the_arm(rig, kind, bad):
     done = rig.until_done(rig.channel.command(kind, (bad, *moving[1:]), 1.0, LONG))
     assert max(map(abs, done.target_qd)) < 1e-3
     assert done.runtime_state == PLAYING
+
+
+@pytest.mark.parametrize(
+    ("kind", "values"),
+    [
+        (Kind.SERVO_JOINT, (*HOME[:5], 1.0)),
+        (Kind.SPEED_JOINT, (0.0, 0.0, 0.0, 0.0, 0.0, 1.5)),
+        (Kind.SPEED_CARTESIAN, (0.0, 0.0, 0.0, 0.0, 0.0, -1.5)),
+    ],
+)
+def test_no_joint_leaves_its_range_whatever_is_commanded(rig, kind, values):
+    """The second line behind the driver: the program knows the ranges itself."""
+    rig.start()
+    for _ in range(100):
+        rig.channel.command(kind, values, 1.0 if kind is Kind.SERVO_JOINT else 5.0, 300.0)
+        time.sleep(0.02)
+    rig.until_done(rig.channel.command(Kind.REST))
+    farthest = max(state.target_q[5] for state in rig.states)
+    assert 0.4 < farthest < RANGES.upper[5] + 1e-3
 
 
 def test_quit_stops_and_ends_the_program(rig):

@@ -11,8 +11,8 @@ from crtk_driver_ur.calibration import NOMINAL, CalibratedKinematics, Calibratio
 from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.frames import IDENTITY, Transform
 from crtk_driver_ur.kinematics import ArmKinematics
-from crtk_driver_ur.models import RobotModel
-from crtk_driver_ur.primary import read_robot_info
+from crtk_driver_ur.models import JOINT_NAMES, RobotModel
+from crtk_driver_ur.primary import JointLimits, read_robot_info
 from crtk_driver_ur.rtde.stream import StateSample
 from crtk_driver_ur.samples import SampleMaker
 from crtk_drivers.device import Note, Severity
@@ -44,6 +44,8 @@ class ArmGeometry:
         kinematics: with the tool centre point that counts now.
         samples: makes them, for the same point.
         note: what people should know of the calibration.
+        limit_notes: what they should know of ranges and speeds.
+        arm: the model with the ranges and speeds that hold: as configured, and as the controller told.
     """
 
     def __init__(self, config: UrConfig, model: RobotModel, where: str) -> None:
@@ -57,6 +59,8 @@ class ArmGeometry:
         self.kinematics = self._with(self._tool or IDENTITY)
         self.samples = SampleMaker(self._tool)
         self.note: Note | None = None
+        self.limit_notes: tuple[Note, ...] = ()
+        self.arm = model
 
     def _with(self, tool: Transform) -> ArmKinematics:
         if self._calibration is None:
@@ -107,14 +111,17 @@ class ArmGeometry:
         """Ask the controller for its calibration: compute with it, or compare it with the configured one."""
         configured = self._config.calibration
         self.note = None
-        if configured == "nominal":
-            return
+        self.limit_notes, self.arm = (), self._model
         try:
             now = time.monotonic()
             soon = max(now + LEAST_TIME, min(deadline, now + CALIBRATION_TIMEOUT))
-            found = read_robot_info(self._config.host, soon).calibration
+            told = read_robot_info(self._config.host, soon)
         except DeviceError as error:
             self._not_told(error)
+            return
+        self._learn_limits(told.limits)
+        found = told.calibration
+        if configured == "nominal":
             return
         if not isinstance(configured, Calibration):
             self._adopt(found)
@@ -124,7 +131,42 @@ class ArmGeometry:
                 "`crtk-driver ur info --output`, or leave it out."
             )
 
+    def _learn_limits(self, told: JointLimits | None) -> None:
+        """Keep the control program within the controller's own limits, and say where these are narrower."""
+        if told is None:
+            return
+        model, notes = self._model, []
+        rows = zip(
+            JOINT_NAMES,
+            zip(told.lower, told.upper, told.speed, strict=True),
+            zip(
+                model.position_limits.lower,
+                model.position_limits.upper,
+                model.velocity_limits,
+                strict=True,
+            ),
+            strict=True,
+        )
+        narrower = {}
+        for name, (lower, upper, speed), (least, most, fastest) in rows:
+            if lower > least or upper < most or speed < fastest:
+                narrower[name] = (lower, upper, speed)
+                notes.append(
+                    Note(
+                        Severity.WARNING,
+                        name,
+                        f"the controller holds it within [{lower:.3f}, {upper:.3f}] rad, {speed:.3f} rad/s "
+                        "by its safety configuration; set `joints`, so that commands beyond are refused "
+                        "(`crtk-driver ur info --output` writes it)",
+                    )
+                )
+        self.limit_notes = tuple(notes)
+        self.arm = model.limited_to(narrower)
+
     def _not_told(self, error: DeviceError) -> None:
+        if self._config.calibration == "nominal":
+            logger.warning("%s: the controller does not tell its limits: %s", self._where, error)
+            return
         used = "the configured one is used"
         if not isinstance(self._config.calibration, Calibration):
             self._use(None)

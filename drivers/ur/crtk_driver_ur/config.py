@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from crtk_driver_ur.calibration import Calibration
-from crtk_driver_ur.models import model_named
+from crtk_driver_ur.models import JOINT_NAMES, RobotModel, model_named
 from crtk_driver_ur.plausibility import gravity_problem, payload_problem
 from crtk_drivers.config import DeviceConfig, Settings
 
@@ -117,12 +117,41 @@ class PayloadConfig(Settings):
     )
 
 
+JointName = Literal[
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+]
+
+
+class JointConfig(Settings):
+    """What one joint may do, within what the model's can."""
+
+    lower: float | None = Field(
+        default=None, description="Least position, in rad; the model's if null."
+    )
+    upper: float | None = Field(
+        default=None, description="Largest position, in rad; the model's if null."
+    )
+    velocity: float | None = Field(
+        default=None, gt=0.0, description="Largest speed, in rad/s; the model's if null."
+    )
+
+
 class UrConfig(DeviceConfig):
     """A Universal Robots arm."""
 
     host: str = Field(default="", max_length=253, description="Address or name of the controller.")
     model: Literal["ur3", "ur5", "ur10", "ur3e", "ur5e", "ur10e", "ur16e", "ur20", "ur30"] = Field(
         default="ur5e", description="Model of the arm."
+    )
+    joints: dict[JointName, JointConfig] = Field(
+        default={},
+        description="Ranges and speeds of joints, by name; `crtk-driver ur info --output` writes those of "
+        "the controller's safety configuration.",
     )
     frequency: float | None = Field(
         default=None,
@@ -195,6 +224,25 @@ class UrConfig(DeviceConfig):
         description="Whose axes these are: of the base, or of the tool as it is when `free` begins. By the "
         "native control.",
     )
+
+    @property
+    def arm(self) -> RobotModel:
+        """The model, with the ranges and speeds that are configured for its joints."""
+        model = model_named(self.model)
+        return model.limited_to(
+            {
+                name: (joint.lower, joint.upper, joint.velocity)
+                for name, joint in self.joints.items()
+            }
+        )
+
+    @model_validator(mode="after")
+    def _ranges(self) -> UrConfig:
+        limits = self.arm.position_limits
+        for name, lower, upper in zip(JOINT_NAMES, limits.lower, limits.upper, strict=True):
+            if not lower < upper:
+                raise ValueError(f"joints: {name}: lower {lower:g} is not below upper {upper:g}")
+        return self
 
     @model_validator(mode="after")
     def _watchdog_is_fed(self) -> UrConfig:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import logging
-import math
 import os
 import socket
 import subprocess
@@ -61,7 +60,6 @@ class ControlOptions:
         upper_range_registers: use the registers from 24 up, where a fieldbus claims the lower ones.
         robot_api_port: of the Robot API, on PolyScope X.
         joint_acceleration: with which a joint speeds up at most when it follows positions, rad/s².
-        joint_speeds: of each joint at most, rad/s.
         motion: how motions are carried out.
     """
 
@@ -69,7 +67,6 @@ class ControlOptions:
     upper_range_registers: bool = False
     robot_api_port: int = 80
     joint_acceleration: float = 5.0
-    joint_speeds: tuple[float, ...] = (math.pi,) * 6
     motion: MotionOptions = field(default_factory=MotionOptions)
 
 

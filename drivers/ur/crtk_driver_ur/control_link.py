@@ -11,6 +11,7 @@ from typing import Any
 
 from crtk_driver_ur.control_frames import Reply
 from crtk_driver_ur.dashboard_worker import client_of
+from crtk_driver_ur.models import RobotModel
 from crtk_driver_ur.request_worker import Controller
 from crtk_driver_ur.rtde.stream import StateSample
 from crtk_drivers.device import MoveProgress, Steps
@@ -42,11 +43,13 @@ class ControlLink(ABC):
         program_runs: our control program was started and not seen to stop since.
         has_local_control: the controller knows local and remote control, and is asked which it is.
         remote: whether it is in remote control; None if not known.
+        arm: what the joints may do, for a control program of ours; None: as in the options.
         loaded_program: name of the program that is loaded; empty if none is, None if that is not known.
     """
 
     def __init__(self, where: str) -> None:
         self.loss = ""
+        self.arm: RobotModel | None = None
         self.complaint = ""
         self.program_runs = False
         self.has_local_control = False

@@ -31,6 +31,8 @@ from string import Template
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
+from crtk_driver_ur.models import Limits
+
 __all__ = [
     "FEED",
     "MOTION",
@@ -161,6 +163,7 @@ class ProgramOptions:
         lookahead: s by which the arm lags behind joint positions.
         joint_acceleration: with which a joint speeds up at most on its way to them, rad/s².
         joint_speeds: of each joint at most, rad/s.
+        joint_ranges: of each joint, rad.
     """
 
     version: tuple[int, int]
@@ -172,6 +175,7 @@ class ProgramOptions:
     lookahead: float
     joint_acceleration: float
     joint_speeds: tuple[float, ...]
+    joint_ranges: Limits
 
     @property
     def smoothing_rate(self) -> float:
@@ -222,6 +226,8 @@ def program_text(options: ProgramOptions, program: int) -> str:
         "smoothing_rate": options.smoothing_rate,
         "joint_acceleration": options.joint_acceleration,
         "joint_speeds": list(options.joint_speeds),
+        "lower": [max(-LARGEST_VALUE, value) for value in options.joint_ranges.lower],
+        "upper": [min(LARGEST_VALUE, value) for value in options.joint_ranges.upper],
         "largest_value": LARGEST_VALUE,
         "kinds": _constants(Kind),
         "phases": _constants(Phase),

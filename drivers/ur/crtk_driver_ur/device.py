@@ -19,7 +19,7 @@ from crtk_driver_ur.control import ControlOptions
 from crtk_driver_ur.control_link import ControlLink
 from crtk_driver_ur.frames import Transform
 from crtk_driver_ur.inputs import UrInputs
-from crtk_driver_ur.models import CB3, RobotModel, model_named
+from crtk_driver_ur.models import CB3, RobotModel
 from crtk_driver_ur.motion_sequencer import MotionOptions
 from crtk_driver_ur.native_link import NativeLink
 from crtk_driver_ur.outputs import output_settings
@@ -94,7 +94,7 @@ class UrDevice(Device):
 
     def __init__(self, config: UrConfig) -> None:
         self._config = config
-        self._model: RobotModel = model_named(config.model)
+        self._model: RobotModel = config.arm
         self._geometry = ArmGeometry(config, self._model, f"ur {self.address}")
         link = NativeLink if config.control == "native" else ProcessLink
         options = _control_options(config, self._model)
@@ -226,6 +226,7 @@ class UrDevice(Device):
             text = f"the controller sends {nonsense} as no finite number; samples are dropped"
             reports = (Note(Severity.ERROR, "samples", text), *reports)
         calibration = (self._geometry.note,) if self._geometry.note else ()
+        calibration = (*calibration, *self._geometry.limit_notes)
         waiting = () if self._controls() else self._settings.waiting()
         return (*self._inputs.notes(), *waiting, *calibration, *reports)
 
@@ -431,6 +432,7 @@ class UrDevice(Device):
     def _begin(self, command: str) -> Steps:
         """Forget what took control away, and see that it can be had again."""
         self._in_control, self._link.loss = False, ""
+        self._link.arm = self._geometry.arm
         yield from self._robot.until(lambda: self._robot.state is not None and self._link.ready)
         yield from self._robot.require_remote("state_command", f"{command}: ")
         yield from self._robot.until(lambda: not self._robot.paused, OTHER_PROGRAM_TIMEOUT)
@@ -502,12 +504,12 @@ def _control_options(config: UrConfig, model: RobotModel) -> ControlOptions:
         upper_range_registers=config.upper_range_registers,
         robot_api_port=config.robot_api_port,
         joint_acceleration=max(config.servo.joint_acceleration, config.move.joint_acceleration),
-        joint_speeds=model.velocity_limits,
         motion=MotionOptions(
             period=1.0 / model.frequency,
             lookahead=config.servo.lookahead,
             gain=config.servo.gain,
             joint_deceleration=config.servo.joint_acceleration,
             linear_deceleration=config.servo.linear_acceleration,
+            joint_speeds=model.velocity_limits,
         ),
     )

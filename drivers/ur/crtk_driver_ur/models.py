@@ -11,8 +11,8 @@ controller's own range, ±360°.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TypeAlias
 
@@ -78,6 +78,23 @@ class RobotModel:
     def largest_payload(self) -> float:
         """That some software permits, in kg."""
         return _LARGER_PAYLOADS.get(self.name, self.payload)
+
+    def limited_to(
+        self, joints: Mapping[str, tuple[float | None, float | None, float | None]]
+    ) -> RobotModel:
+        """Return it with narrower limits: least and largest position, and speed, by name of the joint."""
+        lower, upper = list(self.position_limits.lower), list(self.position_limits.upper)
+        speeds = list(self.velocity_limits)
+        for name, (least, most, speed) in joints.items():
+            index = JOINT_NAMES.index(name)
+            lower[index] = max(lower[index], -math.inf if least is None else least)
+            upper[index] = min(upper[index], math.inf if most is None else most)
+            speeds[index] = min(speeds[index], math.inf if speed is None else speed)
+        return replace(
+            self,
+            position_limits=Limits(_six(lower), _six(upper)),
+            velocity_limits=_six(speeds),
+        )
 
     @property
     def frequency(self) -> float:
@@ -157,6 +174,11 @@ _LARGER_PAYLOADS: Mapping[str, float] = MappingProxyType({"ur20": 25.0, "ur30": 
 """Of arms whose newer software permits more than they were rated for first."""
 
 _ENDLESS_WRIST_3 = {"ur3", "ur3e"}
+
+
+def _six(values: Sequence[float]) -> Vector6:
+    a, b, c, d, e, f = values
+    return a, b, c, d, e, f
 
 
 def _model(name: str) -> RobotModel:

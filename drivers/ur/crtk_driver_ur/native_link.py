@@ -429,7 +429,8 @@ class NativeLink(ControlLink):
             self._was_local = False
         self._program = secrets.randbelow(2**31 - 1) + 1
         self._reported, self._messages, self.complaint = ProgramState(), MessageReader(), ""
-        options = self._options
+        options, arm = self._options, self.arm
+        assert arm is not None, "whoever starts a program says for which arm"
         text = program_text(
             ProgramOptions(
                 self._version,
@@ -440,7 +441,8 @@ class NativeLink(ControlLink):
                 options.motion.linear_deceleration,
                 options.motion.lookahead,
                 options.joint_acceleration,
-                options.joint_speeds,
+                arm.velocity_limits,
+                arm.position_limits,
             ),
             self._program,
         )

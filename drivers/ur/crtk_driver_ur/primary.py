@@ -44,6 +44,7 @@ _ERROR_HEAD: Final = struct.Struct(">iiiII")
 _EXCEPTION_HEAD: Final = struct.Struct(">ii")
 _WARNING: Final = 2
 _DH: Final = struct.Struct(">6I24d")
+_LIMITS: Final = struct.Struct(">24d")
 _ROBOT_TYPE: Final = struct.Struct(">4i")
 _ROBOT_TYPE_AT: Final = (12 + 12 + 5 + 24) * 8
 """Behind the limits, speeds, defaults and lengths of the configuration."""
@@ -60,6 +61,16 @@ class RobotInfo:
     version: str | None = None
     calibration: Calibration | None = None
     robot_type: int | None = None
+    limits: JointLimits | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class JointLimits:
+    """Of the safety configuration: range, rad, and speed, rad/s, of each joint."""
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    speed: tuple[float, ...]
 
 
 class PacketCutter:
@@ -93,11 +104,12 @@ class PacketReader:
         self._version: str | None = None
         self._calibration: Calibration | None = None
         self._robot_type: int | None = None
+        self._limits: JointLimits | None = None
 
     @property
     def info(self) -> RobotInfo:
         """What was told so far."""
-        return RobotInfo(self._version, self._calibration, self._robot_type)
+        return RobotInfo(self._version, self._calibration, self._robot_type, self._limits)
 
     @property
     def complete(self) -> bool:
@@ -122,6 +134,7 @@ class PacketReader:
                 if part == _KINEMATICS:
                     self._calibration = _calibration(content)
                 elif part == _CONFIGURATION:
+                    self._limits = _limits(content)
                     self._robot_type = _ROBOT_TYPE.unpack_from(content, _ROBOT_TYPE_AT)[2]
         elif kind == _MESSAGE and body[9] == _VERSION:
             self._version = _version(body[10:])
@@ -181,6 +194,14 @@ def _calibration(content: bytes) -> Calibration:
     theta, a, d, alpha = (tuple(lengths[i : i + 6]) for i in (0, 6, 12, 18))
     found = {"checksum": values[:6], "theta": theta, "a": a, "d": d, "alpha": alpha}
     return Calibration.model_validate(found)
+
+
+def _limits(content: bytes) -> JointLimits:
+    """Return range and speed of the joints: six pairs of least and largest, six of speed and acceleration."""
+    values = _LIMITS.unpack_from(content)
+    if not all(map(math.isfinite, values)):
+        raise PrimaryError("limits of joints that are not finite")
+    return JointLimits(values[0:12:2], values[1:12:2], values[12:24:2])
 
 
 def _version(content: bytes) -> str:

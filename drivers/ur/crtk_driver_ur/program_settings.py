@@ -210,7 +210,8 @@ class ProgramSettings:
 
     def _payload_problem(self, given: Mapping[str, Any]) -> str:
         """Return why the arm cannot carry what is kept, with what is given now."""
-        kept = {key: value for key, value in self._kept.items() if PAYLOAD not in given} | given
+        before = {} if PAYLOAD in given else self._kept
+        kept = {**before, **given}
         _, arguments = self._payload_request(kept)
         return payload_problem(
             self._model,

@@ -19,8 +19,8 @@ from rich.table import Table
 from crtk_driver_ur.calibration import NOMINAL, Calibration, displacements
 from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.frames import Transform, compose, inverse
-from crtk_driver_ur.models import RobotModel, model_named
-from crtk_driver_ur.primary import RobotInfo, read_robot_info
+from crtk_driver_ur.models import JOINT_NAMES, RobotModel, model_named
+from crtk_driver_ur.primary import JointLimits, RobotInfo, read_robot_info
 from crtk_driver_ur.reports import numbers_of, reports_of
 from crtk_driver_ur.robot_api import POLYSCOPE_X, RobotApiClient
 from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
@@ -72,7 +72,7 @@ def info(config: UrConfig, options: InfoOptions) -> int:
     rows = [*_identity(config, found), *_calibrated(model, found, state), *_reports(state)]
     _OUT.print(_table(rows))
     if options.output is not None and found.calibration is not None:
-        _write(options.output, _as_configuration(config, found.calibration))
+        _write(options.output, _as_configuration(config, found.calibration, found.limits))
     return 0
 
 
@@ -194,9 +194,29 @@ def _state(config: UrConfig, deadline: float) -> StateSample:
     return state
 
 
-def _as_configuration(config: UrConfig, calibration: Calibration) -> dict[str, Any]:
+def _as_configuration(
+    config: UrConfig, calibration: Calibration, limits: JointLimits | None
+) -> dict[str, Any]:
     values = calibration.model_dump(mode="json")
-    return {"host": config.host, "model": config.model, "calibration": values}
+    found = {"host": config.host, "model": config.model, "calibration": values}
+    joints = {} if limits is None else _narrower(model_named(config.model), limits)
+    return {**found, "joints": joints} if joints else found
+
+
+def _narrower(model: RobotModel, limits: JointLimits) -> dict[str, dict[str, float]]:
+    """Return what the controller's safety configuration limits beyond the model, as configuration."""
+    ranges = model.position_limits
+    joints = {}
+    for i, name in enumerate(JOINT_NAMES):
+        pairs = (
+            ("lower", limits.lower[i], limits.lower[i] > ranges.lower[i]),
+            ("upper", limits.upper[i], limits.upper[i] < ranges.upper[i]),
+            ("velocity", limits.speed[i], limits.speed[i] < model.velocity_limits[i]),
+        )
+        found = {key: round(value, 6) for key, value, is_narrower in pairs if is_narrower}
+        if found:
+            joints[name] = found
+    return joints
 
 
 def _write(path: str, values: dict[str, Any]) -> None:

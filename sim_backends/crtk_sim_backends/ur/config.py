@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from math import radians
 from pathlib import Path
 from typing import Final
 
@@ -46,6 +47,9 @@ PORTS: Final = {
 PolyScope X (10.x) has the Robot API in place of the dashboard server, CB3 no serial line to the
 tool, and software before 5.10 no interpreter mode; Modbus server and Robot API are options.
 """
+
+LARGEST_POSITION: Final = 363.0
+"""Degrees, of the widest safety configuration."""
 
 SLOWEST: Final = 0.1
 FASTEST: Final = 100.0
@@ -122,6 +126,9 @@ class SimConfig(Options):
     tool_force_limit: float = option(250.0, "force on the tool that stops it, N")
     power_limit: float = option(3000.0, "power of the joints that stops it, W")
     momentum_limit: float = option(100.0, "momentum of the arm that stops it, kg m/s")
+    position_limit: float = option(
+        LARGEST_POSITION, "position of joints that stops it, degrees to both sides"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -147,6 +154,7 @@ class SimConfig(Options):
             raise ConfigError(f"version: a {self.robot.title} has software {needed}, not {major}.x")
         if self.robot.is_cb3 and not self.remote:
             raise ConfigError("remote: a CB3 controller has no local control")
+        check_range("position_limit", self.position_limit, 100.0, LARGEST_POSITION)
         check_port("modbus_port", self.modbus_port)
         check_port("robot_api_port", self.robot_api_port)
         if self.robot_api and self.software[:2] < (10, 11):
@@ -172,6 +180,8 @@ class SimConfig(Options):
     def robot(self) -> RobotModel:
         """The arm."""
         model = MODELS[self.model]
+        if self.position_limit < LARGEST_POSITION:
+            model = model.limited_to(radians(self.position_limit))
         if not self.calibration:
             return model
         return calibrated(model, self.calibration, int(self.serial_number))

@@ -8,7 +8,7 @@ published; 40 rad/s^2 is the largest value that the controller's built-ins accep
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, pi, radians
 from typing import Final, NamedTuple, TypeAlias
 
@@ -63,6 +63,12 @@ class RobotModel:
     position: Vector6 = (2 * pi,) * 6
     acceleration: float = 40.0
     calibration: Calibration | None = None
+    safe_position: float = radians(363.0)
+
+    def limited_to(self, position: float) -> RobotModel:
+        """Return the arm with a narrower safety configuration: `position` to both sides, rad."""
+        a, b, c, d, e, f = (min(position, largest) for largest in self.position)
+        return replace(self, position=(a, b, c, d, e, f), safe_position=position)
 
     @property
     def reach(self) -> float:

@@ -228,7 +228,8 @@ def _kinematics(source: _Source) -> tuple[Any, ...]:
 
 def _configuration(source: _Source) -> tuple[Any, ...]:
     model = source.model
-    limits = (-_POSITION_LIMIT, _POSITION_LIMIT) * 6
+    limit = min(_POSITION_LIMIT, model.safe_position)
+    limits = (-limit, limit) * 6
     speeds = [value for speed in model.velocity for value in (speed + 0.2, model.acceleration)]
     # Joint speed and acceleration, tool speed and acceleration, equivalent radius.
     defaults = (radians(60.0), radians(80.0), 0.25, 1.2, 0.25)
