@@ -29,6 +29,7 @@ ABSENT = (
     Absent("F11", "no nodes"),
     Absent("F13", "no safety system"),
     Absent("F16", "it exists in the driver's process only, and ends with it"),
+    Absent("F19", "it ends with its driver; with another driver it is another arm"),
     Absent("F20", "it belongs to the process that made it"),
 )
 
@@ -63,7 +64,6 @@ WAYS = (
         kind=disturbed.NOT_FINITE,
         within=SAMPLES,
         stands=SAMPLES + STOP,
-        pending={"any activity": "3"},
     ),
     Way(
         "F12",
@@ -82,7 +82,7 @@ WAYS = (
         within=0.05,
         stands=0.05 + STOP,
     ),
-    *own_process(stop=STOP, stream=0.3),
+    *(way for way in own_process(stop=STOP, stream=0.3) if way.fault != "F19"),
 )
 
 _PATIENT = {"sample_timeout": SAMPLES, "stream_timeout": 0.3}
@@ -108,6 +108,11 @@ class _MemoryRig(Rig):
 
     def start_sim(self) -> None:
         """There is none."""
+
+    def open(self, *, start: bool = True, wait: bool = True) -> None:
+        """See the base class. It is another arm."""
+        self.looks.clear()
+        super().open(start=start, wait=wait)
 
     def _device(self) -> LoopbackDevice | VirtualDevice:
         inner = self.disturbed.inner

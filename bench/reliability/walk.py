@@ -8,19 +8,26 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Final
 
 import numpy as np
 
 from bench.reliability.activities import STREAMS, Activity
-from bench.reliability.rig import SLACK, STILL, BrokenPromiseError, Rig
+from bench.reliability.rig import STILL, BrokenPromiseError, Rig
 from bench.reliability.table import Follows, Way
 from crtk_drivers.errors import CommandRefused, CrtkError
 from crtk_drivers.samples import JointState, Value
 from crtk_drivers.state import StateCommand
 
-TURNS: Final = (0.02, 0.05, 0.1, 0.2, 0.4)
+TURNS: Final = (0.02, 0.1, 0.3, 1.0, 3.0)
 """Seconds for which a step may go on."""
+
+LATE: Final = 1.0
+"""Seconds that a busy machine may add to each declared time."""
+
+ARRIVAL: Final = 0.1
+"""How far (rad, m) from its goal a move that began in motion may seem to be."""
 
 _WALKED: Final = frozenset({Follows.STOPS, Follows.GOES_ON})
 
@@ -56,13 +63,18 @@ class Walk:
         self.story = Story()
         self._fault: Way | None = None
         self._asked = -math.inf
+        self._start = np.zeros(0)
 
     # ------------------------------------------------------------------------------------------ steps
 
     def state_command(self, command: str) -> None:
-        """Ask for a state; it may be refused."""
+        """Ask for a state; it may be refused, except for one that stops."""
         self.story.add("state_command", command)
-        self._tried(lambda: self.rig.engine.state_command(command))
+        ask = partial(self.rig.engine.state_command, command)
+        if command == StateCommand.DISABLE:
+            self._never_refused(command, ask)
+        else:
+            self._tried(ask)
         self.go_on(0.05)
 
     def hold(self) -> None:
@@ -70,7 +82,7 @@ class Walk:
         self.story.add("hold")
         self.rig.stop_activity()
         if "hold" in self.rig.engine.commands:
-            self._tried(self.rig.arm.hold)
+            self._never_refused("hold", self.rig.arm.hold)
         self.go_on(0.05)
 
     def begin(self, activity: str) -> None:
@@ -79,6 +91,7 @@ class Walk:
         self.rig.stop_activity()
 
         def begin() -> None:
+            self._start = self.rig.look().joints
             self.rig.activity = Activity(activity, self.rig.arm, self.rig.plan)
 
         self._tried(begin)
@@ -122,6 +135,15 @@ class Walk:
             if time.monotonic() >= end:
                 return
 
+    def _never_refused(self, name: str, call: Callable[[], object]) -> None:
+        """Promise 8: a stop is never refused while there is a connection."""
+        connected = self.rig.engine.connected
+        try:
+            call()
+        except CommandRefused as refusal:
+            if connected and self.rig.engine.connected:
+                raise self._broken(f"{name} was refused: {refusal}") from refusal
+
     def _tried(self, call: Callable[[], object]) -> None:
         try:
             call()
@@ -143,6 +165,7 @@ class Walk:
         self._check_rest()
         self._check_range()
         self._check_finite()
+        self._check_reached()
         self._check_refusals()
 
     def _check_rest(self) -> None:
@@ -150,13 +173,13 @@ class Walk:
         rig, now = self.rig, time.monotonic()
         policy = rig.engine.capabilities.stop
         timeouts = rig.engine.options
-        silence = max(timeouts.stream_timeout, timeouts.interpolate_timeout)
+        silent = max(timeouts.stream_timeout, timeouts.interpolate_timeout)
         moving = rig.status.state == "ENABLED" and (
             rig.status.is_busy or (rig.activity is not None and rig.activity.name in STREAMS)
         )
         if moving or rig.engine.transition_ended is False:
             self._asked = now
-        allowed = silence + timeouts.sample_timeout + policy.link_timeout + policy.time + SLACK
+        allowed = max(silent, policy.link_timeout) + policy.time + LATE
         if now - self._asked > allowed and not rig.still(STILL):
             recent = [look for look in rig.looks if look.at >= now - STILL]
             if len(recent) > 3:
@@ -183,6 +206,18 @@ class Walk:
         value: Value = found[0]
         if isinstance(value, JointState) and not np.isfinite(value.position).all():
             raise self._broken(f"measured_js is {value.position}")
+
+    def _check_reached(self) -> None:
+        """Promise 9: a move that is reached is where it was to be."""
+        activity = self.rig.activity
+        if activity is None or activity.name != "move_jp" or activity.move is None:
+            return
+        if str(activity.move.outcome) != "reached":
+            return
+        went = self.rig.looks[-1].joints - self._start
+        if abs(abs(went[0]) - self.rig.plan.far) > ARRIVAL:
+            raise self._broken(f"move_jp is reached, but went {went[0]:.3f} of {self.rig.plan.far}")
+        activity.move = None
 
     def _check_refusals(self) -> None:
         """Promise 5."""
