@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from bench.reliability import disturbed
 from bench.reliability.activities import STREAMS
 from bench.reliability.rig import CLOCK, PAUSE
-from bench.reliability.table import ANY, REST, Follows, Way
+from bench.reliability.table import Follows, Way
 
 HOUR = 3600.0
 STALL = 1.1
@@ -85,6 +85,3 @@ def own_process(
         ),
         way("F19", "closed in motion and started again", Follows.RESTARTED, stands=stop),
     )
-
-
-__all__ = ["ANY", "REST", "own_process"]

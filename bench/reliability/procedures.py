@@ -16,7 +16,7 @@ import numpy as np
 
 from bench.reliability.activities import MOVES, STANDING
 from bench.reliability.rig import PATIENCE, SLACK, BrokenPromiseError, Log, Rig
-from bench.reliability.table import REST, Cell, Follows, Way
+from bench.reliability.table import Cell, Follows, Way
 from crtk_drivers.errors import CommandRefused
 
 CALM = 0.25
@@ -324,5 +324,3 @@ PROCEDURES: Mapping[Follows, Callable[[Rig, Way, str], Result]] = {
     Follows.KEPT_OUT: _kept_out,
     Follows.OBEYS: _obeys,
 }
-
-__all__ = ["REST", "BrokenPromiseError", "Result", "run"]

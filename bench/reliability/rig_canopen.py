@@ -12,7 +12,7 @@ import numpy as np
 from bench.reliability.activities import Plan
 from bench.reliability.common import own_process
 from bench.reliability.rig import Rig
-from bench.reliability.table import REST, Absent, Follows, Way, single_messages
+from bench.reliability.table import NOW_AND_THEN, REST, Absent, Follows, Way, single_messages
 from crtk_driver_canopen import PLUGIN
 from crtk_drivers.plugins import DevicePlugin
 from crtk_sim_backends.canopen import SIM
@@ -51,7 +51,7 @@ def _drive(
     )
 
 
-def _bus(name: str, kind: str, detail: str, pending: Mapping[str, str] | None = None) -> Way:
+def _bus(name: str, kind: str, detail: str) -> Way:
     return Way(
         "F10",
         name,
@@ -60,7 +60,6 @@ def _bus(name: str, kind: str, detail: str, pending: Mapping[str, str] | None = 
         detail=detail,
         within=MISSED,
         stands=HEARTBEAT + STOP,
-        pending=pending or {},
     )
 
 
@@ -75,6 +74,7 @@ WAYS = (
         kind="silent",
         within=HEARTBEAT,
         stands=HEARTBEAT + STOP,
+        pending=dict.fromkeys(("servo_jp", "interpolate_jp", "move_jp"), f"16{NOW_AND_THEN}"),
     ),
     Way(
         "F3",
@@ -103,7 +103,6 @@ WAYS = (
         within=HEARTBEAT,
         stands=HEARTBEAT + STOP,
         activities=("servo_jp", "interpolate_jp", "move_jp", "servo_jv"),
-        pending={"any activity": "16"},
     ),
     _through("F8", "every 40th frame is lost", "drop", every=40),
     _through("F8", "every 2nd frame comes twice", "duplicate", every=2),
@@ -123,12 +122,7 @@ WAYS = (
     ),
     _bus("bus-off", "bus_off", "bus-off"),
     _bus("interface down", "down", "interface is down"),
-    _bus(
-        "no room to send",
-        "full",
-        "no room to send",
-        dict.fromkeys(("servo_jp", "interpolate_jp", "move_jp"), "16"),
-    ),
+    _bus("no room to send", "full", "no room to send"),
     Way(
         "F10",
         "what is sent is lost",

@@ -9,7 +9,7 @@ import numpy as np
 from bench.reliability.activities import Plan
 from bench.reliability.common import own_process
 from bench.reliability.rig import Rig
-from bench.reliability.table import ANY, REST, Absent, Follows, Way, single_messages
+from bench.reliability.table import REST, Absent, Follows, Way, single_messages
 from crtk_driver_dynamixel import PLUGIN
 from crtk_drivers.plugins import DevicePlugin
 from crtk_sim_backends.dynamixel import SIM, RunningSim
@@ -102,7 +102,6 @@ WAYS = (
             parameters={"signal": number},
             stands=WATCHDOG + STOP,
             activities=_MOVING,
-            pending={"servo_jf": "19"},
         )
         for name, number in (("killed", signal.SIGKILL), ("frozen", signal.SIGSTOP))
     ),
@@ -136,7 +135,7 @@ class DynamixelRig(Rig):
     name = "dynamixel"
     ways = WAYS
     absent = ABSENT
-    plan = Plan(velocity=0.5, far=2.0, effort=0.5, linear=0.1, away=0.12)
+    plan = Plan(velocity=0.5, far=2.0, effort=0.3, linear=0.1, away=0.12)
     activities = (
         REST,
         "servo_jp",
@@ -172,6 +171,3 @@ class DynamixelRig(Rig):
         assert self.sim is not None
         servos = self.sim.control.outputs()
         return np.array([servos[f"bus1/{id}"]["angle"] for id in range(1, 7)])
-
-
-__all__ = ["ANY", "DynamixelRig"]

@@ -12,6 +12,7 @@ from bench.reliability.common import own_process
 from bench.reliability.rig import PATIENCE, Rig
 from bench.reliability.table import REST, Absent, Follows, Way
 from crtk_driver_ur import PLUGIN
+from crtk_drivers.errors import CrtkError
 from crtk_drivers.plugins import DevicePlugin
 from crtk_sim_backends.ur import SIM, RunningSim
 
@@ -95,7 +96,9 @@ WAYS = (
     _link("F5", "a byte of every package is changed", "corrupt", every=1, direction="out", **RTDE),
     _robot("F12", "the arm loses its power", "power_loss", "no power", "DISABLED"),
     _robot("F12", "the control program fails", "script_error", "program was stopped", "PAUSED"),
-    _robot("F13", "protective stop", "protective_stop", "protective stop"),
+    _robot(
+        "F13", "protective stop", "protective_stop", "protective stop", repair="unlock_protective"
+    ),
     _robot("F13", "emergency stop", "emergency_stop", "emergency stop"),
     _robot("F13", "safeguard stop", "safeguard_stop", "safeguard", "PAUSED"),
     _robot("F13", "safety violation", "violation", "safety violation", repair="restart_safety"),
@@ -183,6 +186,18 @@ class UrNativeRig(Rig):
         """See the base class."""
         assert self.sim is not None
         return np.array(self.sim.control.outputs("actual_q")["actual_q"])
+
+    def unlock_protective(self) -> None:
+        """Ask for the service that unlocks a protective stop, until the controller allows it (5 s)."""
+
+        def unlocked() -> bool:
+            try:
+                self.arm.unlock_protective_stop()
+            except CrtkError:
+                return False
+            return True
+
+        self.until(unlocked, PATIENCE, "the protective stop is unlocked")
 
     def restart_safety(self) -> None:
         """Do what a person does at the pendant after a violation or a fault."""

@@ -11,6 +11,9 @@ REST = "rest"
 THINNED = 7
 """See `covering`; no divisor of what there are of anything, so that every kind has its turn."""
 
+NOW_AND_THEN = ", not every time"
+"""Behind the number of a finding for which a cell does not fail in every run."""
+
 ANY = "any activity"
 """In `Way.pending`."""
 
