@@ -78,6 +78,11 @@ class Client:
         """For messages."""
         return self._name
 
+    @property
+    def is_there(self) -> bool:
+        """Whether it may still command. Must not wait."""
+        return True
+
     def is_same(self, other: Client) -> bool:
         """Whether the two are one client. Must not wait."""
         return self is other

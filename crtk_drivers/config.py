@@ -95,8 +95,8 @@ class LimitsConfig(Settings):
         default=None,
         gt=0.0,
         le=60.0,
-        description="Refuse a command whose stamp is older than this, in s; not checked if null. "
-        "The clocks must be synchronised.",
+        description="Refuse a command whose stamp is older than this, in s, enable, resume and home included; "
+        "not checked if null. The clocks must be synchronised.",
     )
     following_error: float | None = Field(
         default=None,
@@ -244,6 +244,19 @@ class DeviceConfig(Settings):
         le=10.0,
         description="Refuse a servo command of another kind until the last kind was silent for "
         "this long, in s.",
+    )
+    on_client_gone: Literal["keep", "hold"] = Field(
+        default="keep",
+        description="What becomes of free drive and gravity compensation when the client that asked for "
+        "them has gone: go on (keep), or hold the device and switch it off within 1 s (hold). Over ROS a "
+        "process that was killed has gone when DDS says so, with Fast DDS after 20 s.",
+    )
+    free_timeout: float | None = Field(
+        default=None,
+        gt=0.0,
+        le=300.0,
+        description="Free drive and gravity compensation end likewise when they are not asked for again for "
+        "this long, in s; they go on if null.",
     )
     move_cp: Literal["line", "joints"] = Field(
         default="line",

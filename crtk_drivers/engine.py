@@ -45,6 +45,7 @@ from crtk_drivers.state import (
     parse_command,
 )
 from crtk_drivers.stopping import Stopping
+from crtk_drivers.tether import Tether
 from crtk_drivers.transitions import Transitions
 from crtk_drivers.watchdog import Deadman
 
@@ -81,6 +82,8 @@ class EngineOptions:
         sample_timeout: without a sample for this long the link counts as lost.
         mode_switch_dwell: see `crtk_drivers.arbiter`.
         move_cp: "line" moves the tool in a straight line, "joints" the joints all at once.
+        on_client_gone: "keep" or "hold": what of free drive and gravity compensation when who asked has gone.
+        free_timeout: they end when they are not asked for again for this long; None: they go on.
         limits: see `crtk_drivers.limits`.
     """
 
@@ -90,6 +93,8 @@ class EngineOptions:
     sample_timeout: float = 0.5
     mode_switch_dwell: float = 0.1
     move_cp: str = LINE
+    on_client_gone: str = "keep"
+    free_timeout: float | None = None
     limits: LimitPolicy = field(default_factory=LimitPolicy)
 
 
@@ -154,6 +159,8 @@ class Engine:
         self._arbiter = Arbiter(
             dwell, self.where, max(dwell, slow), self.options.stream_timeout, slow
         )
+        ends = self.options.on_client_gone == "hold", self.options.free_timeout
+        self._freed, self._carried = Tether(*ends), Tether(*ends)
         self._motion = MotionExecutor(
             device,
             self.where,
@@ -275,11 +282,15 @@ class Engine:
                     self._stop_asked = True
                     return None
             if command.level is Level.SETTING:
-                self._set(command, self._check.check(command, value))
+                self._set(command, self._check.check(command, value), client)
                 return None
             order = self._order(command, value, stamp_ns, client)
             with self._board.lock:
                 self._require_enabled(name)
+                if name == "free":
+                    self._freed.tie(client, self._clock())
+                    if self._is_free:
+                        return None
                 replaced = self._arbiter.put(order, self._clock(), client)
                 if replaced is not None:
                     replaced.finish(Outcome.PREEMPTED, f"by {name}")
@@ -412,6 +423,7 @@ class Engine:
                 self._stopping.stop()
             self._stopping.follow(sample, now)
             self._requests.step(now)
+            self._end_untied(now)
             self._motion.apply_settings()
             self._advance(now)
         except DeviceFault as fault:
@@ -572,9 +584,13 @@ class Engine:
         checked = self._check.check(command, value, stamp_ns, time.time_ns())
         return replace(self._orders.make(command, checked, self._clock()), stamp_ns=stamp_ns)
 
-    def _set(self, command: Command, value: Value) -> None:
+    def _set(self, command: Command, value: Value, client: Client) -> None:
         """Carry out a setting. It moves nothing and is possible in any state."""
         if isinstance(value, Flag):
+            if value.value:
+                self._carried.tie(client, self._clock())
+            else:
+                self._carried.cut()
             self._motion.use_gravity_compensation(value.value)
             return
         assert isinstance(value, Number)
@@ -588,6 +604,25 @@ class Engine:
         with self._board.lock:
             self._orders.ratios = changed
             self._latch(_ratio_values(changed), 0)
+
+    @property
+    def _is_free(self) -> bool:
+        """Whether free drive goes on, and nothing waits to end it."""
+        return self._motion.is_free and not self._arbiter.streams(self._clock())
+
+    def _end_untied(self, now: float) -> None:
+        """End free drive, and then gravity compensation, if nobody is there any more who asked for it."""
+        with self._board.lock:
+            if self._is_free:
+                reason = self._freed.broken(now)
+                if reason:
+                    self._board.warned(f"free: {reason}; the device holds")
+                    self._arbiter.put(Order("hold"), now)
+                return
+        reason = "" if self._motion.is_free else self._carried.broken(now)
+        if reason:
+            self._board.warned(f"use_gravity_compensation: {reason}; it is off")
+            self._motion.use_gravity_compensation(False)
 
     def _latch(self, values: Mapping[str, Value], stamp_ns: int) -> None:
         self._feedback.latch(values, stamp_ns)

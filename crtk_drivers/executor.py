@@ -122,6 +122,11 @@ class MotionExecutor:
         doing = (self._move, self._following, self._starting, self._waiting, self._freeing)
         return all(one is None for one in doing)
 
+    @property
+    def is_free(self) -> bool:
+        """Whether the device is in free drive. From any thread."""
+        return self._freeing is not None
+
     def use_gravity_compensation(self, on: bool) -> None:
         """Switch it in the next cycle, in any state. From any thread."""
         self._gravity.append(on)

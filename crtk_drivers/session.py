@@ -83,6 +83,8 @@ def engine_options(config: DeviceConfig) -> EngineOptions:
         sample_timeout=config.sample_timeout,
         mode_switch_dwell=config.mode_switch_dwell,
         move_cp=config.move_cp,
+        on_client_gone=config.on_client_gone,
+        free_timeout=config.free_timeout,
         limits=LimitPolicy(
             clamp_servo=limits.clamp_servo,
             max_step=limits.max_step,

@@ -30,13 +30,17 @@ FAILURE_INTERVAL = 2.0
 
 
 class CommandTopics:
-    """The subscriptions of one device."""
+    """The subscriptions of one device.
+
+    Attributes:
+        senders: of what arrived on them.
+    """
 
     def __init__(self, node: UnlockedNode, engine: Engine, frames: Frames) -> None:
         self._engine = engine
         self._frames = frames
         self._failures = Throttle(FAILURE_INTERVAL)
-        senders = Senders(node)
+        self.senders = Senders(node)
         self.subscriptions: dict[str, Subscription] = {}
         for name, command in engine.commands.items():
             if command.direction is not Direction.COMMANDED:
@@ -44,7 +48,7 @@ class CommandTopics:
             profile, kind = qos.of_command(command), TYPES[command.payload]
             subscription = qos.subscription(node, kind, name, _unread, profile)
             receive = self._guarded(name, self._handler(name, command))
-            AttributedSubscription(node, subscription, receive, senders)
+            AttributedSubscription(node, subscription, receive, self.senders)
             self.subscriptions[name] = subscription
         for name, taken in engine.inputs.items():
             receive = self._guarded(name, self._taking(name))

@@ -27,6 +27,7 @@ from crtk_drivers.ros.publishing import PublishingThread, Throttle
 from crtk_drivers.ros.readings import ReadingTopics
 from crtk_drivers.ros.refusals import RefusalTopic
 from crtk_drivers.ros.rosout import RosoutHandler
+from crtk_drivers.ros.senders import LOOK_RATE
 from crtk_drivers.ros.services import DeviceServices, Services
 from crtk_drivers.ros.status import StatusTopic
 from crtk_drivers.ros.unlocked import UnlockedNode
@@ -111,6 +112,7 @@ class DriverNode:
         self._readings = ReadingTopics(node, self._thread, engine, frames)
         self._transforms = Transforms(node, self._thread, engine, frames)
         self._commands = CommandTopics(node, engine, frames)
+        self._thread.job("senders", self._commands.senders.look, LOOK_RATE)
         self._services = Services(node, engine, self._status.next_stamp)
         self._device_services = DeviceServices(context, node.get_namespace(), engine)
         self._ros_names = self._names_on_ros()

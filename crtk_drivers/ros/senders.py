@@ -24,6 +24,9 @@ from crtk_drivers.ros.unlocked import UnlockedNode, rcl_error
 
 logger = logging.getLogger(__name__)
 
+LOOK_RATE = 4.0
+"""Hz at which the graph is asked whether those who let go of a device are there."""
+
 KNOWN_SENDERS = 256
 """Publishers that are remembered at most: of one that comes back after that, the name is asked for again."""
 
@@ -82,6 +85,7 @@ class Sender(Client):
         topic: full name.
         gid: of the publisher.
         participant: the part of `gid` that all publishers of its process have; empty if there is none.
+        is_watched: somebody wants to know whether it is there.
     """
 
     def __init__(self, node: Node, topic: str, gid: bytes, has_participant: bool) -> None:
@@ -91,6 +95,8 @@ class Sender(Client):
         self.gid = gid
         self.participant = gid[:_PARTICIPANT] if has_participant else b""
         self._owner = ""
+        self._is_there = True
+        self.is_watched = False
 
     @property
     def name(self) -> str:
@@ -99,8 +105,13 @@ class Sender(Client):
 
     @property
     def is_there(self) -> bool:
-        """Whether the graph still knows the publisher."""
-        return self._info is not None
+        """See the base class. As `Senders.look` found it last, which looks for it from now on."""
+        self.is_watched = True
+        return self._is_there
+
+    def look(self) -> None:
+        """Ask the graph whether the publisher is there."""
+        self._is_there = self._info is not None
 
     def is_same(self, other: Client) -> bool:
         """See the base class."""
@@ -144,10 +155,24 @@ class Senders:
         """Return the sender of a message on a topic (full name)."""
         key = topic, gid
         if key not in self._known:
-            while len(self._known) >= KNOWN_SENDERS:
-                del self._known[next(iter(self._known))]
+            if len(self._known) >= KNOWN_SENDERS:
+                self._forget_one()
             self._known[key] = Sender(self._node, topic, gid, self._has_participant)
         return self._known[key]
+
+    def _forget_one(self) -> None:
+        for key, sender in self._known.items():
+            if not sender.is_watched:
+                del self._known[key]
+                return
+
+    def look(self) -> None:
+        """Find out which of those that are watched are there, and forget those that are not."""
+        for key, sender in tuple(self._known.items()):
+            if sender.is_watched:
+                sender.look()
+                if not sender.is_there:
+                    self._known.pop(key, None)
 
 
 class AttributedSubscription(Waitable):  # type: ignore[misc]  # rclpy has no types

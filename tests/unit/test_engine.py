@@ -295,7 +295,7 @@ def test_a_state_command_too_old_sets_nothing_going_and_stops_everything() -> No
     assert refused("enable", -3600.0) is Reason.FROM_FUTURE
     assert rig.state is S.DISABLED
     rig.engine.state_command("enable", now)
-    rig.cycle()
+    rig.cycle(count=5)
     assert refused("home", 3600.0) is Reason.TOO_OLD
     for text, state in (("pause", S.PAUSED), ("unhome", S.PAUSED), ("disable", S.DISABLED)):
         rig.engine.state_command(text, 1)
