@@ -95,8 +95,8 @@ class LimitsConfig(Settings):
         default=None,
         gt=0.0,
         le=60.0,
-        description="Refuse a command whose stamp is older than this, in s, enable, resume and home included; "
-        "not checked if null. The clocks must be synchronised.",
+        description="Refuse a command whose stamp is older than this, in s, enable, resume and home "
+        "included; not checked if null. The clocks must be synchronised.",
     )
     following_error: float | None = Field(
         default=None,
