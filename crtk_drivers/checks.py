@@ -193,7 +193,7 @@ class CommandCheck:
             raise self._refusal(
                 command,
                 Reason.WRONG_FRAME,
-                f"frame_id {value.frame_id!r} is not known here",
+                f"frame_id {_shown(value.frame_id)} is not known here",
                 f"Give it in {frame!r}, or leave frame_id empty.",
             )
 
@@ -254,7 +254,7 @@ class CommandCheck:
             raise self._refusal(
                 command,
                 Reason.WRONG_NAMES,
-                f"names {list(names)} are not the joints of this device",
+                f"names {_shown(list(names))} are not the joints of this device",
                 f"Name each of {', '.join(self._joints)} once, or send no names.",
             )
         ordered = np.empty_like(values)
@@ -455,6 +455,12 @@ class CommandCheck:
                     f"{name} {size:.4f} exceeds {limits[index]:.4f}",
                     "Stay within the limits.",
                 )
+
+
+def _shown(what: object) -> str:
+    """Return what somebody sent as a message may quote it."""
+    text = repr(what)
+    return text if len(text) <= 200 else f"{text[:200]}..."
 
 
 def _counted(values: Vector, counts: NDArray[np.bool_]) -> Vector:

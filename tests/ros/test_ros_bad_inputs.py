@@ -97,8 +97,14 @@ ENABLED_CASES = [
     ("I6 zero", "servo_cp", pose(0.01, (0.0, 0.0, 0.0, 0.0)), "bad_quaternion"),
     ("I7 norm", "servo_cp", pose(0.01, (0.0, 0.0, 0.0, 1.01)), "bad_quaternion"),
     ("I8 move", "move_jp", joints(5.0, 0.0, 0.0, 0.0), "out_of_range"),
+    ("I8 increment", "servo_cr", pose(1e308), "out_of_range"),
+    ("I8 slow increment", "interpolate_cr", pose(-1e308), "out_of_range"),
+    ("I8 far", "move_cp", pose(1e308), "out_of_range"),
+    ("I8 twist", "body/servo_cv", twist(1e308), "out_of_range"),
+    ("I2 very many", "servo_jp", joints(*[0.0] * 100_000), "wrong_size"),
     ("I9 jump", "servo_jp", joints(0.5, 0.0, 0.0, 0.0), "step_too_large"),
     ("I10 frame", "servo_cp", pose(frame="moon"), "wrong_frame"),
+    ("I10 long", "move_cp", pose(frame="m" * 10_000), "wrong_frame"),
     ("unreachable", "move_cp", pose(0.0, (1.0, 0.0, 0.0, 0.0)), "unreachable"),
 ]
 
