@@ -49,6 +49,8 @@ from crtk_drivers.state import OperatingState, Status
 NOT_FINITE = (math.nan, math.inf, -math.inf)
 WAIT = 20.0
 """Seconds, far above what anything takes."""
+BREATH = 0.0005
+"""Seconds between two inputs, in which the I/O thread has Python's global lock: they are bad, not many."""
 _MODES = (AxisMode.POSITION, AxisMode.VELOCITY, AxisMode.EFFORT)
 _ZERO = vector(np.zeros(3))
 _LEVEL = vector((0.0, 0.0, 0.0, 1.0))
@@ -156,6 +158,7 @@ class Bench:
             raise AssertionError(f"{name} was not refused: {what}") from failure
         finally:
             self.engine.remove_observer(told)
+        time.sleep(BREATH)
         refusal = caught.value
         assert refusal.reason in reasons, f"{refusal}, not {reasons}: {what}"
         assert refusal in told.refusals, f"not told: {refusal}"
@@ -419,6 +422,7 @@ def out_of_range(bench: Bench) -> Iterator[Case]:
 def jumps(bench: Bench) -> Iterator[Case]:
     """A first servo position that is further away than a step may be."""
     policy = bench.engine.options.limits
+    bench.commands(Payload.JOINT_STATE, Payload.POSE)
     position = bench.position()
     for name, relative in (("servo_jp", False), ("servo_jr", True)):
         if name not in bench.engine.commands:
@@ -459,7 +463,7 @@ def wrong_age(bench: Bench) -> int:
     count = 0
     for seconds, reason in ((oldest + 60.0, Reason.TOO_OLD), (-60.0, Reason.FROM_FUTURE)):
         stamp_ns = time.time_ns() - int(seconds * 1e9)
-        for command in bench.commands():
+        for command in bench.commands() if bench.joints else ():
             bench.refused(command.name, bench.good(command), reason, stamp_ns=stamp_ns)
             count += 1
         for text in ("enable", "resume", "home"):
@@ -630,7 +634,7 @@ def bad_requests(bench: Bench) -> int:
                 bench.refused(name, Number(number), Reason.OUT_OF_RANGE)
                 count += 1
     size = len(bench.joints)
-    wrong = [vector(np.zeros(n)) for n in (size + 1, size - 1)]
+    wrong = [vector(np.zeros(n)) for n in (size + 1, max(size - 1, 0))]
     broken = [vector(np.full(size, number)) for number in (*NOT_FINITE, 1e308)]
     if "forward_kinematics" in engine.commands:
         for joints in (*wrong, *broken):
