@@ -450,6 +450,8 @@ def test_a_drive_that_has_started_anew_is_not_homed_any_more() -> None:
             sim.control.inject("reset", node=1)
             until(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
             until(lambda: not arm.is_homed(), "it is not homed")
+            until(lambda: arm.operating_state().state == "DISABLED", "it is connected again")
+            assert not arm.is_homed()
         finally:
             arm.close()
 
