@@ -14,6 +14,7 @@ from dynamixel_bench import (
     sim_for,
 )
 
+from crtk_drivers.commands import Kind
 from crtk_drivers.errors import CommandRefused, TransitionFailed
 
 VALUES = arm_values(mode_switch_dwell=0.0)
@@ -139,20 +140,16 @@ def test_a_joint_that_left_its_turn_is_a_fault_and_stays_where_it_is(sim, name):
     """Position mode would count it a turn elsewhere, and lead it on in the same direction."""
     with driver_at(sim, VALUES) as bench:
         bench.enable()
-        start = 3.0
-        bench.arm.disable()
-        bench.place(joint_1=start)
-        bench.cycles(3)
-        bench.arm.enable()
-        value = [0.8, *ZERO[1:]]
-        with contextlib.suppress(CommandRefused):  # the core may stop it at its range
-            bench.stream(name, value, lambda: bench.servos()[1]["angle"] > 3.05)
-        bench.place(joint_1=3.4)
-        bench.arm.hold()
-        bench.until_state("FAULT", "outside its own limits")
+        kind = Kind.VELOCITY if name == "servo_jv" else Kind.EFFORT
+        bench.stream(name, ZERO, lambda: bench.device.part.kind is kind)
+        with contextlib.suppress(CommandRefused):  # the core stops it beyond its range
+            bench.place(joint_1=3.4)
+            bench.arm.hold()
+        bench.until_state("FAULT")
+        eventually(lambda: bench.servos()[1]["torque"], "it is held")
         bench.until_still()
         angle = bench.servos()[1]["angle"]
-        assert bench.servos()[1]["torque"] is True
+        assert "outside its own limits" in bench.device.condition.reason
         assert bench.arm.measured_js(age=0).position[0] == pytest.approx(angle, abs=0.01)
         with bench.nothing_moves(), pytest.raises(TransitionFailed, match="by hand"):
             bench.arm.enable(timeout=LONG)

@@ -22,11 +22,12 @@ VALUES = arm_values(mode_switch_dwell=0.0, stream_timeout=0.1)
 MOVING = {"servo_jv": [0.5, 0, 0, 0, 0, 0], "servo_jf": [0.6, 0, 0, 0, 0, 0]}
 WAYS = {
     "hold": ("lost", "doubled", "late"),
-    "disable": ("lost", "doubled", "late"),
+    "disable": ("lost", "doubled"),
     "pause": ("lost",),
     "silence": ("lost",),
 }
-"""Ways out of a motion, each with what happens to a message."""
+"""Ways out of a motion, each with what happens to a message. On a line no message overtakes another; where
+one is late with `hold`, and undoes the torque, that must be told."""
 MOST = 30
 """More messages than any way to a stop has."""
 

@@ -175,6 +175,8 @@ def test_shadows_with_goals_of_their_own():
             lambda: abs(bench.arm.measured_js().position[0] - 0.2) < 5e-3,
             "the other servo tells where the joint is",
         )
+        bench.sim.control.clear()
+        eventually(lambda: bench.device.has_stopped, "it is heard again")
 
 
 def test_models_that_report_load_have_no_efforts():

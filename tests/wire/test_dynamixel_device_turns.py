@@ -23,9 +23,8 @@ class Sim:
 with driver_at(Sim(), {values!r}) as bench:
     bench.arm.enable()
     bench.arm.home()
-    while True:
-        bench.arm.interpolate_jp([9.5])
-        time.sleep(0.01)
+    bench.arm.move_jp([9.5])
+    time.sleep(60.0)
 """
 
 

@@ -269,7 +269,7 @@ class ChainLink:
         try:
             known = None if self._turns is None else self._turns.load()
             if self._turns is not None and known is None:
-                found = self._first_turns()
+                found: Mapping[int, Placed] = self._first_turns()
             else:
                 found = self._configured.turn_shifts(counts, known, self._has_run_on)
         except ConfigError as error:
@@ -607,9 +607,8 @@ class ChainLink:
             if attempt:
                 time.sleep(OUTSIDE_PAUSE)
             for name, data in packets.items():
-                bus = self._buses.get(name)
-                if bus is not None:
-                    bus.port.write_from_outside(data, OUTSIDE_PAUSE)
+                if name in self._buses:
+                    self._buses[name].port.write_from_outside(data, OUTSIDE_PAUSE)
 
     def write_checked(self, place: int, values: Values) -> None:
         """Write registers of one servo one by one, and read them back: EEPROM.

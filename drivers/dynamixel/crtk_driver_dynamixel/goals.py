@@ -6,7 +6,8 @@ import math
 import time
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,8 @@ STUCK_TIME: Final = 1.0
 """Seconds for which a servo may stand far from its goal."""
 
 
-class _Sent(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sent:
     """One goal register: the servos of a part that have it, and their counts."""
 
     register: str
@@ -76,8 +78,8 @@ class SentGoals:
         self._sent = [_Sent(name, index, counts[index]) for name, index in self._of_kind(kind)]
 
     def _send(self) -> None:
-        for register, index, counts in self._sent:
-            self._link.send(register, [self._places[i] for i in index], counts)
+        for sent in self._sent:
+            self._link.send(sent.register, [self._places[i] for i in sent.index], sent.counts)
 
     def _of_kind(self, kind: Kind) -> list[tuple[str, NDArray[np.int64]]]:
         """Return the registers that setpoints of a kind go to, each with the servos that are sent them."""
@@ -116,8 +118,9 @@ class SentGoals:
             which servo does not take its goals, in words; empty while all do.
         """
         lost = False
-        for register, index, counts in self._sent:
-            for i, count in zip(index.tolist(), counts.tolist(), strict=True):
+        for sent in self._sent:
+            register = sent.register
+            for i, count in zip(sent.index.tolist(), sent.counts.tolist(), strict=True):
                 health = self._link.health[self._places[i]]
                 if health.goals_read == self._read[i]:
                     continue

@@ -10,7 +10,7 @@ it is not sent there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from crtk_driver_dynamixel import registers
@@ -27,6 +27,9 @@ from crtk_drivers.errors import DeviceFault
 __all__ = ["BY_HAND", "Modes"]
 
 BY_HAND: Final = "Move the joint into its range by hand, with the torque off, and enable again."
+
+NEAR: Final = 512
+"""Counts from the end of a turn within which a servo that is not held may cross it."""
 
 
 class Modes:
@@ -105,18 +108,25 @@ class Modes:
 
         Position mode would take them for where they were a turn before, and its goals lead them on.
         """
-        found = []
+        return "; ".join(
+            f"{self._link.chain.servos[place].place} stands at count {count}, outside its own limits "
+            f"{low} to {high}"
+            for place, count, low, high in self._in_one_turn(places)
+            if not low <= count <= high
+        )
+
+    def near_the_end(self, places: Sequence[int]) -> bool:
+        """Whether a servo is less than an eighth of a turn from the end of the turn, or beyond."""
+        return any(
+            not low + NEAR <= count <= high - NEAR
+            for _, count, low, high in self._in_one_turn(places)
+        )
+
+    def _in_one_turn(self, places: Sequence[int]) -> Iterator[tuple[int, int, int, int]]:
+        """Yield place, count and its bounds of those whose position mode knows one turn."""
         for place, count in self._link.read_positions(places).items():
-            servo = self._link.chain.servos[place]
-            if servo.units.mode is not OperatingMode.POSITION:
-                continue
-            low, high = self._limits(place)
-            there = count - self._ignored_homing(place)
-            if not low <= there <= high:
-                found.append(
-                    f"{servo.place} stands at count {there}, outside its own limits {low} to {high}"
-                )
-        return "; ".join(found)
+            if self.mode(place, Kind.POSITION) is OperatingMode.POSITION:
+                yield place, count - self._ignored_homing(place), *self._limits(place)
 
     def _ignored_homing(self, place: int) -> int:
         """Return what the homing offset adds to positions now, and not in position mode."""

@@ -285,24 +285,23 @@ class Part:
             yield
         if may_switch and (self._is_free or self.kind in (Kind.VELOCITY, Kind.EFFORT)):
             places = self._answering()
+            if self.kind is Kind.EFFORT and not self._is_free and self._modes.near_the_end(places):
+                # It may be on its way over the seam: it is brought to rest in a mode that knows turns.
+                yield from self._rest_by_velocity(places)
             beyond = self._modes.beyond(places)
             if beyond:
-                yield from self._hold_beyond(places, beyond)
-            else:
-                yield from self._switch(Kind.POSITION, places)
+                raise DeviceFault(beyond, where=self._link.address, remedy=BY_HAND)
+            yield from self._switch(Kind.POSITION, places)
             self._is_free = False
         for _ in stopping.until_confirmed(lambda: self.places, held, at_once=is_ours):
             yield
 
-    def _hold_beyond(self, places: Sequence[int], beyond: str) -> Steps:
-        """Hold servos that position mode would take for a turn elsewhere by a velocity of zero.
-
-        Raises:
-            DeviceFault: always, with what is wrong.
-        """
-        if not self._is_free and self.kind is Kind.EFFORT and self._takes_velocities():
-            yield from self._switch(Kind.VELOCITY, places)
-        raise DeviceFault(beyond, where=self._link.address, remedy=BY_HAND)
+    def _rest_by_velocity(self, places: Sequence[int]) -> Steps:
+        if not self._takes_velocities():
+            return
+        yield from self._switch(Kind.VELOCITY, places)
+        for _ in self._stopping.until_confirmed(self._answering, at_once=True):
+            yield
 
     def _takes_velocities(self) -> bool:
         servos = (self._link.chain.servos[place] for place in self.places)

@@ -6,6 +6,7 @@ takes.
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,6 +20,8 @@ from crtk_driver_dynamixel.servo_state import Values
 
 __all__ = ["STOP_TIME", "Stopping"]
 
+EAGER: Final = 5
+"""Cycles in each of which servos are read back; then in every other one, as that takes the line's time."""
 STOP_TIME: Final = 0.5
 """Seconds in which servos without a profile stand after a stop; past it that is told."""
 
@@ -78,7 +81,10 @@ class Stopping:
         if at_once:
             self.write(places(), goals)
         stopped: set[int] = set()
-        while True:
+        for turn in itertools.count():
+            if turn >= EAGER and turn % 2:
+                yield self._told() if time.monotonic() > end else ""
+                continue
             here = [place for place in places() if place not in stopped]
             # Who is silent would cost the others the time of its answer, cycle by cycle.
             read = self._link.read_values([p for p in here if self._link.answers(p)], _READ)

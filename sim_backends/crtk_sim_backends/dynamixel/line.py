@@ -215,7 +215,8 @@ class Line:
         elif fault["effect"] == "late":
             later = float(fault["seconds"])
             heard = partial(self._carry_out, packet, end + later, byte, plant_time + later, baud)
-            heapq.heappush(self._deferred, (end + later, next(self._numbers), heard))
+            deferred: Deferred = (end + later, next(self._numbers), heard)
+            heapq.heappush(self._deferred, deferred)
 
     def _tampering(self, packet: Instruction) -> Mapping[str, Any] | None:
         """The parameters of a fault that hits this very instruction."""
