@@ -1,5 +1,7 @@
 """Setpoints of every kind, changes between them, and what ends them."""
 
+import time
+
 import numpy as np
 import pytest
 from dynamixel_bench import (
@@ -159,8 +161,10 @@ def test_hold_ends_a_slow_profile_of_the_servo(shared):
 
 def test_servo_jp_stream_that_stops_holds_the_last_setpoint(bench):
     goal = bench.arm.setpoint_js().position.copy()
-    goal[0] += 0.03
-    bench.stream("servo_jp", goal, lambda: bench.arm.setpoint_js().position[0] > goal[0] - 1e-6)
+    for _ in range(60):
+        goal[0] += 0.0005
+        bench.arm.servo_jp(goal)
+        time.sleep(0.01)  # the pace of the stream
     eventually(lambda: bench.arm.health().stream_timeouts == 1, "the stream ends")
     bench.until_still()
     assert bench.servos()[1]["angle"] == pytest.approx(goal[0], abs=3 * COUNT)
