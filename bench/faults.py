@@ -72,7 +72,8 @@ def options() -> argparse.Namespace:
 
 def measure(rig: type[Rig], given: argparse.Namespace) -> dict[tuple[str, str], Tally]:
     """Run the cells of one driver, print each, and return what came of each way."""
-    cells = (covering if given.part else full)(rig.name, rig.ways, rig.activities)
+    table = (rig.name, rig.ways, rig.activities)
+    cells = covering(*table, thorough=rig.thorough) if given.part else full(*table)
     wanted = [
         cell
         for cell in cells

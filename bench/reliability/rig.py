@@ -97,6 +97,7 @@ class Rig(ABC):
         plan: how its arm is moved.
         activities: what it can do.
         values: configuration in which a busy machine is no fault; `defaults`: for measuring.
+        thorough: one fault is met in every activity in CI, too.
         tolerance: how far (rad, m) joints that stand may seem to move.
     """
 
@@ -108,6 +109,7 @@ class Rig(ABC):
     values: ClassVar[Mapping[str, Any]] = {}
     defaults: ClassVar[Mapping[str, Any]] = {}
     tolerance: ClassVar[float] = 3e-3
+    thorough: ClassVar[bool] = True
     second: ClassVar[str] = "in use"
     """Words with which a second host is refused."""
 
@@ -347,12 +349,24 @@ class Rig(ABC):
         self._streams = True
         start = self.look().joints
         self.activity = Activity(name, self.arm, self.plan)
-        if name not in STANDING:
-            enough = 10.0 * self.tolerance
-            self.until(
-                lambda: np.abs(self.look().joints - start).max() > enough, PATIENCE, "it moves"
-            )
-            self.run(SPEED_UP)
+        if name in STANDING:
+            return
+
+        def moves() -> bool:
+            return bool(np.abs(self.look().joints - start).max() > 10.0 * self.tolerance)
+
+        for again in (True, True, False):
+            try:
+                self.until(moves, PATIENCE / 4.0, "it moves")
+                break
+            except BrokenPromiseError:
+                if not again:
+                    raise
+            # On a busy machine a stream may stall, and its positions run away from the setpoint.
+            self.ready()
+            start = self.look().joints
+            self.activity = Activity(name, self.arm, self.plan)
+        self.run(SPEED_UP)
 
     def pause_stream(self) -> None:
         """Send no more of the stream."""

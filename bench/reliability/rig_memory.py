@@ -124,6 +124,7 @@ class LoopbackRig(_MemoryRig):
     """The gantry."""
 
     name = "loopback"
+    thorough = False
     plan = Plan(velocity=0.3, far=0.9, effort=6.0, linear=0.2, force=4.0, away=0.8, ratio=0.5)
     activities = (
         REST,

@@ -215,4 +215,5 @@ class UrRtdeRig(UrNativeRig):
 
     name = "ur ur_rtde"
     control = "ur_rtde"
+    thorough = False
     activities = tuple(name for name in UrNativeRig.activities if name != "servo_cf")

@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import Any, NamedTuple
 
 REST = "rest"
-THINNED = 7
+THINNED = 11
 """See `covering`; no divisor of what there are of anything, so that every kind has its turn."""
 
 NOW_AND_THEN = ", not every time"
@@ -170,15 +170,17 @@ def single_messages(
     )
 
 
-def covering(driver: str, ways: tuple[Way, ...], activities: tuple[str, ...]) -> list[Cell]:
+def covering(
+    driver: str, ways: tuple[Way, ...], activities: tuple[str, ...], *, thorough: bool = True
+) -> list[Cell]:
     """Return a part of `full` in which each way is met, and each activity: one cell a way, in turn.
 
-    Besides, the first way of the driver that stops it is met in every activity. Of single messages that are
+    If `thorough`, the first way that stops the driver is met in every activity. Of single messages that are
     lost on the way to a stop there are too many: one in `THINNED` is taken.
     """
     cells: list[Cell] = []
-    thorough = next((way for way in ways if way.follows is Follows.STOPS), None)
+    first = next((way for way in ways if way.follows is Follows.STOPS), None) if thorough else None
     for number, way in enumerate(thinned(ways)):
         own = full(driver, (way,), activities)
-        cells += own if way is thorough else own[number % len(own) :][:1]
+        cells += own if way is first else own[number % len(own) :][:1]
     return cells
