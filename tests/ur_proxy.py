@@ -11,8 +11,8 @@ from contextlib import contextmanager, suppress
 
 PORTS = (30001, 30002, 30003, 30004, 30011, 29999)
 RTDE = 30004
-LATE = 0.6
-"""Seconds: longer than the watchdog of the tests lets anything be."""
+LATE = 0.4
+"""Seconds."""
 
 PIECES = 20
 """Into which a message is split, at least."""

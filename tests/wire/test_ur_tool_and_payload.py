@@ -85,7 +85,7 @@ def test_a_tool_counts_at_once_and_the_arm_does_not_move(bench):
 
 
 def test_a_held_joint_position_stays_and_its_pose_is_that_of_the_new_tool(bench):
-    goal = [0.02, *HOME[1:]]
+    goal = [0.005, *HOME[1:]]
     bench.arm.servo_jp(goal)
     eventually(lambda: abs(bench.q()[0] - goal[0]) < 1e-5, "it is there")
     bench.until_still()
