@@ -131,8 +131,8 @@ def test_a_permutation_of_the_names_is_put_in_order(bench, command):
 
 
 def test_i5_names_may_be_left_out_and_i7_quaternions_a_little_off(bench):
-    bench.arm.servo_jp(JointState(position=vector(near(j0=0.02))))
-    eventually(lambda: abs(bench.q()[0] - 0.02) < 1e-3, "the position is reached")
+    bench.arm.servo_jp(JointState(position=vector(near(j0=0.005))))
+    eventually(lambda: abs(bench.q()[0] - 0.005) < 1e-4, "the position is reached")
     bench.arm.hold()
     goal = bench.arm.setpoint_cp()
     off = Pose(goal.position, vector(goal.orientation * 1.0005), "")
@@ -142,8 +142,8 @@ def test_i5_names_may_be_left_out_and_i7_quaternions_a_little_off(bench):
 
 def test_i8_a_servo_position_out_of_range_is_clamped_and_told(bench):
     limit = bench.engine.capabilities.limits[2].upper
-    assert bench.arm.move_jp(near(j2=limit - 0.02)).wait(LONG)
-    bench.arm.servo_jp(near(j2=limit + 0.01))
+    assert bench.arm.move_jp(near(j2=limit - 0.003)).wait(LONG)
+    bench.arm.servo_jp(near(j2=limit + 0.003))
     eventually(lambda: abs(bench.q()[2] - limit) < 1e-3, "the limit is reached")
     assert math.isclose(bench.arm.setpoint_jp()[2], limit)
     assert bench.arm.health().clamped == 1

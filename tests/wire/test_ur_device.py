@@ -400,8 +400,8 @@ def test_kinds_of_motion_follow_each_other(bench):
     arm = bench.arm
     assert arm.move_jp(at(0.1)).wait(LONG)
     stream(
-        lambda: arm.servo_jp(at(0.15)),
-        lambda: abs(bench.q()[0] - 0.15) < 1e-3,
+        lambda: arm.servo_jp(at(0.105)),
+        lambda: abs(bench.q()[0] - 0.105) < 1e-3,
         "a stream right after a move",
     )
     assert arm.move_jp(at(0.0)).wait(LONG), "a move right after a stream"
