@@ -245,9 +245,9 @@ def test_servo_jp_is_followed_and_its_last_position_held(bench):
 def test_no_increment_of_servo_jr_is_lost(bench):
     start = bench.arm.setpoint_jp()
     for _ in range(100):
-        bench.arm.servo_jr([0.002, 0.0, -0.001, 0.0, 0.0, 0.0])
+        bench.arm.servo_jr([0.0002, 0.0, -0.0001, 0.0, 0.0, 0.0])
         time.sleep(0.001)
-    goal = start + np.array([0.2, 0.0, -0.1, 0.0, 0.0, 0.0])
+    goal = start + np.array([0.02, 0.0, -0.01, 0.0, 0.0, 0.0])
     eventually(lambda: np.allclose(bench.q(), goal, atol=1e-3), "the sum is reached")
     np.testing.assert_allclose(bench.arm.setpoint_jp(), goal, atol=1e-9)
 
