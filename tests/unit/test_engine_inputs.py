@@ -74,14 +74,14 @@ def test_it_is_refused_from_the_command_on_until_the_motion_is_over(rig, name, v
 
 
 def test_the_pose_follows_it_at_once_and_the_joints_do_not_move(rig):
-    rig.servo(0.1, 0.0)
+    rig.servo(0.05, 0.0)
     rig.cycle(40)
     before, _ = rig.value("setpoint_cp")
     writes = len(rig.written)
     rig.engine.give("tool", Number(0.5))
     after, _ = rig.value("setpoint_cp")
     assert after.position[0] == pytest.approx(before.position[0] + 0.5)
-    assert rig.setpoint()["position"] == pytest.approx([0.1, 0.0])
+    assert rig.setpoint()["position"] == pytest.approx([0.05, 0.0])
     rig.cycle(10)
     assert len(rig.written) == writes
 
