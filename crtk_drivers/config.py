@@ -83,7 +83,8 @@ class LimitsConfig(Settings):
         gt=0.0,
         le=1.0,
         description="Largest step between two servo positions, as the time in s that the joint "
-        "would need for it at its velocity limit; for the first of a stream, at its acceleration limit.",
+        "would need for it at its velocity limit; for the first of a stream, what its acceleration limit "
+        "allows in twice that time.",
     )
     max_linear_step: float = Field(
         default=0.05,

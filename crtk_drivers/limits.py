@@ -29,6 +29,9 @@ _ROUNDING = 1e-9
 _BRAKING_CYCLES = 2.0
 """Cycles from a sample until what follows from it takes effect."""
 
+_START = 2.0
+"""Times `LimitPolicy.max_step` in which the arm must be able to be where a stream begins."""
+
 _DAMPING = Damping()
 
 _OVERSPEED = 1.1
@@ -47,8 +50,8 @@ class LimitPolicy:
         clamp_servo: a servo position out of range is clamped with a warning; otherwise refused.
         max_step: largest distance in rad (m) between two servo positions of one joint, as a time: a
             joint may be asked to go as far as its velocity limit takes it in this many seconds; with the
-            first of a stream no further than its acceleration takes it from how it moves then. It is
-            also how far a stream may run ahead of its velocity limit before it is refused.
+            first of a stream no further than its acceleration takes it in twice that time from how it
+            moves then. It is also how far a stream may run ahead of its velocity limit before it is refused.
         max_linear_step: the same for the tool, in m; it may turn as far as its angular velocity limit takes
             it in `max_step`.
         max_command_age: in seconds; a command whose stamp is older is refused. None: not checked.
@@ -162,7 +165,7 @@ class SetpointLimiter:
             velocity: (n,) with which the joints move now.
 
         Raises:
-            CommandRefused: further than the acceleration limits take a joint within `LimitPolicy.max_step`.
+            CommandRefused: further than the acceleration limits take a joint in twice `LimitPolicy.max_step`.
         """
         jump = self._jump_at_start(values, before, velocity)
         if jump is not None:
@@ -181,7 +184,7 @@ class SetpointLimiter:
     def _jump_at_start(
         self, values: Vector, before: Vector, velocity: Vector
     ) -> tuple[str, float, float] | None:
-        time = self._policy.max_step
+        time = _START * self._policy.max_step
         steps = (values - before).tolist()
         rows = zip(self._joints, steps, velocity.tolist(), self._braking, strict=True)
         for joint, step, speed, (acceleration, _) in rows:

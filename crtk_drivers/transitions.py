@@ -227,7 +227,8 @@ class Transitions:
         with self._board.lock:
             if self._ended(running):
                 before = self._board.status
-                self._board.update(running.target, homed=homed, busy=False)
+                carried_out = "" if running.command is StateCommand.DISABLE else None
+                self._board.update(running.target, carried_out, homed=homed, busy=False)
                 if self._board.status is before:
                     self._board.announce()
                 following, self._next = self._next, None

@@ -168,10 +168,16 @@ def test_enable_waits_for_a_disable_that_changes_nothing() -> None:
 
 def test_disable_is_carried_out_in_every_state() -> None:
     """After a connection DISABLED says nothing of the hardware: there may be power, and torque."""
-    rig = Rig().connect()
-    assert rig.state is S.DISABLED
+    rig = Rig()
+    type(rig.device).found = property(lambda self: "torque is on")  # type: ignore[method-assign,assignment]
+    try:
+        rig.connect()
+    finally:
+        del type(rig.device).found
+    assert (rig.state, rig.engine.status.detail) == (S.DISABLED, "torque is on")
     rig.command("disable")
     assert rig.device.calls[-1] == "disable"
+    assert not rig.engine.status.detail, "it is not so any more"
     assert rig.state is S.DISABLED
 
 
