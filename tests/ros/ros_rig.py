@@ -47,6 +47,7 @@ class Rig:
         engine = self.session.engine
         until(lambda: engine.status.detail == "", "the device is back")
         engine.state_command("disable")
+        until(lambda: engine.transition_ended, "disable is carried out, whatever the state was")
         until(lambda: engine.status.state == "DISABLED", "the device is disabled")
         told = self.client["operating_state"].messages
         until(lambda: bool(told) and told[-1].state == "DISABLED", "the client has heard that")
