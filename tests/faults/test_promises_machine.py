@@ -19,8 +19,8 @@ from bench.reliability.walk import TURNS, Walk, walkable
 from crtk_drivers.state import StateCommand
 
 SEED = int(os.environ.get("CRTK_FAULT_SEED", "15"))
-RUNS = 4
-STEPS = 25
+RUNS = 2
+STEPS = 15
 
 
 class PromiseMachine(RuleBasedStateMachine):
