@@ -188,6 +188,8 @@ class BusThread:
         member.reconnect.failed(time.monotonic())
         try:
             member.engine.disconnect(reason)
+        except DeviceError as error:
+            logger.error("%s: closing: %s", member.engine.where, error)
         except Exception:
             logger.exception("%s: closing failed", member.engine.where)
 
