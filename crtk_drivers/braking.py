@@ -15,7 +15,10 @@ def stoppable_speed(room: float, deceleration: float, delay: float) -> float:
     """
     if not room > 0.0:
         return 0.0
-    return deceleration * (math.sqrt(delay * delay + 2.0 * room / deceleration) - delay)
+    if math.isinf(room):
+        return math.inf
+    braking = math.sqrt(2.0 / deceleration) * math.sqrt(room)  # seconds, if it began at once
+    return room / (0.5 * (delay + math.hypot(delay, braking)))
 
 
 def braking_way(speed: float, deceleration: float, delay: float) -> float:

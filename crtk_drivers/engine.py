@@ -277,10 +277,8 @@ class Engine:
         try:
             command = self._require(name)
             if name == "hold":
-                self._transitions.end_homing()
-                if self._holds_anyway():
-                    self._stop_asked = True
-                    return None
+                self._hold(command, client)
+                return None
             if command.level is Level.SETTING:
                 self._set(command, self._check.check(command, value), client)
                 return None
@@ -291,9 +289,7 @@ class Engine:
                     self._freed.tie(client, self._clock())
                     if self._is_free:
                         return None
-                replaced = self._arbiter.put(order, self._clock(), client)
-                if replaced is not None:
-                    replaced.finish(Outcome.PREEMPTED, f"by {name}")
+                self._put(order, client)
                 if order.move is not None:
                     self._latch(order.goals, order.stamp_ns)
                     self._board.update(busy=True)
@@ -392,6 +388,7 @@ class Engine:
         except DeviceError as error:
             self._board.update(OperatingState.FAULT, str(error))
             raise
+        self._transitions.cancel()  # what was sent while the link was being lost
         self._connected = True
         self._health.connected = True
         self._broken_sample = ""
@@ -512,8 +509,9 @@ class Engine:
     def alarm(self, reason: str) -> None:
         """Go to FAULT and stop the hardware, without waiting for an I/O thread that is late or dead."""
         self._alarm = reason
-        self._transitions.cancel()
-        self._board.update(OperatingState.FAULT, reason, busy=False)
+        with self._board.lock:
+            self._transitions.cancel()
+            self._board.update(OperatingState.FAULT, reason, busy=False)
         self._motion.abandon(reason)
         if self._connected:
             self.device.stop()
@@ -566,15 +564,25 @@ class Engine:
                 remedy="Send hold, and then it again.",
             )
 
-    def _holds_anyway(self) -> bool:
-        """Whether `hold` has nothing to end: the device is there, and motion of ours has been ended.
+    def _hold(self, command: Command, client: Client) -> None:
+        """End what goes on; where that has been done already, a stop that was not read back is sent again.
 
-        A stop that has not been read back yet is sent again all the same.
+        One look at the state decides, so that no change of it makes this a refusal.
         """
         with self._board.lock:
+            self._transitions.end_homing()
             running = self._transitions.running is not None
             enabled = self.status.state is OperatingState.ENABLED
-            return self._connected and (running or not enabled)
+            if self._connected and (running or not enabled):
+                self._stop_asked = True
+                return
+            self._require_enabled(command.name)
+            self._put(Order(command.name), client)
+
+    def _put(self, order: Order, client: Client) -> None:
+        replaced = self._arbiter.put(order, self._clock(), client)
+        if replaced is not None:
+            replaced.finish(Outcome.PREEMPTED, f"by {order.name}")
 
     def _order(self, command: Command, value: Value | None, stamp_ns: int, client: Client) -> Order:
         self._require_enabled(command.name)
@@ -684,8 +692,10 @@ class Engine:
         The state comes first: from then on no command is accepted that would not be ended here.
         """
         was_enabled = self.status.state is OperatingState.ENABLED
-        self._transitions.cancel()
-        self._board.update(state, reason, busy=False)
+        with self._board.lock:
+            self._transitions.cancel()
+            self._board.update(state, reason, busy=False)
+        self._transitions.close_cancelled()  # while the device is still open
         self._motion.end(reason)
         if was_enabled:
             self._stopping.stop()

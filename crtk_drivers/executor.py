@@ -110,7 +110,7 @@ class MotionExecutor:
         self._last_setpoint: Setpoint | None = None
         self._velocity: Order | None = None
         self._waiting: Order | None = None
-        self._waits_since = 0.0
+        self._waits_since = self._waiting_fed = 0.0
         self._gravity: deque[bool] = deque(maxlen=1)
         self._stamp_ns = 0
         self._takes_poses = Mode.CARTESIAN_POSITION in self._capabilities.modes
@@ -338,7 +338,7 @@ class MotionExecutor:
         if self._device.takes_setpoints:
             self._begin(order, now)
         else:
-            self._waiting, self._waits_since = order, now
+            self._waiting, self._waits_since, self._waiting_fed = order, now, now
 
     def _waited(self, newer: Order | None, now: float) -> Order | None:
         """Return the order that may begin now: one that need not wait, or the one that waited."""
@@ -351,6 +351,13 @@ class MotionExecutor:
                 return newer
             waiting = combined(waiting, newer)
         assert waiting is not None
+        if newer is not None:
+            self._waiting_fed = now
+        if find(waiting.name).kind in (Kind.VELOCITY, Kind.EFFORT) and self._fell_silent(
+            waiting, now
+        ):
+            self._health.stream_timeouts += 1
+            return None
         if self._device.takes_setpoints:
             return waiting
         if now - self._waits_since < REST_TIMEOUT:
@@ -367,6 +374,12 @@ class MotionExecutor:
         self._end_starting(Outcome.ABORTED, str(refusal))
         self._not_busy()
         return None
+
+    def _fell_silent(self, waiting: Order, now: float) -> bool:
+        """Whether the stream of an order that waits has ended meanwhile."""
+        is_servo = waiting.level is Level.SERVO
+        timeout = self._stream.timeout if is_servo else self._interpolate_timeout
+        return now - self._waiting_fed > timeout
 
     def _end_starting(self, outcome: Outcome, reason: str) -> None:
         """End a move that has not begun."""

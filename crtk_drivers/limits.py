@@ -34,6 +34,9 @@ _START = 2.0
 
 _DAMPING = Damping()
 
+_STANDS = 1e-6
+"""Share of its velocity limit below which a joint takes no part in a twist: the Jacobian is rounded."""
+
 _OVERSPEED = 1.1
 """By how much a joint that an effort drives may exceed its speed: what is measured is noisy."""
 
@@ -426,6 +429,8 @@ class SetpointLimiter:
             zip(speeds.tolist(), self._stoppable(before), strict=True)
         ):
             bound = high if speed > 0.0 else low
+            if abs(speed) <= _STANDS * self._fastest[index]:
+                continue
             if abs(speed) > abs(bound) and bound / speed < share:
                 share, slowest = bound / speed, index
         if share == 1.0:

@@ -26,12 +26,16 @@ _DONE_WHERE_REACHED = frozenset({StateCommand.ENABLE, StateCommand.PAUSE, StateC
 Not `disable`: after a connection DISABLED says nothing of the hardware, and power may be on."""
 
 
+_PAUSED_IN = frozenset(
+    {StateCommand.PAUSE, StateCommand.RESUME, StateCommand.HOME, StateCommand.UNHOME}
+)
+"""State commands that `pause` ends: those in which there is something to pause."""
+
+
 def _ends(command: StateCommand, running: StateCommand) -> bool:
     """Whether a state command takes the place of one that is being carried out."""
-    return command is StateCommand.DISABLE or (command, running) == (
-        StateCommand.PAUSE,
-        StateCommand.HOME,
-    )
+    is_stop = command is StateCommand.PAUSE and running in _PAUSED_IN
+    return command is StateCommand.DISABLE or is_stop
 
 
 @dataclass(slots=True)
@@ -96,7 +100,8 @@ class Transitions:
 
         Raises:
             CommandRefused: invalid in this state, or another one is running. `disable` replaces any, and
-                `pause` what moves: a stop is never refused. `enable` waits for a `disable` in DISABLED.
+                `pause` all but enable and disable: a stop is never refused. `enable` waits for a `disable`
+                in DISABLED.
         """
         with self._board.lock:
             running = self._running
@@ -133,12 +138,17 @@ class Transitions:
                 self.cancel()
 
     def cancel(self) -> None:
-        """Forget the running command. From any thread; the next `step` closes its procedure."""
+        """Forget the running command. From any thread; `step` or `close_cancelled` ends its procedure."""
         with self._board.lock:
             self._next = None
             if self._running is not None:
                 self._abandoned.append(self._running)
                 self._running = None
+
+    def close_cancelled(self) -> None:
+        """Let the procedures of commands that were cancelled clean up. I/O thread only."""
+        while self._abandoned:
+            close(self._abandoned.pop().steps, self._where)
 
     def step(self, now: float) -> None:
         """Resume the running procedure, if there is one.
@@ -146,8 +156,7 @@ class Transitions:
         Raises:
             ConnectionLost: by the procedure.
         """
-        while self._abandoned:
-            close(self._abandoned.pop().steps, self._where)
+        self.close_cancelled()
         running = self._running
         if running is None:
             return

@@ -8,6 +8,7 @@ from engine_rig import JOINTS, Rig, jp, jv, two_joints
 from hypothesis import given
 from hypothesis import strategies as st
 
+from crtk_drivers.braking import braking_way, stoppable_speed
 from crtk_drivers.checks import LARGEST, CommandCheck
 from crtk_drivers.commands import COMMANDS
 from crtk_drivers.device import Mode, Setpoint
@@ -170,3 +171,34 @@ def test_the_first_position_of_a_stream_is_one_that_the_arm_can_reach_from_how_i
     rig.servo(here + 1.01 * from_rest, 0.0)
     rig.cycle()
     assert rig.written[-1].values[0] == here
+
+
+@given(
+    st.floats(1e-9, 1e308) | st.just(math.inf),
+    st.floats(1e-3, 1e6) | st.just(math.inf),
+    st.floats(1e-3, 1.0),
+)
+def test_a_joint_that_is_slow_enough_stops_within_its_room(
+    room: float, deceleration: float, delay: float
+) -> None:
+    speed = stoppable_speed(room, deceleration, delay)
+    assert speed > 0.0  # and a number
+    if speed < 1e150 and math.isfinite(room):
+        assert braking_way(speed, deceleration, delay) == pytest.approx(room, rel=1e-6)
+
+
+@pytest.mark.parametrize("outward", [0.0, 1e-15])
+def test_a_joint_outside_its_range_that_has_no_part_in_a_twist_does_not_stop_it(
+    outward: float,
+) -> None:
+    jacobian = np.eye(6)[:, [0, 5]] - outward * np.eye(6)[:, [5, 0]]
+    gate = SetpointLimiter(two_joints(), POLICY, "here", lambda joints: jacobian)
+    at = vector((0.0, UPPER + 1e-6))
+
+    def sent(*twist: float) -> list[float]:
+        setpoint = Setpoint(Mode.CARTESIAN_VELOCITY, vector(twist))
+        return gate.judge("servo_cv", setpoint, at).setpoint.values.tolist()
+
+    assert sent(0.1, 0, 0, 0, 0, 0)[0] == 0.1
+    assert sent(0, 0, 0, 0, 0, 0.1) == [0.0] * 6
+    assert sent(0, 0, 0, 0, 0, -0.1)[5] == -0.1

@@ -1,13 +1,17 @@
 """State commands while they are carried out."""
 
+import sys
+import threading
 from collections.abc import Iterator
 
 import pytest
 from engine_rig import Rig, jp, jv, two_joints
 
 from crtk_drivers.device import Steps
+from crtk_drivers.engine import Observer
 from crtk_drivers.errors import CommandRefused, DeviceFault, Reason, TransitionFailed
-from crtk_drivers.state import OperatingState
+from crtk_drivers.samples import Stamp
+from crtk_drivers.state import OperatingState, StateCommand, Status
 
 S = OperatingState
 
@@ -48,10 +52,11 @@ def test_motion_and_state_commands_are_refused_meanwhile() -> None:
     refusal = rig.refused("servo_jp", jp(0.0, 0.0))
     assert refusal.reason is Reason.TRANSITION_RUNNING
     assert "pause is running" in refusal.message
-    for text in ("enable", "pause", "resume", "home"):
+    for text in ("enable", "resume", "home"):
         with pytest.raises(CommandRefused, match="pause is running") as caught:
             rig.engine.state_command(text)
         assert caught.value.reason is Reason.TRANSITION_RUNNING
+    rig.engine.state_command("pause")  # a stop is never refused
     rig.cycle(5)
     assert rig.state is S.PAUSED
 
@@ -274,3 +279,79 @@ def test_unhome_keeps_the_reason_of_a_fault() -> None:
     rig.engine.alarm("stuck")
     rig.command("unhome")
     assert (rig.state, rig.engine.status.detail) == (S.FAULT, "stuck")
+
+
+@pytest.mark.parametrize("running", ["pause", "resume", "home", "unhome"])
+def test_pause_ends_whatever_goes_on(running: str) -> None:
+    rig = Rig(capabilities=two_joints(needs_homing=True)).enabled()
+    if running == "resume":
+        rig.command("pause")
+    rig.device.procedures[running] = lambda: cycles(5)
+    rig.command(running)
+    rig.engine.state_command("pause")
+    rig.cycle(8)
+    assert rig.state is S.PAUSED
+    assert rig.engine.transition_ended
+    assert rig.told.refusals == []
+
+
+def test_hold_is_never_refused_while_the_state_changes() -> None:
+    rig = Rig().enabled()
+    refused: list[CommandRefused] = []
+    ended = threading.Event()
+
+    def hold() -> None:
+        while not ended.is_set():
+            try:
+                rig.engine.submit("hold")
+            except CommandRefused as refusal:
+                refused.append(refusal)
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    thread = threading.Thread(target=hold)
+    thread.start()
+    try:
+        for _ in range(400):
+            rig.command("pause")
+            rig.command("resume")
+    finally:
+        ended.set()
+        thread.join()
+        sys.setswitchinterval(interval)
+    assert refused == []
+
+
+@pytest.mark.parametrize("way", ["disconnect", "shut_down"])
+def test_a_procedure_that_is_ended_cleans_up_before_the_device_is_closed(way: str) -> None:
+    rig = Rig().connect()
+
+    def with_an_end() -> Steps:
+        try:
+            yield from for_ever()
+        finally:
+            rig.device.calls.append("cleaned up")
+
+    rig.device.procedures["enable"] = with_an_end
+    rig.command("enable")
+    if way == "disconnect":
+        rig.engine.disconnect("the link is gone")
+    else:
+        rig.engine.shut_down()
+    assert rig.device.calls[-2:] == ["cleaned up", "close"]
+
+
+def test_what_was_asked_for_while_the_link_was_being_lost_is_not_done_after_it() -> None:
+    rig = Rig().enabled()
+
+    class EnablesAtOnce(Observer):
+        def status_changed(self, status: Status, stamp: Stamp) -> None:
+            if status.state is S.FAULT:
+                rig.engine._transitions.accept(StateCommand.ENABLE)
+
+    rig.engine.add_observer(EnablesAtOnce())
+    rig.engine.disconnect("the link is gone")
+    rig.engine.connect(rig.clock() + 1.0)
+    rig.cycle(10)
+    assert rig.state is S.DISABLED
+    assert rig.engine.transition_ended

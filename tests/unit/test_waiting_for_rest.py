@@ -196,7 +196,7 @@ def test_increments_that_are_refused_leave_the_move_running() -> None:
     options = EngineOptions(limits=LimitPolicy(clamp_servo=False))
     rig, move = moving(options)
     for _ in range(3):
-        rig.engine.submit("servo_jr", jp(*[0.15] * 6))
+        rig.engine.submit("servo_jr", jp(*[0.09] * 6))
     rig.cycle()
     assert [told.reason for told in rig.told.refusals] == [Reason.STEP_TOO_LARGE]
     _goes_on(rig, move)
@@ -385,3 +385,17 @@ def test_a_device_that_refuses_gravity_compensation_says_so_and_nothing_stops() 
     assert [told.reason for told in rig.told.refusals] == [Reason.LOCAL_CONTROL]
     assert move is not None
     assert move.wait(0.0)
+
+
+@pytest.mark.parametrize("name", ["servo_jv", "servo_jf", "interpolate_jv"])
+def test_a_stream_that_falls_silent_while_it_waits_moves_nothing_later(name: str) -> None:
+    rig, move = moving()
+    rig.device.ready = False
+    values = jf(*[1.0] * 6) if name == "servo_jf" else jv(*[0.1] * 6)
+    rig.engine.submit(name, values)
+    rig.cycle(150)  # 0.6 s
+    rig.device.ready = True
+    rig.cycle(10)
+    assert not move.is_busy()
+    assert rig.written == []
+    assert rig.state is OperatingState.ENABLED
