@@ -424,14 +424,13 @@ class Engine:
             self._motion.apply_settings()
             self._advance(now)
         except DeviceFault as fault:
-            self._leave(OperatingState.FAULT, str(fault))
+            self._broken(str(fault))
         except DeviceError:
             raise
         except Exception as error:
             # The link is sound, and whoever shares it goes on.
             logger.exception("%s: unexpected error in its motion", self.where)
-            text = f"unexpected {type(error).__name__}: {error}. Please report this."
-            self._leave(OperatingState.FAULT, text)
+            self._broken(f"unexpected {type(error).__name__}: {error}. Please report this.")
         self._health.cycle(now)
         if sample is not None and self.on_sample is not None:
             self.on_sample()
@@ -671,6 +670,12 @@ class Engine:
         """Go to FAULT, unless it is there for another reason."""
         if self.status.state is not OperatingState.FAULT:
             self._leave(OperatingState.FAULT, reason)
+
+    def _broken(self, reason: str) -> None:
+        """Go to FAULT and end whatever goes on; of reasons that follow each other the first one is told."""
+        status = self.status
+        told = status.state is OperatingState.FAULT and status.detail
+        self._leave(OperatingState.FAULT, told or reason)
 
     def _stream_timeout(self, name: str) -> float:
         is_slow = self.commands[name].level is Level.INTERPOLATE

@@ -5,9 +5,9 @@ import threading
 from collections.abc import Iterator
 
 import pytest
-from engine_rig import Rig, jp, jv, two_joints
+from engine_rig import Rig, ScriptedDevice, jp, jv, two_joints
 
-from crtk_drivers.device import Steps
+from crtk_drivers.device import Condition, Steps
 from crtk_drivers.engine import Observer
 from crtk_drivers.errors import CommandRefused, DeviceFault, Reason, TransitionFailed
 from crtk_drivers.samples import Stamp
@@ -355,3 +355,18 @@ def test_what_was_asked_for_while_the_link_was_being_lost_is_not_done_after_it()
     rig.cycle(10)
     assert rig.state is S.DISABLED
     assert rig.engine.transition_ended
+
+
+def test_a_stop_that_fails_again_and_again_in_fault_is_announced_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(ScriptedDevice, "has_stopped", False)
+    rig = Rig().enabled()
+    rig.servo(0.01, 0.0)
+    rig.cycle()
+    rig.device.fail["stop"] = DeviceFault("the brake does not answer")
+    rig.device.reported = Condition(S.FAULT, "bumped")
+    rig.cycle(100)
+    assert rig.device.calls.count("stop") > 10
+    assert len(rig.told.states) <= 4
+    assert rig.state is S.FAULT
