@@ -468,7 +468,8 @@ class Engine:
         """Stop, wait until that is read back, leave the hardware as it is configured to be left, and close.
 
         Raises:
-            StopUnconfirmed: it was not seen to stand within the time that the device declares.
+            StopUnconfirmed: it was not seen to stand within the time that the device declares, or moved when
+                the link was lost.
             DeviceError: it could not be told.
         """
         overdue = ""
@@ -476,6 +477,8 @@ class Engine:
             if self._connected:
                 self._leave(OperatingState.DISABLED, "shut down")
                 overdue = self._await_stop()
+            else:
+                overdue = self._stopping.unseen
         finally:
             self._connected = False
             self._health.connected = False

@@ -102,14 +102,23 @@ class Stopping:
         what = self._moving or "the hardware has not confirmed it"
         return f"a stop has not been carried out within {self._time:g} s: {what}"
 
+    @property
+    def unseen(self) -> str:
+        """What to say of a stop of what moved when it was last seen; empty if there is none."""
+        if not self._watches or not self._moving:
+            return ""
+        return f"a stop could not be read back: {self._moving} when it was last seen"
+
     def _look(self, sample: Sample) -> None:
         value = sample.values.get("measured_js")
         moving: str | None = ""
         if isinstance(value, JointState) and value.position.size == len(self._joints):
             moving = self._motion_of(value, sample.stamp.monotonic)
-        if not self._watches or moving is None:
+        if moving is None:
             return
         self._moving = moving
+        if not self._watches:
+            return
         if not moving and sample.stamp.monotonic > self._asked and self._device.has_stopped:
             self._watches = False
 

@@ -367,3 +367,17 @@ def test_two_reasons_for_a_fault_do_not_take_turns_in_being_told() -> None:
     assert len(rig.told.statuses) == count
     assert rig.engine.status.detail == "overload"
     assert any("a stop has not been carried out" in text for text in rig.told.warnings)
+
+
+def test_closing_after_the_link_was_lost_in_motion_says_that_nobody_saw_it_stand() -> None:
+    rig = Runaway(heeds=10_000).running()
+    rig.engine.disconnect("the link is gone")
+    with pytest.raises(StopUnconfirmed, match=r"slide at 0\.300 when it was last seen"):
+        rig.engine.shut_down()
+    assert rig.device.calls[-1] == "close"
+
+
+def test_closing_after_the_link_was_lost_at_rest_is_no_error() -> None:
+    rig = Rig().enabled()
+    rig.engine.disconnect("the link is gone")
+    rig.engine.shut_down()
