@@ -12,7 +12,7 @@ import numpy as np
 from bench.reliability.activities import Plan
 from bench.reliability.common import own_process
 from bench.reliability.rig import Rig
-from bench.reliability.table import NOW_AND_THEN, REST, Absent, Follows, Way, single_messages
+from bench.reliability.table import REST, Absent, Follows, Way, single_messages
 from crtk_driver_canopen import PLUGIN
 from crtk_drivers.plugins import DevicePlugin
 from crtk_sim_backends.canopen import SIM
@@ -74,7 +74,6 @@ WAYS = (
         kind="silent",
         within=HEARTBEAT,
         stands=HEARTBEAT + STOP,
-        pending=dict.fromkeys(("servo_jp", "interpolate_jp", "move_jp"), f"16{NOW_AND_THEN}"),
     ),
     Way(
         "F3",

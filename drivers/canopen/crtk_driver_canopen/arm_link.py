@@ -26,13 +26,14 @@ from crtk_driver_canopen.heartbeat import NmtCommand, NmtState
 from crtk_driver_canopen.jobs import NodeJobs, one_by_one
 from crtk_driver_canopen.layout import CobIds, Layout, plan
 from crtk_driver_canopen.master import BootUp, Master
-from crtk_driver_canopen.modes import OpMode
+from crtk_driver_canopen.modes import WAYS, OpMode, Way
 from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.pdo import Pdo, read_cob_id
 from crtk_driver_canopen.safeguards import PositionLimits
 from crtk_driver_canopen.sdo import Sdo
 from crtk_driver_canopen.statemachine import Control, State
 from crtk_driver_canopen.stopping import RPDO_TIMEOUT, LastResort, quick_stop_frame, secure
+from crtk_driver_canopen.targets import UNHEARD, PositionTarget
 from crtk_driver_canopen.units import GroupUnits
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import ConnectionFailed, CrtkError, DataTimeout
@@ -45,7 +46,7 @@ logger = logging.getLogger(__name__)
 NMT_TIME: Final = 1.0
 """Seconds for a node to follow an NMT command; it tells by its next heartbeat."""
 
-UNHEARD: Final = frozenset({0x7500, 0x8100, 0x8700})
+MISSED_US: Final = frozenset({0x7500, 0x8100, 0x8700})
 """Classes of error codes (603F) of a drive that missed heartbeats, PDOs or SYNC."""
 
 LISTEN: Final = 2.5
@@ -109,6 +110,10 @@ class ArmLink:
         self.held: frozenset[str] = frozenset()
         """Joints that had power when they were found, and have been left holding."""
         self._tardy: list[int] = []
+        self.targets: list[PositionTarget] = []
+        """The positions that the drives are really sent."""
+        self._tells: list[int] = []
+        self._unbegun = 0
         self._places: dict[str, list[int | None]] = {}
 
     @property
@@ -213,10 +218,18 @@ class ArmLink:
         self._cycle = Cycle(self._master, self._layout.tpdos, self._layout.rpdos, sync)
         self._tardy = [0] * len(self._layout.tpdos)
         self._find_places()
+        self.targets = [self._target(axis) for axis in self.axes]
         for index, axis in enumerate(self.axes):
             self.outputs.position[index] = facts[axis.name].position
         self._start(config.nodes)
         self._settle(deadline)
+
+    def _target(self, axis: Axis) -> PositionTarget:
+        period, count = self._config.period, abs(axis.facts.units.position)
+        joint = axis.config
+        return PositionTarget(
+            joint.velocity * period / count, joint.acceleration * period * period / count
+        )
 
     def _read_cob_ids(self) -> CobIds:
         """Return the COB-IDs that the drives have for the PDOs that are used.
@@ -288,7 +301,7 @@ class ArmLink:
             return False
         sdo = Sdo(self.master.sdo(axis.config.node), axis.config.axis)
         code = sdo.find(OBJECTS["error_code"]) or 0
-        return code & 0xFF00 in UNHEARD
+        return code & 0xFF00 in MISSED_US
 
     def _run_until(self, done: Callable[[], bool], deadline: float) -> bool:
         """Exchange in the pace of the cycle; return whether it came to be so before the deadline."""
@@ -448,6 +461,15 @@ class ArmLink:
                 self._places[name] = [
                     found.get((axis.config.node, axis.config.axis)) for axis in self.axes
                 ]
+        tells = {
+            (pdo.node, entry): slot
+            for slot, pdo in enumerate(self._layout.tpdos.pdos)
+            for entry in pdo.entries
+        }
+        position = OBJECTS["position_actual"]
+        self._tells = [
+            tells[axis.config.node, position.on_axis(axis.config.axis)] for axis in self.axes
+        ]
         self._count = sum(len(pdo.entries) for pdo in self._layout.rpdos.pdos)
 
     # ------------------------------------------------------------------------------------ exchange
@@ -467,7 +489,9 @@ class ArmLink:
         period = self._config.period
         if self._config.kernel_sync and time.monotonic() - self.stamp.monotonic > 2.0 * period:
             self.link.poll(0.0)  # cycles that have passed are not caught up with
-        if not self.cycle.begin(deadline):
+        begun = self.cycle.begin(deadline)
+        self._unbegun = 0 if begun else self._unbegun + 1
+        if not begun:
             return False
         now = time.monotonic()
         self.stamp = Stamp(time.time_ns(), now)
@@ -518,13 +542,16 @@ class ArmLink:
             BusLost: the bus cannot be used.
         """
         outputs, values = self.outputs, [0] * self._count
-        if self._stops_quickly.is_set():  # also what was worked out before
-            outputs.controlword[:] = [int(Control.QUICK_STOP)] * len(self.axes)
+        for index, axis in enumerate(self.axes):  # also what was worked out before
+            stops = axis.is_enabled and axis.drive.goal is State.QUICK_STOP
+            if stops or self._stops_quickly.is_set():
+                outputs.controlword[index] = int(Control.QUICK_STOP)
+        positions = self._positions_to_send()
         for name, column in (
             ("controlword", outputs.controlword),
             ("mode_of_operation", outputs.mode),
-            ("target_position", outputs.position),
-            ("interpolation_position", outputs.position),
+            ("target_position", positions),
+            ("interpolation_position", positions),
             ("target_velocity", outputs.velocity),
             ("target_torque", outputs.torque),
         ):
@@ -533,6 +560,17 @@ class ArmLink:
                     values[place] = value
         self.cycle.send(values)
         self._sent = True
+
+    def _positions_to_send(self) -> list[int]:
+        ages, unbegun = self.cycle.ages, self._unbegun
+        return [
+            target.step(wanted, heard=ages[slot] + unbegun <= UNHEARD)
+            if axis.is_enabled and axis.mode in WAYS[Way.POSITIONS]
+            else target.set(wanted)
+            for axis, target, wanted, slot in zip(
+                self.axes, self.targets, self.outputs.position, self._tells, strict=True
+            )
+        ]
 
     def _picked(self, name: str, values: tuple[int, ...]) -> list[int]:
         return [0 if place is None else values[place] for place in self._places[name]]

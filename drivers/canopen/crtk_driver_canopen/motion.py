@@ -348,10 +348,20 @@ class Motion:
         """End a stream; what waits begins after that."""
         if self.way is not Way.EFFORTS:
             self._phase = _Phase.BRAKE
+            self._forgo_catching_up()
         elif self.way is self._rest:
             self.hold_here()
         else:
             self.use(self._rest, now)
+
+    def _forgo_catching_up(self) -> None:
+        """Stop joints that have not been heard where their drives were last told to be."""
+        targets = self._link.targets
+        if self.way is Way.POSITIONS and self._held is not None:
+            behind = np.array([target.behind for target in targets])
+            sent = self._link.units.positions([target.sent for target in targets])
+            self._held = vector(np.where(behind, sent, self._held))
+            self._speed = np.where(behind, 0.0, self._speed)
 
     def _settle(self, now: float) -> None:
         """The joints stand: begin what waits, or hold in the way of rest."""
