@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import math
 
+NEGLIGIBLE = 1e-6
+"""Share of its velocity limit below which a joint takes no part in the motion of the tool: Jacobians are
+rounded, and one joint that is at the end of its range must not stop the others by that."""
+
 
 def stoppable_speed(room: float, deceleration: float, delay: float) -> float:
     """Return the speed towards a limit from which a joint still stops before it.

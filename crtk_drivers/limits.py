@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crtk_drivers.braking import stoppable_speed
+from crtk_drivers.braking import NEGLIGIBLE, stoppable_speed
 from crtk_drivers.device import Capabilities, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.resolved_rate import Damping
@@ -33,9 +33,6 @@ _START = 2.0
 """Times `LimitPolicy.max_step` in which the arm must be able to be where a stream begins."""
 
 _DAMPING = Damping()
-
-_STANDS = 1e-6
-"""Share of its velocity limit below which a joint takes no part in a twist: the Jacobian is rounded."""
 
 _OVERSPEED = 1.1
 """By how much a joint that an effort drives may exceed its speed: what is measured is noisy."""
@@ -429,7 +426,7 @@ class SetpointLimiter:
             zip(speeds.tolist(), self._stoppable(before), strict=True)
         ):
             bound = high if speed > 0.0 else low
-            if abs(speed) <= _STANDS * self._fastest[index]:
+            if abs(speed) <= NEGLIGIBLE * self._fastest[index]:
                 continue
             if abs(speed) > abs(bound) and bound / speed < share:
                 share, slowest = bound / speed, index

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crtk_drivers.braking import braking_way, stoppable_speed
+from crtk_drivers.braking import NEGLIGIBLE, braking_way, stoppable_speed
 from crtk_drivers.device import CartesianLimits, JointLimits
 from crtk_drivers.rotation import turn
 from crtk_drivers.samples import Array, Pose, Vector, vector
@@ -197,6 +197,12 @@ class ResolvedRate:
             )
             for here, (low, high, top, brake, way) in zip(
                 joints.tolist(), self._bounds, strict=True
+            )
+        ]
+        targets = [
+            min(max(value, low), high) if abs(value) <= NEGLIGIBLE * top else value
+            for value, (low, high), (_, _, top, _, _) in zip(
+                targets, rooms, self._bounds, strict=True
             )
         ]
         scale = _fitting(targets, rooms)

@@ -188,3 +188,16 @@ def test_a_pose_is_approached_by_the_twist_that_leads_there(here: Pose, goal: Po
     spun = quaternion_from_rotvec(vector(rate.velocity[3:] * 0.5))
     reached = quaternion_product(spun, here.orientation)
     assert np.abs(turn(reached, goal.orientation)).max() < 1e-7
+
+
+@pytest.mark.parametrize("outward", [1e-17, 1e-9])
+def test_a_joint_at_the_end_of_its_range_stops_no_motion_that_needs_it_only_by_rounding(
+    outward: float,
+) -> None:
+    jacobian = np.linalg.inv(np.eye(6) + outward * np.eye(6)[:, [1, 0, 2, 3, 4, 5]])
+    at = vector((LIMIT.upper, 0.0, 0.0, 0.0, 0.0, 0.0))
+    rate = rates(LIMIT).follow_twist(at, jacobian, vector((0.0, 0.5, 0.0, 0.0, 0.0, 0.0)))
+    assert rate.velocity[0] == 0.0
+    assert rate.velocity[1] == pytest.approx(0.5)
+    rate = rates(LIMIT).follow_twist(at, jacobian, vector((1e-3, 0.5, 0.0, 0.0, 0.0, 0.0)))
+    assert rate.velocity.tolist() == [0.0] * 6, "it would leave the way"

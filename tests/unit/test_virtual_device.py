@@ -275,3 +275,21 @@ def test_a_pause_of_the_process_is_no_jump_of_the_plant() -> None:
     counters = device.counters
     assert counters["plant time (s)"] <= 0.05 + 1e-9
     assert counters["time left out (s)"] == pytest.approx(9.95, abs=0.05)
+
+
+def test_the_tool_moves_on_beside_a_joint_at_the_end_of_its_range() -> None:
+    with crtk_drivers.connect("virtual") as arm:
+        arm.state_command("enable")
+        limit = arm.engine.capabilities.limits[0].upper
+        position = np.array(arm.setpoint_js().position)
+        position[0] = limit
+        arm.move_jp(position).wait(30.0)
+        ahead, up = vector((np.cos(limit), np.sin(limit), 0.0)), vector((0.0, 0.0, 1.0))
+        for way in (up, ahead, -up, -ahead):  # in none of which the first joint has a part
+            begin = arm.measured_cp().position
+            deadline = time.monotonic() + 20.0
+            while (arm.measured_cp().position - begin) @ way < 0.03:
+                assert time.monotonic() < deadline, "the tool stands"
+                arm.servo_cv([*(0.05 * way), 0.0, 0.0, 0.0])
+                time.sleep(0.01)
+            arm.hold()
