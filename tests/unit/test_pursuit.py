@@ -83,7 +83,8 @@ def test_an_approach_at_full_speed_bears_cycles_that_come_early() -> None:
 
 
 def test_what_the_joints_cannot_do_at_once_is_approached_in_the_direction_of_the_goal() -> None:
-    rig = arm()
+    weak = JointLimits(-6.0, 6.0, LIMIT.velocity, acceleration=5.0, jerk=400.0, effort=50.0)
+    rig = ArmRig(Mode.JOINT_POSITION, limits=(weak,) * 6).enabled()
     begin = rig.device.pose
     goal = moved(begin, step(0.02, 0.03, -0.02, 0.05, 0.03, 0.08))
     way, angle = goal.position - begin.position, turn(goal.orientation, begin.orientation)
