@@ -352,7 +352,7 @@ def test_a_refused_goal_leaves_a_move_running() -> None:
     rig = Rig(EngineOptions(limits=LimitPolicy(clamp_servo=False))).enabled()
     move = rig.engine.submit("move_jp", jp(0.5, 0.0))
     rig.cycle(5)
-    rig.engine.submit("interpolate_jr", jp(5.0, 0.0))
+    rig.engine.submit("interpolate_jr", jp(1.5, 0.0))
     rig.cycle(150)
     assert move is not None
     assert move.wait(0.0)
