@@ -55,13 +55,16 @@ def joints(sim: RunningSim) -> np.ndarray:
 @contextmanager
 def streaming(sim: RunningSim, command: str, arm: LocalDevice) -> Iterator[None]:
     """Have both joints move at `SPEED`."""
-    ended = threading.Event()
+    ended, moving = threading.Event(), threading.Event()
 
     def stream() -> None:
-        began = time.monotonic()
+        position = 0.0
         while not ended.wait(PERIOD):
+            if not moving.is_set() and position > joints(sim).min() + 0.15:
+                position = joints(sim).min()  # a busy machine has stalled it: it begins again
+            position += SPEED * PERIOD
             with suppress(CommandRefused):
-                getattr(arm, command)([SPEED * (time.monotonic() - began)] * COUNT)
+                getattr(arm, command)([position] * COUNT)
 
     if command == "move_jp":
         arm.trajectory_j.set_ratio_v(SPEED / JOINT["velocity"])
@@ -70,6 +73,7 @@ def streaming(sim: RunningSim, command: str, arm: LocalDevice) -> Iterator[None]
     thread.start()
     try:
         until(lambda: joints(sim).min() > 0.2, "both joints move")
+        moving.set()
         yield
     finally:
         ended.set()
@@ -100,18 +104,22 @@ def test_drives_that_are_heard_again_after_fault_stay_where_they_are(
 def test_a_drive_that_is_heard_again_before_fault_catches_up_within_its_limits(
     command: str,
 ) -> None:
-    limits = {"velocity": 1.0, "following_error": 0.3}
-    with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT, limits, missed_cycles=50)) as arm:
+    limits = {"velocity": 0.8, "following_error": 0.4, "drive_limits": "keep"}
+    patient = {"missed_cycles": 100, "heartbeat": {"ours_timeout": 2.0, "drives_timeout": 2.0}}
+    with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT, limits, **patient)) as arm:
         arm.enable(SOON)
         with streaming(sim, command, arm):
-            scale = np.abs(told(sim, "velocity")).max() / SPEED
             sim.control.inject("silent", node=1)
-            time.sleep(0.15)
+            time.sleep(0.4)
             sim.control.clear("silent")
-            fastest, end = 0.0, time.monotonic() + 0.5
-            while time.monotonic() < end:
-                fastest = max(fastest, np.abs(told(sim, "velocity"))[0] / scale)
-            assert fastest < 1.2 * limits["velocity"]
+            looks: list[tuple[float, float]] = []
+            while not looks or looks[-1][0] < looks[0][0] + 1.5:
+                looks.append((time.monotonic(), joints(sim)[0]))
+            # Over so long that a busy machine does not count.
+            later = [next((n for n in looks if n[0] > look[0] + 0.1), None) for look in looks]
+            pairs = [(a, b) for a, b in zip(looks, later, strict=True) if b is not None]
+            fastest = max((there - here) / (end - at) for (at, here), (end, there) in pairs)
+            assert fastest < 1.5 * limits["velocity"]
             assert arm.operating_state().state == "ENABLED", arm.operating_state().detail
-            behind = joints(sim)
-            assert abs(behind[0] - behind[1]) < 0.03
+            here = joints(sim)
+            assert abs(here[0] - here[1]) < 0.05
