@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import signal
 import socket
+from dataclasses import replace
 
 import numpy as np
 
 from bench.reliability.activities import Plan
 from bench.reliability.common import own_process
 from bench.reliability.rig import PATIENCE, Rig
-from bench.reliability.table import REST, Absent, Follows, Way
+from bench.reliability.table import ANY, NOW_AND_THEN, REST, Absent, Follows, Way
 from crtk_driver_ur import PLUGIN
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.plugins import DevicePlugin
@@ -217,3 +218,7 @@ class UrRtdeRig(UrNativeRig):
     control = "ur_rtde"
     thorough = False
     activities = tuple(name for name in UrNativeRig.activities if name != "servo_cf")
+    # What was on its way to the controller while it hung cannot be bounded by ur-rtde's program.
+    ways = tuple(
+        replace(way, pending={ANY: f"10{NOW_AND_THEN}"}) if way.freezes else way for way in WAYS
+    )

@@ -116,8 +116,8 @@ def test_a_permutation_of_the_names_is_put_in_order(bench, command):
     order = [3, 0, 5, 1, 4, 2]
     name = tuple(NAMES[i] for i in order)
     values = {
-        "servo_jp": near(j0=0.05),
-        "servo_jr": [0.05, 0.0, 0.0, 0.0, 0.0, 0.0],
+        "servo_jp": near(j0=0.02),
+        "servo_jr": [0.02, 0.0, 0.0, 0.0, 0.0, 0.0],
         "servo_jv": [0.1, 0.0, 0.0, 0.0, 0.0, 0.0],
         "move_jp": near(j0=0.05),
         "move_jr": [0.05, 0.0, 0.0, 0.0, 0.0, 0.0],

@@ -178,6 +178,7 @@ class Joints(LoopbackDevice):
             modes=frozenset({Mode.JOINT_POSITION}),
             measured=("measured_js",),
             cartesian_limits=None,
+            following=None,
         )
         self.sample = Sample(
             Stamp(7, 7.0),

@@ -36,10 +36,10 @@ def arms() -> Iterator[tuple[UrBench, UrBench]]:
 def test_each_does_what_it_was_told_and_no_fault_reaches_the_other(arms):
     left, right = arms
     goals = ([0.5, *HOME[1:]], [-0.6, *HOME[1:]])
+    left.arm.payload_mass(1.0)
     moves = [bench.arm.move_jp(goal) for bench, goal in zip(arms, goals, strict=True)]
     left.arm.digital_out_1(True)
     right.arm.tool_out_0(True)
-    left.arm.payload_mass(1.0)
     for move in moves:
         assert move.wait(LONG)
     for bench, goal in zip(arms, goals, strict=True):

@@ -63,7 +63,7 @@ class RobotModel:
     position: Vector6 = (2 * pi,) * 6
     acceleration: float = 40.0
     calibration: Calibration | None = None
-    safe_position: float = radians(363.0)
+    safe_position: float = 6.3355451848  # 363 degrees as the controller rounds them
 
     def limited_to(self, position: float) -> RobotModel:
         """Return the arm with a narrower safety configuration: `position` to both sides, rad."""

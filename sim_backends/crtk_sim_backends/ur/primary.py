@@ -228,7 +228,7 @@ def _kinematics(source: _Source) -> tuple[Any, ...]:
 
 def _configuration(source: _Source) -> tuple[Any, ...]:
     model = source.model
-    limit = min(_POSITION_LIMIT, model.safe_position)
+    limit = model.safe_position
     limits = (-limit, limit) * 6
     speeds = [value for speed in model.velocity for value in (speed + 0.2, model.acceleration)]
     # Joint speed and acceleration, tool speed and acceleration, equivalent radius.
@@ -242,7 +242,7 @@ _E: Final = (5, 0)
 _E_ONLY: Final = None
 _DEXTERITY: Final = 1.0
 _NO_LINE: Final = LineSettings()
-_POSITION_LIMIT: Final = 6.3355451848  # rad, 363 degrees as the controller rounds them
+
 _TOOL_MODES: Final = (
     "tool_output_mode",
     "tool_digital_output0_mode",
