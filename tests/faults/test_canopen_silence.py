@@ -55,16 +55,19 @@ def joints(sim: RunningSim) -> np.ndarray:
 @contextmanager
 def streaming(sim: RunningSim, command: str, arm: LocalDevice) -> Iterator[None]:
     """Have both joints move at `SPEED`."""
-    ended, moving = threading.Event(), threading.Event()
+    ended, position = threading.Event(), [0.0]
 
     def stream() -> None:
-        position = 0.0
         while not ended.wait(PERIOD):
-            if not moving.is_set() and position > joints(sim).min() + 0.15:
-                position = joints(sim).min()  # a busy machine has stalled it: it begins again
-            position += SPEED * PERIOD
+            position[0] += SPEED * PERIOD
             with suppress(CommandRefused):
-                getattr(arm, command)([position] * COUNT)
+                getattr(arm, command)(position * COUNT)
+
+    def move() -> bool:
+        here = float(joints(sim).min())
+        if position[0] > here + 0.15:
+            position[0] = here  # a busy machine has stalled the stream: it begins again
+        return here > 0.2
 
     if command == "move_jp":
         arm.trajectory_j.set_ratio_v(SPEED / JOINT["velocity"])
@@ -72,8 +75,7 @@ def streaming(sim: RunningSim, command: str, arm: LocalDevice) -> Iterator[None]
     thread = threading.Thread(target=stream if command != "move_jp" else ended.wait)
     thread.start()
     try:
-        until(lambda: joints(sim).min() > 0.2, "both joints move")
-        moving.set()
+        until(move, "both joints move")
         yield
     finally:
         ended.set()
