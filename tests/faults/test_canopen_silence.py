@@ -106,8 +106,11 @@ def test_drives_that_are_heard_again_after_fault_stay_where_they_are(
 def test_a_drive_that_is_heard_again_before_fault_catches_up_within_its_limits(
     command: str,
 ) -> None:
-    limits = {"velocity": 0.8, "following_error": 0.4, "drive_limits": "keep"}
-    patient = {"missed_cycles": 100, "heartbeat": {"ours_timeout": 2.0, "drives_timeout": 2.0}}
+    limits: dict[str, Any] = {"velocity": 0.8, "following_error": 0.4, "drive_limits": "keep"}
+    patient: dict[str, Any] = {
+        "missed_cycles": 100,
+        "heartbeat": {"ours_timeout": 2.0, "drives_timeout": 2.0},
+    }
     with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT, limits, **patient)) as arm:
         arm.enable(SOON)
         with streaming(sim, command, arm):
