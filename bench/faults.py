@@ -91,7 +91,7 @@ def measure(rig: type[Rig], given: argparse.Namespace) -> dict[tuple[str, str], 
             except Exception as error:
                 tally.failed.append(f"{cell.activity}: {error}")
                 known = cell.way.finding(cell.activity)
-                why = f"finding {known}" if known else type(error).__name__
+                why = f"known: {known}" if known else type(error).__name__
                 print(f"FAILED  {cell.name} ({why}): {error}", flush=True)
                 continue
             for kept, value in (

@@ -27,7 +27,7 @@ def own_process(
         stop: declared s in which joints stand after a stop.
         stream: declared s after which a stream that is silent has ended.
         stuck: declared s after which a thread that does not come back is FAULT.
-        pending: findings by the name of a way, see `Way.pending`.
+        pending: why it still fails, by the name of a way, see `Way.pending`.
     """
     streams = tuple(STREAMS)
     known = pending or {}

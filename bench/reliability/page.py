@@ -84,7 +84,7 @@ def matrix() -> str:
 
 def _pending() -> list[str]:
     lines = [
-        f"- {rig.name}, {way.fault} {way.name}, {activity}: finding {finding} of issue 15"
+        f"- {rig.name}, {way.fault} {way.name}, {activity}: {finding}"
         for rig in RIGS.values()
         for way in rig.ways
         for activity, finding in way.pending.items()

@@ -27,6 +27,7 @@ NOTICED = 0.1
 
 DASHBOARD = 29999
 RTDE = {"port": "rtde"}
+UNBOUNDED = "ur-rtde's program does not bound what was on its way while the controller hung"
 _MOVING = ("servo_jp", "servo_jv", "servo_cv", "interpolate_jp", "move_jp", "move_cp")
 
 
@@ -218,7 +219,7 @@ class UrRtdeRig(UrNativeRig):
     control = "ur_rtde"
     thorough = False
     activities = tuple(name for name in UrNativeRig.activities if name != "servo_cf")
-    # What was on its way to the controller while it hung cannot be bounded by ur-rtde's program.
     ways = tuple(
-        replace(way, pending={ANY: f"10{NOW_AND_THEN}"}) if way.freezes else way for way in WAYS
+        replace(way, pending={ANY: UNBOUNDED + NOW_AND_THEN}) if way.freezes else way
+        for way in WAYS
     )

@@ -12,7 +12,7 @@ THINNED = 11
 """See `covering`; no divisor of what there are of anything, so that every kind has its turn."""
 
 NOW_AND_THEN = ", not every time"
-"""Behind the number of a finding for which a cell does not fail in every run."""
+"""Ends the reason of a cell that does not fail in every run."""
 
 ANY = "any activity"
 """In `Way.pending`."""
@@ -80,7 +80,7 @@ class Way:
         repair: name of a method of the rig that does what a person does besides.
         activities: those in which it is met; all of the driver if empty.
         action: for `Follows.OBEYS`, what is asked for: hold, disable, pause, or close.
-        pending: number of the finding of issue 15 for which a cell still fails, by activity or `ANY`.
+        pending: why a cell still fails, in words, by activity or `ANY`.
     """
 
     fault: str
@@ -99,7 +99,7 @@ class Way:
     pending: Mapping[str, str] = field(default_factory=dict)
 
     def finding(self, activity: str) -> str:
-        """Return the number of the finding for which this cell still fails; empty if it must pass."""
+        """Return why this cell still fails; empty if it must pass."""
         return self.pending.get(activity, self.pending.get(ANY, ""))
 
 

@@ -35,7 +35,7 @@ _WALKED: Final = frozenset({Follows.STOPS, Follows.GOES_ON})
 def walkable(rig: type[Rig]) -> tuple[Way, ...]:
     """Return the ways that a walk may take: faults that begin and end while a driver runs.
 
-    Those for which a finding is still open are left out.
+    Those that still fail are left out.
     """
     return tuple(
         way for way in rig.ways if way.follows in _WALKED and not way.pending and not way.freezes

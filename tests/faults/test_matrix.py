@@ -57,7 +57,7 @@ def _parameters() -> Iterator[object]:
         mark = pytest.mark.xfail(
             strict=not finding.endswith(NOW_AND_THEN),
             raises=BrokenPromiseError,
-            reason=f"finding {finding} of issue 15",
+            reason=finding,
         )
         yield pytest.param(cell, id=cell.name.replace("/", "-"), marks=[mark] if finding else [])
 
