@@ -18,7 +18,13 @@ import numpy as np
 import pytest
 from ur_bench import HOME, LONG, PROTECTIVE_STOP, WAYS, UrBench, driver_at, eventually, ur_bench
 
-from crtk_drivers.errors import CommandRefused, DeviceError, MotionAborted, TransitionFailed
+from crtk_drivers.errors import (
+    CommandRefused,
+    DeviceError,
+    MotionAborted,
+    StopUnconfirmed,
+    TransitionFailed,
+)
 from crtk_sim_backends.ur import SIM
 
 POWER_OFF, RUNNING = 3, 7
@@ -537,7 +543,8 @@ def test_f16_dead_robot_under_motion_is_a_fault_and_close_is_quick(control):
             with pytest.raises(MotionAborted, match="aborted"):
                 move.wait(LONG)
             began = time.monotonic()
-            bench.arm.close()
+            with pytest.raises(StopUnconfirmed, match="could not be read back"):
+                bench.arm.close()
             # The library alone would block for 301 s (facts of ur_rtde); the promise is 2 s.
             assert time.monotonic() - began < 10.0
         assert not [t for t in threading.enumerate() if sim.host in t.name]
@@ -553,6 +560,8 @@ def test_f16_robot_without_power_under_motion(control):
         with pytest.raises(MotionAborted, match="aborted"):
             move.wait(LONG)
         assert bench.arm.measured_js(age=0, extra=True)[1] == 0.0
+        with pytest.raises(StopUnconfirmed, match="could not be read back"):
+            bench.arm.close()
 
 
 # F17, F18: the driver's own threads and clock.
