@@ -233,8 +233,7 @@ def test_flood_is_survived_and_the_newest_wins(rig: Rig) -> None:
     until(arrived, "the newest command is the setpoint")
     assert sent > 1000, "this was no flood"
     assert rig.session.engine.health().cycles >= cycles
-    # One write a cycle: how many there are until the newest arrives also depends on the machine.
-    assert rig.device.writes - writes < sent / 2, "a backlog was worked off"
+    assert rig.device.writes - writes < 100, "a backlog was worked off"
 
 
 def test_flood_of_refused_moves_keeps_pulse_and_rate(rig: Rig) -> None:
