@@ -228,21 +228,25 @@ class AttributedSubscription(Waitable):  # type: ignore[misc]  # rclpy has no ty
         """See rclpy."""
         return bool(wait_set.is_ready("subscription", self._index))
 
-    def take_data(self) -> tuple[Any, Sender] | None:
-        """Return the next message and who sent it; None if a newer one has taken its place."""
+    def take_data(self) -> None:
+        """Hand over the next message, unless a newer one has taken its place.
+
+        Not in `execute`, as rclpy would: the EventsExecutor calls that only after all that has arrived by
+        now, and commands of a flood would be carried out long after they were sent.
+        """
         try:
-            return self._taken()
+            taken = self._taken()
         except Exception:
             # What anybody can send must not end the executor.
             if not self._failed:
                 logger.exception("a message on %s could not be read", self._topic)
             self._failed = True
-            return None
-
-    async def execute(self, taken: tuple[Any, Sender] | None) -> None:
-        """See rclpy."""
+            return
         if taken is not None:
             self._receive(*taken)
+
+    async def execute(self, nothing: None) -> None:
+        """See rclpy. `take_data` has done it."""
 
     def _taken(self) -> tuple[Any, Sender] | None:
         info, wire = self._info, self._message
