@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import math
 import os
@@ -166,6 +167,7 @@ def run(
             session.close()
             raise
         serving.start()
+        _leave_out_of_collections()
         code = 0
         try:
             session.start()
@@ -180,6 +182,12 @@ def run(
             if not serving.close():
                 _leave(code)
     return code
+
+
+def _leave_out_of_collections() -> None:
+    """Let Python's collector never look again at what exists by now: that stopped all threads for 80 ms."""
+    gc.collect()
+    gc.freeze()
 
 
 @contextmanager
