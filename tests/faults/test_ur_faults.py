@@ -84,10 +84,24 @@ def start_streaming(bench: UrBench) -> None:
         time.sleep(0.005)
 
 
+def until_out_of_action(bench: UrBench) -> None:
+    """Wait for DISABLED, or with ur-rtde for a protective stop.
+
+    The library's program follows at once what a network or a stall held up, on a busy machine into that.
+    """
+
+    def reached() -> bool:
+        status = bench.status
+        stopped = bench.control == "ur_rtde" and "protective stop" in status.detail
+        return status.state == "DISABLED" or stopped
+
+    eventually(reached, "the link is back, and the arm out of action")
+
+
 def assert_enables_at_rest(bench: UrBench) -> None:
     """Enable (or resume) must work, move nothing, and start from where the arm is."""
     if bench.control == "ur_rtde" and bench.outputs("safety_mode") == PROTECTIVE_STOP:
-        unlock(bench)  # the library's program follows at once what a network or a stall held up
+        unlock(bench)  # see `until_out_of_action`
     with bench.nothing_moves():
         bench.enable()
         np.testing.assert_allclose(bench.arm.setpoint_jp(), bench.q(), atol=1e-3)
@@ -269,7 +283,7 @@ def test_link_fault_under_motion(bench, fault):
     if fault.kind == "corrupt":
         bench.sim.control.clear()  # RTDE has no checksum: it goes on until a header is hit
     bench.until_connected()
-    bench.until_state("DISABLED")
+    until_out_of_action(bench)
     bench.sim.control.clear()
     bench.until_still()
     assert bench.q()[0] < FAR[0] - 0.1
