@@ -177,7 +177,8 @@ class Capabilities:
         has_kinematics: `forward_kinematics`, `inverse_kinematics` and `jacobian` are implemented.
         has_free: `free` is implemented.
         has_gravity_compensation: `use_gravity_compensation` is implemented.
-        needs_homing: is_homed is true only after `home`; otherwise it is always true.
+        needs_homing: the device says if it `is_homed`, and `home` and `unhome` change that; otherwise it
+            always is.
         integrates_twists: twists are carried out as joint positions, though the joints take velocities: where
             the unit of these is too coarse for a straight way of the tool.
         stops_between_modes: the hardware comes to rest before it follows a setpoint of another mode.

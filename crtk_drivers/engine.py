@@ -323,7 +323,7 @@ class Engine:
                     where=self.where,
                     remedy="The driver keeps trying to connect; send it again afterwards.",
                 )
-            self._transitions.accept(command)
+            self._transitions.accept(command, stamp_ns)
         except CommandRefused as refusal:
             refusal.where = refusal.where or self.where
             refusal.stamp_ns = stamp_ns

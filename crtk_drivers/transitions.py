@@ -15,7 +15,14 @@ from crtk_drivers.board import StatusBoard
 from crtk_drivers.device import Device, Steps
 from crtk_drivers.errors import CommandRefused, ConnectionLost, CrtkError, Reason
 from crtk_drivers.procedures import close
-from crtk_drivers.state import HOMING_COMMANDS, OperatingState, StateCommand, target_of
+from crtk_drivers.state import (
+    HOMING_COMMANDS,
+    HOMING_STATES,
+    TRANSITIONS,
+    OperatingState,
+    StateCommand,
+    target_of,
+)
 from crtk_drivers.stopping import Stopping
 
 logger = logging.getLogger(__name__)
@@ -23,7 +30,8 @@ logger = logging.getLogger(__name__)
 _DONE_WHERE_REACHED = frozenset({StateCommand.ENABLE, StateCommand.PAUSE, StateCommand.RESUME})
 """State commands that have nothing to do in the state that they lead to.
 
-Not `disable`: after a connection DISABLED says nothing of the hardware, and power may be on."""
+Not `disable`: after a connection DISABLED says nothing of the hardware, and power may be on. `home` has
+nothing to do on a device that is homed, `unhome` on one that is not."""
 
 
 _PAUSED_IN = frozenset(
@@ -42,6 +50,7 @@ def _ends(command: StateCommand, running: StateCommand) -> bool:
 class _Running:
     command: StateCommand
     target: OperatingState
+    stamp_ns: int
     stops: bool = False
     steps: Steps | None = None
     deadline: float = 0.0
@@ -95,22 +104,38 @@ class Transitions:
         with self._board.lock:
             return None if self._running is None else self._running.command
 
-    def accept(self, command: StateCommand) -> None:
-        """Begin with the next cycle, or announce the state at once if it is reached already.
+    @property
+    def leads_to(self) -> OperatingState | None:
+        """The state that the command leads to that is being carried out; None if there is none."""
+        with self._board.lock:
+            return None if self._running is None else self._running.target
+
+    def accept(self, command: StateCommand, stamp_ns: int = 0) -> bool:
+        """Begin with the next cycle, or announce the status at once if there is nothing to do.
+
+        Args:
+            command: that is asked for.
+            stamp_ns: the sender's stamp, 0 if it gave none.
+
+        Returns:
+            Whether there is anything to do.
 
         Raises:
-            CommandRefused: invalid in this state, or another one is running. `disable` replaces any, and
-                `pause` all but enable and disable: a stop is never refused. `enable` waits for a `disable`
-                in DISABLED.
+            CommandRefused: invalid in this state, without effect, or another one is running. `disable`
+                replaces any, and `pause` all but enable and disable: a stop is never refused. `enable` waits
+                for a `disable` in DISABLED.
         """
         with self._board.lock:
+            if self._has_nothing_to_do(command):
+                self._board.announce()
+                return False
             running = self._running
             if running is not None:
                 if running.target is self._board.status.state is OperatingState.DISABLED and (
                     command is StateCommand.ENABLE
                 ):
                     self._next = command  # nothing is on its way that it could contradict
-                    return
+                    return True
                 if not _ends(command, running.command):
                     raise CommandRefused(
                         "state_command",
@@ -121,15 +146,43 @@ class Transitions:
                     )
                 if running.command is command:
                     self._next = None
-                    return
-            state = self._board.status.state
-            target = target_of(state, command)
-            if target is state and command in _DONE_WHERE_REACHED and running is None:
-                self._board.announce()
-                return
+                    return True
+            target = target_of(self._board.status.state, command)
+            if command is StateCommand.UNHOME and not self._needs_homing:
+                raise self._without_effect(command)
             self.cancel()
-            self._next = None
-            self._running = _Running(command, target)
+            self._running = _Running(command, target, stamp_ns)
+            return True
+
+    def _has_nothing_to_do(self, command: StateCommand) -> bool:
+        """Whether what a command asks for is so already, or is being brought about."""
+        running, status = self._running, self._board.status
+        homing = running is not None and running.command in HOMING_COMMANDS
+        if command is StateCommand.UNHOME:
+            return running is None and not status.is_homed
+        if command is StateCommand.HOME:
+            ends_in = status.state if running is None else running.target
+            return status.is_homed and ends_in in HOMING_STATES and not homing
+        if running is not None and not (homing and command is StateCommand.ENABLE):
+            return False
+        reached = TRANSITIONS.get((status.state, command)) is status.state
+        return reached and command in _DONE_WHERE_REACHED
+
+    def _without_effect(self, command: StateCommand) -> CommandRefused:
+        """Return what to say of a homing command that changes nothing."""
+        if not self._needs_homing:
+            what = "this device needs no homing: its positions always count"
+            remedy = f"Leave {command} out: is_homed stays true."
+        else:
+            what = f"the device is {'' if command is StateCommand.UNHOME else 'not '}homed still"
+            remedy = "Its diagnostics may say why."
+        return CommandRefused(
+            "state_command",
+            Reason.NO_EFFECT,
+            f"{command}: {what}",
+            where=self._where,
+            remedy=remedy,
+        )
 
     def end_homing(self) -> None:
         """End `home`, which moves, for `hold`. From any thread."""
@@ -211,6 +264,8 @@ class Transitions:
         return True
 
     def _refused(self, running: _Running, refusal: CommandRefused) -> None:
+        refusal.stamp_ns = running.stamp_ns
+        refusal.where = refusal.where or self._where
         with self._board.lock:
             self._ended(running)
             self._board.update(busy=False)
@@ -233,6 +288,9 @@ class Transitions:
         if running.target is OperatingState.ENABLED and not homing and not self._seed(now):
             return False
         homed = self._device.is_homed if self._needs_homing else True
+        if homing and homed is (running.command is StateCommand.UNHOME):
+            self._refused(running, self._without_effect(running.command))
+            return True
         with self._board.lock:
             if self._ended(running):
                 before = self._board.status

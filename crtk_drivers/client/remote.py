@@ -376,7 +376,7 @@ class RemoteDevice(DeviceFront):
             target = target_of(before.state, wanted)
             outbox.send(str(wanted.value))
             if timeout > 0.0:
-                transition = Transition(wanted, before, target, space.needs_homing)
+                transition = Transition(wanted, before, target)
                 transition.wait(watch, deadline, self.namespace)
         except CommandRefused as refusal:
             refusal.where = refusal.where or self.namespace

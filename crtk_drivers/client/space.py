@@ -213,8 +213,3 @@ class Space:
     def _is_alone(self, name: str) -> bool:
         endpoint = self.endpoints.get(name)
         return endpoint is not None and self.link.publishers(endpoint.topic) <= 1
-
-    @property
-    def needs_homing(self) -> bool:
-        """Whether `unhome` is seen in is_homed."""
-        return bool(self.catalogue.manifest.get("homing", True))

@@ -145,7 +145,8 @@ def test_state_commands(far: Far) -> None:
     assert far.engine.status.state == "PAUSED"
     arm.resume()
     arm.home()
-    arm.unhome()
+    with pytest.raises(CommandRefused, match="needs no homing"):
+        arm.unhome()
     assert arm.is_homed()
     assert not arm.is_busy()
     arm.disable()

@@ -112,7 +112,8 @@ def test_the_same_script(open_arm: Callable[[], Any]) -> None:
         assert arm.operating_state().state is OperatingState.PAUSED
         arm.resume()
         arm.home()
-        arm.unhome()
+        with pytest.raises(CommandRefused, match="needs no homing"):
+            arm.unhome()
         arm.free()
         arm.hold()
         arm.disable()

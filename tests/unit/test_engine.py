@@ -280,7 +280,8 @@ def test_stamps_are_checked_only_if_the_user_wants_that() -> None:
 
 
 def test_a_state_command_too_old_sets_nothing_going_and_stops_everything() -> None:
-    rig = Rig(EngineOptions(limits=LimitPolicy(max_command_age=0.5))).connect()
+    options = EngineOptions(limits=LimitPolicy(max_command_age=0.5))
+    rig = Rig(options, two_joints(needs_homing=True)).connect()
     now = Stamp.now().wall_ns
 
     def refused(text: str, age: float) -> Reason:
@@ -789,7 +790,7 @@ def test_hold_is_welcome_where_nothing_moves_and_leaves_nothing_behind(
 
 
 def test_hold_ends_homing_and_is_refused_only_where_nobody_is_there_to_obey() -> None:
-    rig = Rig().enabled()
+    rig = Rig(capabilities=two_joints(needs_homing=True)).enabled()
     rig.device.procedures["home"] = lambda: (None for _ in range(50))
     rig.command("home")
     assert rig.engine.status.is_busy
@@ -806,7 +807,7 @@ def test_hold_ends_homing_and_is_refused_only_where_nobody_is_there_to_obey() ->
 
 
 def test_pause_ends_homing() -> None:
-    rig = Rig().enabled()
+    rig = Rig(capabilities=two_joints(needs_homing=True)).enabled()
     rig.device.procedures["home"] = lambda: (None for _ in range(50))
     rig.command("home")
     rig.command("pause")
@@ -816,11 +817,14 @@ def test_pause_ends_homing() -> None:
 
 @pytest.mark.parametrize("running", ["enable", "unhome", "pause", "disable"])
 def test_hold_is_welcome_during_every_other_state_command(running: str) -> None:
-    rig = Rig().connect()
+    rig = Rig(capabilities=two_joints(needs_homing=True))
+    rig.device.homed = True
+    rig.connect()
     if running != "enable":
         rig.enabled()
     rig.device.procedures[running] = lambda: (None for _ in range(5))
     rig.command(running)
+    assert not rig.engine.transition_ended
     rig.engine.submit("hold")
     rig.cycle(10)
     assert rig.engine.transition_ended

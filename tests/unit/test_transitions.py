@@ -69,13 +69,14 @@ def test_motion_and_state_commands_are_refused_meanwhile() -> None:
         (["enable", "enable"], [S.ENABLED, S.ENABLED]),
         (["enable", "pause", "pause", "resume"], [S.ENABLED, S.PAUSED, S.PAUSED, S.ENABLED]),
         (["enable", "pause", "disable"], [S.ENABLED, S.PAUSED, S.DISABLED]),
-        (["unhome"], [S.DISABLED, S.DISABLED]),  # busy, and done
+        (["enable", "home"], [S.ENABLED, S.ENABLED, S.ENABLED]),  # busy, and done
+        (["unhome"], [S.DISABLED]),
     ],
 )
 def test_every_state_command_is_answered_with_the_state(
     commands: list[str], states: list[OperatingState]
 ) -> None:
-    rig = Rig().connect()
+    rig = Rig(capabilities=two_joints(needs_homing=True)).connect()
     before = len(rig.told.statuses)
     for command in commands:
         rig.command(command)
@@ -229,7 +230,7 @@ def test_a_transition_that_is_refused_leaves_the_state() -> None:
 
 @pytest.mark.parametrize("command", ["disable", "pause", "home"])
 def test_motion_is_stopped_before_the_procedure_begins(command: str) -> None:
-    rig = Rig().enabled()
+    rig = Rig(capabilities=two_joints(needs_homing=True)).enabled()
     rig.engine.submit("servo_jv", jv(0.1, 0.0))
     rig.cycle()
     rig.command(command)
@@ -262,28 +263,106 @@ def test_homing_sets_is_homed_and_is_busy_meanwhile() -> None:
     assert not rig.engine.status.is_homed
 
 
-def test_a_device_that_needs_no_homing_is_homed_always() -> None:
-    rig = Rig().enabled()
-    assert rig.engine.status.is_homed
+@pytest.mark.parametrize("needs_homing", [False, True])
+def test_home_has_nothing_to_do_on_a_homed_device_and_disturbs_nothing(needs_homing: bool) -> None:
+    rig = Rig(capabilities=two_joints(needs_homing=needs_homing))
+    rig.device.homed = needs_homing
+    rig.enabled()
+    move = rig.engine.submit("move_jp", jp(0.3, 0.0))
+    rig.cycle(3)
     before = len(rig.told.statuses)
-    rig.command("home")
-    assert rig.told.busy[before:] == [True, False], "also instant homing is seen"
-    before = len(rig.told.statuses)
+    rig.engine.state_command("home")
+    assert rig.told.states[before:] == [S.ENABLED], "it is answered at once"
+    assert rig.engine.transition_ended
+    rig.cycle(200)
+    assert move is not None
+    assert move.wait(0.0), "and the move goes on"
+    assert "home" not in rig.device.calls
+    rig.engine.state_command("pause")
+    rig.cycle(2)
+    with pytest.raises(CommandRefused, match="home is invalid in PAUSED"):
+        rig.engine.state_command("home")
+
+
+def test_home_and_enable_have_nothing_to_add_to_what_leads_there() -> None:
+    rig = Rig(capabilities=two_joints(needs_homing=True))
+    rig.device.homed = True
+    rig.connect()
+    rig.device.procedures["enable"] = lambda: cycles(3)
+    rig.command("enable")
+    rig.engine.state_command("home")
+    rig.cycle(5)
+    assert rig.state is S.ENABLED
     rig.command("unhome")
-    assert rig.told.busy[before:] == [True, False], "unhoming, which changes nothing, is seen too"
+    rig.device.procedures["home"] = lambda: cycles(3)
+    rig.command("home")
+    rig.engine.state_command("enable")
+    rig.cycle(5)
     assert rig.engine.status.is_homed
+    assert rig.told.refusals == []
+
+
+def test_home_waits_for_no_unhome_that_runs() -> None:
+    rig = Rig(capabilities=two_joints(needs_homing=True))
+    rig.device.homed = True
+    rig.enabled()
+    rig.device.procedures["unhome"] = lambda: cycles(3)
+    rig.command("unhome")
+    with pytest.raises(CommandRefused, match="unhome is running"):
+        rig.engine.state_command("home")
+
+
+def test_unhome_says_why_it_has_no_effect() -> None:
+    rig = Rig().enabled()
+    stops = rig.device.calls.count("stop")
+    with pytest.raises(CommandRefused, match="needs no homing") as caught:
+        rig.engine.state_command("unhome", 7)
+    assert (caught.value.reason, caught.value.stamp_ns) == (Reason.NO_EFFECT, 7)
+    rig.cycle(3)
+    assert rig.device.calls.count("stop") == stops
+    assert not rig.engine.status.is_busy
+
+
+def test_a_command_whose_procedure_is_refused_or_had_no_effect_is_told_with_its_stamp(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = Rig(capabilities=two_joints(needs_homing=True))
+    rig.device.homed = True
+    rig.enabled()
+    refusal = CommandRefused("state_command", Reason.LOCAL_CONTROL, "pendant has control")
+    rig.device.procedures["unhome"] = lambda: raising(refusal)
+    rig.engine.state_command("unhome", 11)
+    rig.cycle(4)
+    assert rig.told.refusals == [refusal]
+    assert (refusal.stamp_ns, refusal.where) == (11, rig.engine.where)
+    del rig.device.procedures["unhome"]
+    monkeypatch.setattr(ScriptedDevice, "is_homed", True)
+    rig.engine.state_command("unhome", 12)
+    rig.cycle(4)
+    assert rig.engine.status.is_homed
+    assert rig.told.refusals[-1].reason is Reason.NO_EFFECT
+    assert "is homed still" in str(rig.told.refusals[-1])
+    assert rig.told.refusals[-1].stamp_ns == 12
+    assert not rig.engine.status.is_busy
+    assert rig.state is S.ENABLED
 
 
 def test_unhome_keeps_the_reason_of_a_fault() -> None:
-    rig = Rig().enabled()
+    rig = Rig(capabilities=two_joints(needs_homing=True))
+    rig.device.homed = True
+    rig.enabled()
     rig.engine.alarm("stuck")
     rig.command("unhome")
+    rig.cycle()
     assert (rig.state, rig.engine.status.detail) == (S.FAULT, "stuck")
+    assert not rig.engine.status.is_homed
 
 
 @pytest.mark.parametrize("running", ["pause", "resume", "home", "unhome"])
 def test_pause_ends_whatever_goes_on(running: str) -> None:
-    rig = Rig(capabilities=two_joints(needs_homing=True)).enabled()
+    rig = Rig(capabilities=two_joints(needs_homing=True))
+    rig.device.homed = running == "unhome"
+    rig.enabled()
     if running == "resume":
         rig.command("pause")
     rig.device.procedures[running] = lambda: cycles(5)

@@ -218,11 +218,18 @@ def test_the_home_offset_is_written_as_the_drive_takes_it(make: str, fits: str, 
 
     with drives(1, personality=make) as sim:
         with arm_of(arm_on(sim, 1, joint(fits))) as arm:
+            assert arm.is_homed(), "it is not required"
             arm.enable(SOON)
             arm.home(SOON)
+            assert abs(arm.measured_js().position[0] - 0.25) > 0.1, "there was nothing to do"
+            arm.unhome(SOON)
+            assert not arm.is_homed()
+            arm.home(SOON)
+            assert arm.is_homed()
             until(lambda: abs(arm.measured_js().position[0] - 0.25) < 1e-3, "it is at home")
         with arm_of(arm_on(sim, 1, joint(other))) as arm:
             arm.enable(SOON)
+            arm.unhome(SOON)
             with pytest.raises(TransitionFailed, match=r"joint_1 \(node 1\).*homing.home_offset"):
                 arm.home(SOON)
 

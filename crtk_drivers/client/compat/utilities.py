@@ -18,7 +18,6 @@ from crtk_drivers.client.goals import goal_test
 from crtk_drivers.client.moves import RemoteMove
 from crtk_drivers.client.space import PARTS
 from crtk_drivers.client.status import StatusTracker
-from crtk_drivers.client.transitions import QUIET_TIME
 from crtk_drivers.commands import COMMANDS, Command, Direction, Level, Payload
 from crtk_drivers.conversions import as_pose, have_kdl, to_kdl
 from crtk_drivers.errors import CommandRefused, DataTimeout, KinematicsError
@@ -382,19 +381,12 @@ class _StateMethods:
         return self._carry_out(command, lambda status: status.state is state, timeout)
 
     def _home(self, command: str, homed: bool, timeout: float) -> bool:
-        begin = time.monotonic()
-        changes = self._tracker.latest.is_homed is not homed
-        was_busy = False
-
-        def done(status: Status) -> bool:
-            nonlocal was_busy
-            was_busy = was_busy or status.is_busy
-            if status.is_busy or status.is_homed is not homed:
-                return False
-            # A heartbeat from before it began says the same as its end.
-            return was_busy or changes or time.monotonic() - begin > QUIET_TIME
-
-        return self._carry_out(command, done, timeout)
+        if self._tracker.has_status and self._tracker.latest.is_homed is homed:
+            self.state_command(command)
+            return True
+        return self._carry_out(
+            command, lambda status: status.is_homed is homed and not status.is_busy, timeout
+        )
 
     def _carry_out(self, command: str, done: Callable[[Status], bool], timeout: float) -> bool:
         """Send a command; return whether a status that arrives in time says that it is done."""

@@ -514,7 +514,7 @@ class ArmLink:
         self.master.emergencies.pop(node, None)
         for axis in self.axes:
             if axis.config.node == node:
-                axis.forget_home()
+                axis.note_boot_up()
 
     def follow(self) -> None:
         """Step the axes by what they told, and make what they are sent harmless where they follow nothing."""

@@ -73,7 +73,7 @@ class Axis:
         self.mode = config.op_modes[0]
         self.limits = facts.limits
         self.notes = list(facts.notes)
-        self.forget_home()
+        self.homed = not self._must_be_homed
         self._halted = False
         self._remote = False
         self._change = ModeChange()
@@ -133,9 +133,17 @@ class Axis:
         if self._homing is not None:
             self._homing.cancel()
 
+    @property
+    def _must_be_homed(self) -> bool:
+        return self.config.homing is not None and self.config.homing.required
+
     def forget_home(self) -> None:
-        """Its position does not count any more, where homing is required."""
-        self.homed = self.config.homing is None or not self.config.homing.required
+        """Its position does not count any more until it has been homed, where it can be."""
+        self.homed = self.config.homing is None
+
+    def note_boot_up(self) -> None:
+        """Its drive has started anew: what it counts from is not known any more, where homing is required."""
+        self.homed = not self._must_be_homed
 
     def found_mirrored(self, position: int) -> bool:
         """Whether it stands where it would if the drive took the home offset (607C) the other way.

@@ -113,7 +113,7 @@ class HomingConfig(Settings):
     )
     timeout: float = Field(default=60.0, gt=0.0, le=3600.0, description="Longest time, in s.")
     required: bool = Field(
-        default=False, description="Refuse motion until the joint has been homed."
+        default=False, description="It counts as homed after `home` only, not from the start."
     )
 
     @field_validator("method")

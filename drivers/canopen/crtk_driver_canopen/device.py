@@ -515,7 +515,7 @@ class CanopenDevice(Device):
             )
 
     def unhome(self) -> Steps:
-        """Positions do not count any more, where homing is required."""
+        """Positions of joints that can be homed do not count any more."""
         for axis in self.axes:
             axis.forget_home()
         yield from ()
@@ -565,7 +565,7 @@ def _capabilities(config: CanopenConfig) -> Capabilities:
         limits=tuple(map(_limits, joints.values())),
         modes=frozenset(modes),
         native_moves=frozenset({"move_jp"} if config.drives_plan else ()),
-        needs_homing=any(j.homing is not None and j.homing.required for j in joints.values()),
+        needs_homing=any(joint.homing is not None for joint in joints.values()),
         stops_between_modes=True,
         rate=1.0 / config.period,
         paced_by_stream=config.kernel_sync,
