@@ -46,11 +46,17 @@ class StatusBoard:
         status: before anything happened.
         where: the device, for messages.
         health: counts refusals.
+
+    Attributes:
+        status: as announced last.
+        lock: under which it changes.
+        move_waits: a move waits to begin; the device is busy until it has ended.
     """
 
     def __init__(self, status: Status, where: str, health: HealthRecorder) -> None:
         self.status = status
         self.lock = threading.RLock()
+        self.move_waits = False
         self._where = where
         self._health = health
         self._observers: list[Observer] = []
@@ -84,7 +90,7 @@ class StatusBoard:
                 state=old.state if state is None else state,
                 detail=old.detail if detail is None else detail,
                 is_homed=old.is_homed if homed is None else homed,
-                is_busy=old.is_busy if busy is None else busy,
+                is_busy=(old.is_busy if busy is None else busy) or self.move_waits,
             )
             if new == old:
                 return

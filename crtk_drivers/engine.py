@@ -47,6 +47,7 @@ from crtk_drivers.state import (
 from crtk_drivers.stopping import Stopping
 from crtk_drivers.tether import Tether
 from crtk_drivers.transitions import Transitions
+from crtk_drivers.waiting import Waiting, WaitingMove
 from crtk_drivers.watchdog import Deadman
 
 __all__ = ["Engine", "EngineOptions", "Observer"]
@@ -181,6 +182,7 @@ class Engine:
         self._transitions = Transitions(
             device, self.where, self._board, self._motion.end, self._stopping, self._feedback.seed
         )
+        self._waiting = WaitingMove(self.where, self._board, self._transitions, self._begin_waiting)
 
     # ------------------------------------------------------------------ for the fronts, any thread
 
@@ -260,7 +262,7 @@ class Engine:
         stamp_ns: int = 0,
         client: Client = NOBODY,
     ) -> Move | None:
-        """Accept a command, to be executed in the next cycle.
+        """Accept a command, to be executed in the next cycle; see `crtk_drivers.waiting` for moves.
 
         Args:
             name: ``servo_jp``, ``move_cp``, ``hold``, ...
@@ -282,22 +284,18 @@ class Engine:
             if command.level is Level.SETTING:
                 self._set(command, self._check.check(command, value), client)
                 return None
-            order = self._order(command, value, stamp_ns, client)
-            with self._board.lock:
-                self._require_enabled(name)
-                if name == "free":
-                    self._freed.tie(client, self._clock())
-                    if self._is_free:
-                        return None
-                self._put(order, client)
-                if order.move is not None:
-                    self._latch(order.goals, order.stamp_ns)
-                    self._board.update(busy=True)
+            if command.level is not Level.MOVE:
+                self._waiting.end(f"by {name}", Outcome.PREEMPTED)
+            elif self._transitions.leads_to is OperatingState.ENABLED:
+                checked = self._check.check(command, value, stamp_ns, time.time_ns())
+                waiting = Waiting(command, checked, stamp_ns, client, Move(name))
+                if self._waiting.put(waiting):
+                    return waiting.move
+            return self._carry_out(command, value, stamp_ns, client)
         except CommandRefused as refusal:
             refusal.stamp_ns = stamp_ns
             self._board.refused(refusal)
             raise
-        return order.move
 
     def state_command(self, text: str, stamp_ns: int = 0) -> None:
         """Ask for ``enable``, ``disable``, ``pause``, ``resume``, ``home`` or ``unhome``.
@@ -323,7 +321,9 @@ class Engine:
                     where=self.where,
                     remedy="The driver keeps trying to connect; send it again afterwards.",
                 )
-            self._transitions.accept(command, stamp_ns)
+            with self._board.lock:
+                if self._transitions.accept(command, stamp_ns):
+                    self._waiting.end(f"by {command}", Outcome.PREEMPTED)
         except CommandRefused as refusal:
             refusal.where = refusal.where or self.where
             refusal.stamp_ns = stamp_ns
@@ -512,6 +512,7 @@ class Engine:
         """Go to FAULT and stop the hardware, without waiting for an I/O thread that is late or dead."""
         self._alarm = reason
         with self._board.lock:
+            self._waiting.end(reason)
             self._transitions.cancel()
             self._board.update(OperatingState.FAULT, reason, busy=False)
         self._motion.abandon(reason)
@@ -573,6 +574,7 @@ class Engine:
         """
         with self._board.lock:
             self._transitions.end_homing()
+            self._waiting.end("by hold", Outcome.PREEMPTED)
             running = self._transitions.running is not None
             enabled = self.status.state is OperatingState.ENABLED
             if self._connected and (running or not enabled):
@@ -585,6 +587,36 @@ class Engine:
         replaced = self._arbiter.put(order, self._clock(), client)
         if replaced is not None:
             replaced.finish(Outcome.PREEMPTED, f"by {order.name}")
+        self._waiting.replaced_by(order)
+
+    def _begin_waiting(self, waiting: Waiting) -> None:
+        """Carry out the move that waited, as if it came now."""
+        self._carry_out(waiting.command, waiting.value, waiting.stamp_ns, waiting.client, waiting)
+
+    def _carry_out(
+        self,
+        command: Command,
+        value: Value | None,
+        stamp_ns: int,
+        client: Client,
+        waiting: Waiting | None = None,
+    ) -> Move | None:
+        order = self._order(command, value, stamp_ns, client)
+        with self._board.lock:
+            self._require_enabled(command.name)
+            if waiting is not None:
+                if not self._waiting.holds(waiting):
+                    return None
+                order = replace(order, move=waiting.move)
+            if command.name == "free":
+                self._freed.tie(client, self._clock())
+                if self._is_free:
+                    return None
+            self._put(order, client)
+            if order.move is not None:
+                self._latch(order.goals, order.stamp_ns)
+                self._board.update(busy=True)
+        return order.move
 
     def _order(self, command: Command, value: Value | None, stamp_ns: int, client: Client) -> Order:
         self._require_enabled(command.name)
@@ -647,6 +679,7 @@ class Engine:
         if running is None or running in HOMING_COMMANDS:
             self._follow_condition()
         self._transitions.step(now)
+        self._waiting.step()
         if self.status.state is OperatingState.ENABLED and self._transitions.running is None:
             ended = self._motion.step(now)
             after = _AFTER_STREAM.get(self.options.on_stream_timeout)
@@ -701,6 +734,7 @@ class Engine:
         """
         was_enabled = self.status.state is OperatingState.ENABLED
         with self._board.lock:
+            self._waiting.end(reason)
             self._transitions.cancel()
             self._board.update(state, reason, busy=False)
         self._transitions.close_cancelled()  # while the device is still open

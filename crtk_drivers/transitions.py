@@ -65,8 +65,9 @@ class Transitions:
         board: where the reached state is announced.
         end_motion: called before a procedure begins.
         stopping: stops the device, before a procedure begins and where one fails.
-        seed: called when ENABLED is reached: the setpoint becomes the measured position. ENABLED waits
-            for as long as it returns False: there is no fresh sample.
+        seed: called when ENABLED is reached, and after `home`, which moves and changes what positions mean:
+            the setpoint becomes the measured position. The end waits for as long as it returns False: there
+            is no fresh sample.
     """
 
     def __init__(
@@ -285,7 +286,8 @@ class Transitions:
         homing = running.command in HOMING_COMMANDS
         if running.command is StateCommand.DISABLE and not self._stopping.confirmed:
             self._stopping.begin_anew()  # without power it may stand soon
-        if running.target is OperatingState.ENABLED and not homing and not self._seed(now):
+        stays_put = running.command is StateCommand.UNHOME
+        if running.target is OperatingState.ENABLED and not stays_put and not self._seed(now):
             return False
         homed = self._device.is_homed if self._needs_homing else True
         if homing and homed is (running.command is StateCommand.UNHOME):

@@ -140,6 +140,8 @@ class RemoteMove(Move):
         now = time.monotonic()
         idle = 0.0 if self._idle_since is None else now - self._idle_since
         if self._state not in (None, OperatingState.ENABLED):
+            if self._busy_since is not None and self._idle_since is None:
+                return  # it waits for the state command that is carried out
             told = self.accepted and now - self._sent > ACCEPT_TIME
             if told or idle > self._refusal_time:
                 self.finish(Outcome.ABORTED, f"the device is {self._state}")

@@ -127,6 +127,7 @@ def manifest(
         else _finite(asdict(capabilities.following)),
         "command_limits": _finite(asdict(options.limits)),
         "homing": capabilities.needs_homing,
+        "transition_timeout": capabilities.transition_timeout,
     }
 
 

@@ -525,7 +525,7 @@ def flood(bench: Bench) -> int:
 
 
 def flood_of_moves(bench: Bench) -> int:
-    """Many moves at once, and one during home: each comes to an end or is refused, and busy falls."""
+    """Many moves at once, and two during home: each comes to an end, and busy falls."""
     engine = bench.engine
     if "move_jp" not in engine.commands:
         raise NotApplicable("it offers no move_jp")
@@ -538,8 +538,12 @@ def flood_of_moves(bench: Bench) -> int:
     assert move.outcome is Outcome.REACHED
     bench.until(lambda: not engine.status.is_busy, "end being busy")
     if engine.capabilities.needs_homing:
+        bench.arm.unhome()
         bench.arm.home(timeout=0.0)
-        bench.refused("move_jp", value, Reason.TRANSITION_RUNNING)
+        moves = [engine.submit("move_jp", value) for _ in range(2)]
+        bench.until(lambda: all(m and not m.is_busy() for m in moves), "end the moves that waited")
+        outcomes = [m.outcome for m in moves if m]
+        assert outcomes == [Outcome.PREEMPTED, Outcome.REACHED], outcomes
         bench.until(lambda: engine.transition_ended, "end homing")
         bench.until(lambda: not engine.status.is_busy, "end being busy")
     return len(moves)

@@ -152,7 +152,9 @@ def test_slow_transitions() -> None:
             arm.enable(timeout=0.2)
         with pytest.raises(CommandRefused, match=r"enable is running"):
             arm.enable()
-        assert arm.wait_for_operating_state("ENABLED", TIMEOUT)
+        move = arm.move_jp([0.01, 0.0, 0.0, 0.0])
+        assert move.wait(TIMEOUT)
+        assert arm.is_enabled()
         assert not arm.is_homed()
         begin = time.monotonic()
         arm.home()
@@ -160,6 +162,9 @@ def test_slow_transitions() -> None:
         assert time.monotonic() - begin >= 0.5
         arm.unhome()
         assert not arm.is_homed()
+        arm.home(timeout=0.0)
+        assert arm.move_jp(np.zeros(4)).wait(TIMEOUT)
+        assert arm.is_homed()
         arm.disable()
         threading.Timer(0.2, lambda: setattr(far.device, "reachable", False)).start()
         with pytest.raises(TransitionFailed, match=r"enable ended in FAULT.*/diagnostics"):

@@ -258,17 +258,35 @@ def test_flood_of_refused_moves_keeps_pulse_and_rate(rig: Rig) -> None:
 
 
 def test_move_during_homing(rig: Rig) -> None:
-    """I15."""
-    with rig_of("/homing", needs_homing=True, transition_time=1.0) as slow:
+    """I15: a move waits for the end of homing, and hold ends both; a stream is refused."""
+    with rig_of("/homing", needs_homing=True, transition_time=0.5) as slow:
         slow.client.reach("enable", "ENABLED")
-        since = slow.client["operating_state"].mark()
+        inbox = slow.client["operating_state"]
+
+        def home_and_move() -> int:
+            since = inbox.mark()
+            slow.client.state_command("home")
+            begun = inbox.messages.index(inbox.wait(lambda m: m.is_busy, since))
+            slow.client.send("move_jp", joints(0.02, 0.0, 0.0, 0.0))
+            until(lambda: slow.session.engine._board.move_waits, "the move waits")
+            return begun
+
+        home_and_move()
+        slow.client.send("hold", Empty())
+        inbox.wait(lambda m: not m.is_busy, inbox.mark())
+        begun = home_and_move()
+        assert slow.device.writes == 0, "hold has ended the move"
+        inbox.wait(lambda m: m.is_homed and m.is_busy, begun)
+        inbox.wait(lambda m: not m.is_busy, begun)
+        setpoints = slow.client["setpoint_js"].messages
+        until(lambda: setpoints[-1].position[0] > 0.019, "it is there")
+        slow.client.state_command("unhome")
+        inbox.wait(lambda m: not m.is_homed, inbox.mark())
+        since = inbox.mark()
         slow.client.state_command("home")
-        slow.client["operating_state"].wait(lambda m: m.is_busy, since)
-        slow.client.send("move_jp", joints(0.0, 0.0, 0.0, 0.0))
-        assert told(slow, "move_jp", "transition_running", 0)["remedy"]
-        homed = slow.client["operating_state"].wait(lambda m: m.is_homed and not m.is_busy)
-        assert homed.state == "ENABLED"
-        assert slow.device.writes == 0
+        inbox.wait(lambda m: m.is_busy, since)
+        slow.client.send("servo_jp", joints(0.02, 0.0, 0.0, 0.0))
+        assert told(slow, "servo_jp", "transition_running", 0)["remedy"]
 
 
 def test_two_clients_of_different_kinds(rig: Rig) -> None:
