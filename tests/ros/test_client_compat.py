@@ -141,7 +141,11 @@ def test_a_script_of_1_4(ral: crtk.ral) -> None:
     assert arm.measured_jp()[0].shape == (4,)
     *parts, stamp = arm.measured_js()
     assert [part.shape for part in parts] == [(4,)] * 3
-    assert arm.move_jp(np.zeros(4)).wait()
+    for goal in (0.02, 0.0):
+        assert arm.enable(TIMEOUT)
+        assert arm.home(TIMEOUT)
+        assert arm.move_jp(np.full(4, goal)).wait()
+        assert abs(arm.measured_jp()[0] - goal).max() < 5e-3
     arm.servo_jp(np.zeros(4), np.zeros(4))
     assert arm.jacobian().shape == (6, 4)
     assert arm.disable(TIMEOUT)

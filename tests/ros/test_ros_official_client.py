@@ -185,6 +185,17 @@ assert arm.move_jp(goal).wait(timeout=TIMEOUT), "a move while disabled"
 until_at(start)
 """
 
+OPENING = """
+start = fresh()
+for number in range(10):
+    if number % 2 == 0:
+        assert arm.disable(TIMEOUT)
+    assert arm.enable(TIMEOUT) and arm.home(TIMEOUT)
+    goal = start + (0.02 if number % 2 == 0 else 0.0)
+    assert arm.move_jp(goal).wait(timeout=TIMEOUT)
+    until_at(goal)
+"""
+
 STREAMS = """
 PERIOD = 0.005
 
@@ -312,8 +323,8 @@ def ur() -> Iterator[str]:
 
 SCRIPTS = pytest.mark.parametrize(
     "script",
-    [STATES, FEEDBACK, MOVES, STREAMS],
-    ids=["states", "feedback", "moves", "streams"],
+    [STATES, FEEDBACK, OPENING, MOVES, STREAMS],
+    ids=["states", "feedback", "opening", "moves", "streams"],
 )
 
 

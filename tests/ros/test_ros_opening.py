@@ -1,0 +1,14 @@
+"""`enable(10); home(10); move_jp(goal).wait()` on every device, as `python -m bench.opening` for longer."""
+
+import pytest
+
+from bench.opening import DEVICES, opened, rounds
+
+ROUNDS = {"loopback": 8, "virtual": 4}
+"""A device; else 2: one that begins DISABLED and one that begins ENABLED."""
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_the_move_after_home_is_carried_out(name: str) -> None:
+    with opened(name) as (engine, arm):
+        assert rounds(engine, arm, ROUNDS.get(name, 2), DEVICES[name].tolerance) == []
