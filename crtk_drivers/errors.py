@@ -117,6 +117,7 @@ class Reason(StrEnum):
     UNREACHABLE = "unreachable"
     MODE_SWITCH = "mode_switch"
     STREAM_OWNED = "stream_owned"
+    STREAM_ENDED = "stream_ended"
     NO_EFFECT = "no_effect"
     INTERNAL_ERROR = "internal_error"
     NOT_CONNECTED = "not_connected"

@@ -12,6 +12,8 @@ import logging
 from collections import deque
 from collections.abc import Callable, Mapping
 
+import numpy as np
+
 from crtk_drivers.arbiter import Arbiter, Order, combined
 from crtk_drivers.board import StatusBoard
 from crtk_drivers.commands import Kind, Level, Space, find
@@ -55,6 +57,10 @@ SLOWEST_PACE = 0.05
 
 REST_TIMEOUT = 5.0
 """Seconds in which a motion of the hardware's own must have come to its end after `stop`."""
+
+
+ARRIVED = 1e-3
+"""rad (m) from where a stream sent it within which a joint has arrived, when the stream falls silent."""
 
 
 class MotionExecutor:
@@ -616,7 +622,24 @@ class MotionExecutor:
             if self._board.status.is_busy and not self._arbiter.move_waits:
                 self._board.update(busy=False)
 
+    def _tell_behind(self, stream: Stream) -> None:
+        """Say of a stream that has fallen silent that the tool is not where it was sent."""
+        behind = np.abs(stream.behind)
+        if not behind.size or behind.max() < ARRIVED:
+            return
+        joint = self._capabilities.joints[int(behind.argmax())]
+        refusal = CommandRefused(
+            stream.name,
+            Reason.STREAM_ENDED,
+            f"no more commands came, and the tool has not arrived: {joint} is {behind.max():.3f} away",
+            where=self._where,
+            remedy="Go on sending the last pose until measured_cp is there, or use move_cp.",
+        )
+        self._refuse(refusal, None)
+
     def _end_stream(self) -> str:
+        if self._following is not None:
+            self._tell_behind(self._following)
         self._stream.disarm()
         self._following = self._velocity = None
         self._feedback.stream_ended()

@@ -28,6 +28,8 @@ from crtk_drivers.samples import (
     JointServo,
     Pose,
     Value,
+    Vector,
+    empty,
     vector,
 )
 from crtk_drivers.streams import Stream
@@ -145,6 +147,7 @@ class MixedAxesStream(Stream):
         twist = twist_from_base(feedback.reference_twist(now), "body", self._task)
         self._twist: list[float] = twist.tolist()
         self._wanted = [0.0] * 6
+        self._has_position = False
         limits = device.capabilities.cartesian_limits
         assert limits is not None
         most = (limits.linear_acceleration,) * 3 + (limits.angular_acceleration,) * 3
@@ -164,6 +167,7 @@ class MixedAxesStream(Stream):
         self._twist = [0.0 if mode == AxisMode.POSITION else speed for speed, mode in speeds]
         # Near a singularity the tool may be behind, and axes that stay are to come back.
         self._held = aimed(value, self._reach.pose(self._command), self._held)
+        self._has_position = AxisMode.POSITION in value.modes
         self._wanted = value.twist.linear.tolist() + value.twist.angular.tolist()
         self._silence.feed(now)
 
@@ -183,6 +187,11 @@ class MixedAxesStream(Stream):
         near = self._feedback.expected_joints(self._cycle)
         joints = self._reach.joints(self._command, pose, near)
         return self._pursuit.point(before, pose, joints, now)
+
+    @property
+    def behind(self) -> Vector:
+        """See the base class."""
+        return self._pursuit.behind if self._has_position else empty()
 
     @property
     def is_over(self) -> bool:

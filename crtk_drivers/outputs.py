@@ -12,7 +12,7 @@ from crtk_drivers.feedback import Feedback, Point
 from crtk_drivers.limits import SetpointLimiter, norms_into
 from crtk_drivers.reach import Reach
 from crtk_drivers.resolved_rate import ResolvedRate
-from crtk_drivers.samples import JointState, Pose, Vector, frozen, vector
+from crtk_drivers.samples import JointState, Pose, Vector, empty, frozen, vector
 
 _STILL = 1e-6
 """rad/s (m/s) of a joint that stands: what rounding leaves over."""
@@ -189,10 +189,14 @@ class Pursuit:
     Args:
         device: whose limits and rate it keeps.
         limiter: that the joints pass.
+
+    Attributes:
+        behind: how far (n,) the last step is from the joint position that reaches the pose.
     """
 
     def __init__(self, device: Device, limiter: SetpointLimiter) -> None:
         capabilities = device.capabilities
+        self.behind = empty()
         self._device = device
         self._cycle = 1.0 / capabilities.rate
         self._rates = ResolvedRate(capabilities.limits, capabilities.cartesian_limits, self._cycle)
@@ -214,6 +218,7 @@ class Pursuit:
         needs = self._limiter.time_between(joints, there)
         credit = self._limiter.credit(now)
         at_once = Point(Setpoint(Mode.JOINT_POSITION, there))
+        self.behind = empty()
         if needs <= min(credit, self._cycle * (1.0 + _TOLERANCE)):
             self._approaches = False
             return at_once
@@ -225,4 +230,5 @@ class Pursuit:
             return at_once
         self._approaches = True
         step = rate.velocity * min(self._cycle, credit)
+        self.behind = vector(there - joints - step)
         return Point(Setpoint(Mode.JOINT_POSITION, vector(joints + step)))

@@ -91,6 +91,11 @@ class Stream(ABC):
         """Whether it has timed out and its motion has ended."""
 
     @property
+    def behind(self) -> Vector:
+        """How far (n,) the joints are from the pose that was sent last; empty if they are there."""
+        return empty()
+
+    @property
     @abstractmethod
     def goals(self) -> Mapping[str, Value]:
         """What ``goal_*`` say."""
@@ -307,6 +312,11 @@ class PursuitStream(Stream):
         velocity, self._velocity = self._velocity, None
         may_jump = velocity is None or self._limiter.can_start(self._joints, before, velocity)
         return self._pursuit.point(before, self._goal, self._joints, now, may_jump)
+
+    @property
+    def behind(self) -> Vector:
+        """See the base class."""
+        return self._pursuit.behind
 
     @property
     def is_over(self) -> bool:

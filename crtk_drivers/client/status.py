@@ -254,6 +254,8 @@ class StatusTracker:
         ]
         if mine and (refusal.stamp_ns or not mine[-1].accepted or self._alone(name)):
             mine[-1].refused(refusal)
+        elif refusal.reason is Reason.STREAM_ENDED:
+            return  # nothing that is sent now is refused
         elif name in self._sent and self._alone(name):
             self._sent.discard(name)
             self._late[name] = refusal

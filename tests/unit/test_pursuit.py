@@ -54,7 +54,9 @@ def test_a_stream_within_the_limits_is_followed_exactly_in_each_cycle() -> None:
         rig.cycle()
         assert apart(rig.device.pose, goal) < CONVERGED
     assert len(rig.written) == 199
-    assert rig.told.refusals == []
+    rig.cycle(60)
+    assert rig.engine.health().stream_timeouts == 1
+    assert rig.told.refusals == [], "it has arrived"
 
 
 @pytest.mark.parametrize("period", [0.95, 1.05])
@@ -189,10 +191,15 @@ def test_increments_near_a_singularity_keep_the_limits_and_add_up() -> None:
 def test_when_the_stream_falls_silent_it_goes_no_further() -> None:
     rig = arm(STRETCHED)
     goal = turned(rig.device.pose, 0.1, 0, 0)
-    rig.engine.submit("servo_cp", goal)
+    rig.engine.submit("servo_cp", goal, stamp_ns=7)
     rig.cycle(10)
     assert apart(rig.device.pose, goal) > 1e-3, "on the way"
+    assert rig.told.refusals == []
     rig.cycle(60)
+    (told,) = rig.told.refusals
+    assert (told.command, told.reason, told.stamp_ns) == ("servo_cp", Reason.STREAM_ENDED, 7)
+    assert "has not arrived" in str(told)
+    assert "move_cp" in told.remedy
     health = rig.engine.health()
     assert (health.stream, health.stream_timeouts) == ("", 1)
     place, count = rig.device.position.copy(), len(rig.written)
