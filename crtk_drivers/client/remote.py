@@ -374,10 +374,11 @@ class RemoteDevice(DeviceFront):
         watch = tracker.watch()  # from here on: what was still on its way is no answer
         try:
             target = target_of(before.state, wanted)
-            outbox.send(str(wanted.value))
+            stamp = time.time_ns()
+            outbox.send(str(wanted.value), stamp=stamp)
             if timeout > 0.0:
                 transition = Transition(wanted, before, target)
-                transition.wait(watch, deadline, self.namespace)
+                transition.wait(watch, deadline, self.namespace, stamp)
         except CommandRefused as refusal:
             refusal.where = refusal.where or self.namespace
             raise

@@ -32,8 +32,8 @@ class Transition:
         self._homed = command is StateCommand.HOME
         self._changes_home = command in _HOMING and before.is_homed is not self._homed
 
-    def wait(self, watch: Watch, deadline: float, where: str) -> None:
-        """Wait until it is carried out.
+    def wait(self, watch: Watch, deadline: float, where: str, stamp_ns: int) -> None:
+        """Wait until what was sent with a stamp is carried out.
 
         Raises:
             CommandRefused: the device refuses it.
@@ -42,7 +42,7 @@ class Transition:
         while True:
             event = watch.next(max(0.0, deadline - time.monotonic()))
             if isinstance(event, CommandRefused):
-                if event.command == "state_command":
+                if event.command == "state_command" and event.stamp_ns == stamp_ns:
                     raise event
                 continue
             if event is not None:

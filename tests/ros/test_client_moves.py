@@ -14,6 +14,7 @@ from ros_rig import until
 
 from crtk_drivers.client import RemoteDevice, connect
 from crtk_drivers.device import Condition
+from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, MotionAborted, Reason, TransitionFailed
 from crtk_drivers.moves import Outcome
 from crtk_drivers.samples import Pose
@@ -166,6 +167,16 @@ def test_slow_transitions() -> None:
         assert arm.move_jp(np.zeros(4)).wait(TIMEOUT)
         assert arm.is_homed()
         arm.disable()
+        other = threading.Timer(0.2, _refused_for_somebody_else, (far.engine,))
+        other.start()
+        arm.enable()  # a refusal of somebody else's is none of ours
+        other.join()
+        arm.disable()
         threading.Timer(0.2, lambda: setattr(far.device, "reachable", False)).start()
         with pytest.raises(TransitionFailed, match=r"enable ended in FAULT.*/diagnostics"):
             arm.enable()
+
+
+def _refused_for_somebody_else(engine: Engine) -> None:
+    with pytest.raises(CommandRefused):
+        engine.state_command("resume", stamp_ns=5)

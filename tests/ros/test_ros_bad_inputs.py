@@ -201,6 +201,15 @@ def test_unknown_state_command(rig: Rig, text: str) -> None:
     assert rig.client.state.state == "DISABLED"
 
 
+def test_a_refused_state_command_is_told_with_its_stamp(rig: Rig) -> None:
+    message = StringStamped(string="unhome")
+    message.header.stamp.sec, message.header.stamp.nanosec = 1_763_700_000, 7
+    rig.client.send("state_command", message)
+    content = told(rig, "state_command", "no_effect", 0)
+    assert content["stamp"] == {"sec": 1_763_700_000, "nanosec": 7}
+    assert "is_homed stays true" in content["remedy"]
+
+
 def test_invalid_transition(rig: Rig) -> None:
     before = refusals(rig).get(("state_command", "invalid_transition"), 0)
     rig.client.state_command("resume")

@@ -372,7 +372,13 @@ class _StateMethods:
 
     def state_command(self, state: str) -> None:
         """Send a state command."""
-        self._commands.publish(state)
+        self._publish(state)
+
+    def _publish(self, state: str) -> int:
+        """Send a state command, and return its stamp (ns)."""
+        stamp = time.time_ns()
+        self._commands.publish(state, stamp=stamp)
+        return stamp
 
     def _reach(self, command: str, state: OperatingState, timeout: float) -> bool:
         if self._tracker.has_status and self._tracker.latest.state is state:
@@ -393,15 +399,16 @@ class _StateMethods:
         watch = self._tracker.watch()
         end = time.monotonic() + timeout
         try:
-            self.state_command(command)
+            stamp = self._publish(command)
             while True:
                 event = watch.next(max(0.0, end - time.monotonic()))
                 if event is None:
                     return self._tracker.has_status and done(self._tracker.latest)
                 if isinstance(event, CommandRefused):
-                    logger.warning("%s", event)
-                    return False
-                if done(event):
+                    if event.command == "state_command" and event.stamp_ns == stamp:
+                        logger.warning("%s", event)
+                        return False
+                elif done(event):
                     return True
         finally:
             self._tracker.unwatch(watch)
