@@ -193,11 +193,12 @@ class LocalDevice(DeviceFront):
     def state_command(self, command: str, timeout: float = 30.0) -> None:
         """See the base class."""
         refusals: list[CommandRefused] = []
-        watch = _RefusalWatch(refusals)
+        stamp = time.time_ns()
+        watch = _RefusalWatch(refusals, stamp)
         self._engine.add_observer(watch)
         try:
             before = self._engine.status.state
-            self._engine.state_command(command)
+            self._engine.state_command(command, stamp)
             if timeout <= 0.0:
                 return
             target = target_of(before, StateCommand(command))
@@ -361,11 +362,14 @@ class LocalDevice(DeviceFront):
 
 
 class _RefusalWatch(Observer):
-    def __init__(self, refusals: list[CommandRefused]) -> None:
+    """Collects the refusals of the state command that has a stamp."""
+
+    def __init__(self, refusals: list[CommandRefused], stamp_ns: int) -> None:
         self._refusals = refusals
+        self._stamp_ns = stamp_ns
 
     def command_refused(self, refusal: CommandRefused) -> None:
-        if refusal.command == "state_command":
+        if refusal.command == "state_command" and refusal.stamp_ns == self._stamp_ns:
             self._refusals.append(refusal)
 
 

@@ -150,6 +150,17 @@ def test_state_commands_wait_and_raise(arm: LocalDevice) -> None:
     assert not arm.is_homed()
 
 
+def test_a_refusal_of_somebody_elses_state_command_is_none_of_ours(arm: LocalDevice) -> None:
+    def somebody_else() -> Steps:
+        with pytest.raises(CommandRefused, match="enable is running"):
+            arm.engine.state_command("resume")
+        yield
+
+    device_of(arm)._transition = somebody_else  # type: ignore[method-assign]
+    arm.enable()
+    assert arm.is_enabled()
+
+
 def test_a_state_command_that_ends_elsewhere_says_where_and_why(arm: LocalDevice) -> None:
     device = device_of(arm)
     device._transition_time = 30.0
