@@ -326,6 +326,8 @@ class DeviceContract:
     def test_move_jp_reaches_its_goal_with_a_pulse_of_busy(self, enabled: LocalDevice) -> None:
         self.need(enabled, "move_jp")
         goal = self.goal_from(enabled)
+        enabled.home(timeout=0.0)  # it is: there is nothing to wait for
+        assert enabled.engine.transition_ended
         move = enabled.move_jp(goal)
         assert move.wait(self.timeout)
         assert enabled.wait_for_busy(False, self.timeout)

@@ -227,6 +227,9 @@ def test_the_home_offset_is_written_as_the_drive_takes_it(make: str, fits: str, 
             arm.home(SOON)
             assert arm.is_homed()
             until(lambda: abs(arm.measured_js().position[0] - 0.25) < 1e-3, "it is at home")
+            assert abs(arm.setpoint_js().position[0] - 0.25) < 1e-3, "motion begins there"
+            arm.move_jr([0.02]).wait(SOON)
+            assert abs(arm.measured_js().position[0] - 0.27) < 1e-2
         with arm_of(arm_on(sim, 1, joint(other))) as arm:
             arm.enable(SOON)
             arm.unhome(SOON)
