@@ -2,7 +2,8 @@
 
 An I/O thread drives every engine on its bus, one after the other, on an absolute clock (or on the
 hardware's own, if it paces the stream). A cycle that comes too late is skipped and counted; nothing is
-caught up. When a device is lost it is opened again with a growing delay, and its neighbours go on.
+caught up. When a device is lost it is opened again, with a delay that grows until a sample arrives, and its
+neighbours go on.
 """
 
 from __future__ import annotations
@@ -162,6 +163,8 @@ class BusThread:
         try:
             if engine.connected:
                 engine.cycle(deadline)
+                if engine.has_sample:  # a link that opens and brings nothing is no success
+                    member.reconnect.succeeded()
             elif time.monotonic() >= member.reconnect.next_try:
                 self._open(member)
         except DeviceError as error:
@@ -181,7 +184,6 @@ class BusThread:
             member.reconnect.failed(time.monotonic())
             logger.warning("%s; next attempt in %.2g s", error, member.reconnect.delay)
         else:
-            member.reconnect.succeeded()
             logger.info("%s: connected", member.engine.where)
 
     def _lost(self, member: _Member, reason: str) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from crtk_drivers.device import Capabilities, Setpoint
 from crtk_drivers.engine import Engine
-from crtk_drivers.errors import CommandRefused, DeviceError, MotionAborted
+from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceError, MotionAborted
 from crtk_drivers.moves import Outcome
 from crtk_drivers.runtime import SWITCH_INTERVAL, Runtime
 from crtk_drivers.samples import JointState, Sample, vector
@@ -156,6 +156,23 @@ def test_attempts_to_connect_become_rarer() -> None:
         assert "no answer" in engine.status.detail
     assert attempts[1] - attempts[0] >= 0.25
     assert attempts[2] - attempts[1] >= 0.5
+
+
+def test_attempts_become_rarer_where_the_link_opens_and_brings_nothing() -> None:
+    device = Misbehaving()
+    attempts: list[float] = []
+    device.in_open = lambda: attempts.append(time.monotonic())
+    device.in_read = raising(ConnectionLost("nothing but noise"))
+    with running(device) as (engine,):
+        until(lambda: len(attempts) == 3)
+        assert attempts[2] - attempts[1] >= 0.5
+        device.in_read = lambda: None
+        until(lambda: engine.has_sample)
+        lost = time.monotonic()
+        count = len(attempts)
+        device.in_read = once(ConnectionLost("once"))
+        until(lambda: len(attempts) > count)
+    assert attempts[count] - lost < 0.95, "a sample is a new beginning: it would wait 1 s or more"
 
 
 @pytest.mark.parametrize("error", [KeyError("x"), ZeroDivisionError(), OSError("bad descriptor")])
