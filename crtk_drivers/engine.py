@@ -338,14 +338,6 @@ class Engine:
             CommandRefused: there is no such service, one is running, or the device is not connected.
         """
         try:
-            if not self._connected:
-                raise CommandRefused(
-                    name,
-                    Reason.NOT_CONNECTED,
-                    self.status.detail or "not connected",
-                    where=self.where,
-                    remedy="The driver keeps trying to connect; ask again afterwards.",
-                )
             return self._requests.ask(name)
         except CommandRefused as refusal:
             self._board.refused(refusal)
@@ -386,8 +378,10 @@ class Engine:
         try:
             self.device.open(deadline)
         except DeviceError as error:
+            self._requests.end(error)
             self._board.update(OperatingState.FAULT, str(error))
             raise
+        self._requests.begin()
         self._transitions.cancel()  # what was sent while the link was being lost
         self._connected = True
         self._health.connected = True

@@ -1,6 +1,7 @@
 """A device's own services (`crtk_drivers.device.Service`), while they are carried out.
 
-`ask` is for clients' threads, `step` and `end` for the I/O thread. One is carried out at a time.
+`ask` is for clients' threads, the rest for the I/O thread. One is carried out at a time, and none outlives
+the connection that it was asked for in.
 """
 
 from __future__ import annotations
@@ -61,12 +62,18 @@ class Requests:
         self._request: Request | None = None
         self._answer: Answer | None = None
         self._deadline = 0.0
+        self._gone = "not connected yet"
+
+    def begin(self) -> None:
+        """The device is there."""
+        with self._lock:
+            self._gone = ""
 
     def ask(self, name: str) -> Request:
         """Begin with the next cycle.
 
         Raises:
-            CommandRefused: there is no such service, or one is running.
+            CommandRefused: there is no such service, one is running, or the device is not connected.
         """
         if name not in self._services:
             raise CommandRefused(
@@ -77,6 +84,14 @@ class Requests:
                 remedy=f"It has: {', '.join(self._services) or 'none'}.",
             )
         with self._lock:
+            if self._gone:
+                raise CommandRefused(
+                    name,
+                    Reason.NOT_CONNECTED,
+                    self._gone,
+                    where=self._where,
+                    remedy="The driver keeps trying to connect; ask again afterwards.",
+                )
             if self._request is not None:
                 raise CommandRefused(
                     name,
@@ -108,7 +123,9 @@ class Requests:
                 self._finish(error=TransitionFailed(text, where=self._where))
 
     def end(self, error: CrtkError) -> None:
-        """The device is gone."""
+        """The device is gone, or was never reached."""
+        with self._lock:
+            self._gone = error.message
         self._finish(error=error)
 
     def _finish(self, text: str = "", error: CrtkError | None = None) -> None:

@@ -19,6 +19,7 @@ from crtk_drivers.errors import (
 )
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.requests import Requests
 from crtk_drivers.samples import Wrench
 from crtk_drivers.session import Session
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
@@ -131,6 +132,31 @@ def test_a_lost_device_answers_at_once(arm: LocalDevice) -> None:
     with pytest.raises(CommandRefused) as refused:
         arm.tare()
     assert refused.value.reason is Reason.NOT_CONNECTED
+
+
+def test_what_is_asked_for_while_the_link_is_lost_fails_at_once_and_is_not_carried_out_later() -> (
+    None
+):
+    """Between a client's look at the link and its question the link may be lost."""
+    asked: list[str] = []
+
+    def answer() -> Answer:
+        asked.append("tare")
+        yield
+        return ""
+
+    requests = Requests({"tare": Service("tare", answer)}, "scale", 1.0)
+    requests.begin()
+    requests.end(ConnectionLost("the link is gone"))
+    with pytest.raises(CommandRefused, match="the link is gone") as refused:
+        requests.ask("tare")
+    assert refused.value.reason is Reason.NOT_CONNECTED
+    requests.begin()
+    requests.step(0.0)
+    assert not asked
+    requests.ask("tare")
+    requests.step(0.0)
+    assert asked
 
 
 def test_inputs_are_methods_that_check(arm: LocalDevice) -> None:
