@@ -116,6 +116,7 @@ class StreamClock:
         cycle: seconds; no period is estimated to be shorter.
 
     Attributes:
+        arrival: when the last goal arrived, in the seconds of `tick`.
         period: estimated seconds between goals.
         lateness: seconds that a goal was behind its time, the largest of the last ones.
     """
@@ -124,15 +125,15 @@ class StreamClock:
         self._cycle = cycle
         self._intervals: deque[float] = deque(maxlen=_INTERVALS)
         self._latenesses: deque[float] = deque((0.0,), maxlen=_LATENESSES)
-        self._arrival = -math.inf
+        self.arrival = -math.inf
         self._time = -math.inf
         self.period = max(FIRST_PERIOD, cycle)
         self.lateness = 0.0
 
     def tick(self, arrival: float) -> float:
         """A goal arrived; return the time that it belongs to, which is after that of the one before."""
-        interval = arrival - self._arrival
-        self._arrival = arrival
+        interval = arrival - self.arrival
+        self.arrival = arrival
         if not 0.0 <= interval < math.inf:
             self._time = arrival
             return arrival
@@ -307,10 +308,15 @@ class Interpolator(ABC, Generic[G]):
     # ------------------------------------------------------------------------------------ what it needs
 
     def _accept(self, goal: G, is_repeated: bool, now: float) -> None:
-        """Take a goal that is valid. A second copy of the one before only keeps the stream alive."""
+        """Take a goal that is valid. A second copy of the one before only keeps the stream alive.
+
+        It comes within half a period of the goal that it is a copy of. One that comes later is a goal of its
+        own: a stream that says the same for a minute has not slowed down to one goal a minute.
+        """
         since = now - self._fed
         self._fed = now
-        if self._has_goal and is_repeated and 0.0 <= since < self._clock.period / 2.0:
+        after = now - self._clock.arrival
+        if self._has_goal and is_repeated and 0.0 <= after < self._clock.period / 2.0:
             return
         is_new = not self._has_goal or not 0.0 <= since <= max(self._timeout, 3.0 * self.period)
         if is_new:
