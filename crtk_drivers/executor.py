@@ -471,7 +471,8 @@ class MotionExecutor:
     def _go_on(self, stream: Stream, now: float) -> str:
         point = stream.step(now)
         is_servo = find(stream.name).level is Level.SERVO
-        self._send_point(stream.name, point, now, self._stamp_ns if is_servo else 0)
+        sent = self._send_point(stream.name, point, now, self._stamp_ns if is_servo else 0)
+        stream.sent(sent)
         return self._end_stream() if stream.is_over else ""
 
     def _pace(self, velocity: Vector, before: MoveExecution | None) -> float:
@@ -536,9 +537,10 @@ class MotionExecutor:
         if move.step(now):
             self._finish_move(Outcome.REACHED)
 
-    def _send_point(self, name: str, point: Point, now: float, stamp_ns: int = 0) -> None:
+    def _send_point(self, name: str, point: Point, now: float, stamp_ns: int = 0) -> Setpoint:
         setpoint = self._limit(name, point.setpoint, now)
         self._send(point.limited_to(setpoint), now, stamp_ns)
+        return setpoint
 
     def _limit(self, name: str, setpoint: Setpoint, now: float) -> Setpoint:
         before = self._feedback.before(setpoint.mode)

@@ -22,6 +22,9 @@ CARTESIAN_RISE_TIME = 0.1
 EFFORT_RISE_TIME = 0.1
 """Seconds in which an effort, force or torque may go from zero to its limit."""
 
+_DIFFERENT = 1e-9
+"""What goes out differs from what was asked for by more than rounding."""
+
 
 class VectorInterpolator(Interpolator[Vector]):
     """A stream of n numbers, each with limits of its own.
@@ -67,6 +70,16 @@ class VectorInterpolator(Interpolator[Vector]):
         """Return the setpoint (n,) and its derivative at `now`."""
         self._advance(now)
         return vector(self._value), vector(self._rate)
+
+    def held_at(self, value: Vector) -> None:
+        """Go on from a value (n,) that went out in place of that of the last step; there, at rest."""
+        held = np.abs(value - self._value) > _DIFFERENT
+        if not held.any():
+            return
+        self._value = vector(np.where(held, value, self._value))
+        self._rate = vector(np.where(held, 0.0, self._rate))
+        self._acceleration = vector(np.where(held, 0.0, self._acceleration))
+        self._plan(max(0.0, self._run - self._elapsed))
 
     @property
     def goal(self) -> Vector:

@@ -109,7 +109,12 @@ class TwistOutput:
         device: whose modes, limits and rate it keeps.
         feedback: where it is, and how it moves at the beginning.
         now: monotonic seconds.
+
+    Attributes:
+        share: in [0, 1], of the last twist, that limits of the joints left.
     """
+
+    share = 1.0
 
     def __init__(self, device: Device, feedback: Feedback, now: float) -> None:
         capabilities = device.capabilities
@@ -130,8 +135,9 @@ class TwistOutput:
         joints = self._feedback.reference_joints()
         jacobian = self._device.jacobian(joints)
         before = self._velocity
-        velocity = self._rates.follow_twist(joints, jacobian, twist, before).velocity
-        self._velocity = velocity
+        rate = self._rates.follow_twist(joints, jacobian, twist, before)
+        self._velocity = velocity = rate.velocity
+        self.share = rate.scale
         acceleration = frozen((velocity - before) / self._cycle)
         done = frozen(jacobian @ velocity)  # within the limits, and without what is damped
         if self._takes_velocities:

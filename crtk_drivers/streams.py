@@ -85,6 +85,9 @@ class Stream(ABC):
             CommandRefused: it cannot go on.
         """
 
+    def sent(self, setpoint: Setpoint) -> None:  # noqa: B027 - to most streams it makes no difference
+        """What went out of this cycle's `step`, within the limits."""
+
     @property
     @abstractmethod
     def is_over(self) -> bool:
@@ -162,6 +165,11 @@ class JointStream(Stream):
         }.get(self._mode, empty())
         values = joint_values(self._kind, point)
         return Point(Setpoint(self._mode, values), point, acceleration)
+
+    def sent(self, setpoint: Setpoint) -> None:
+        """See the base class. The end of a range slows velocities: they go on from what it left."""
+        if self._mode is Mode.JOINT_VELOCITY:
+            self._interpolator.held_at(setpoint.values)
 
     @property
     def is_over(self) -> bool:
@@ -462,7 +470,15 @@ class SmoothStream(Stream):
     def step(self, now: float) -> Point:
         """See the base class."""
         values, _ = self._interpolator.step(now)
-        return self._output.point(self._frame.in_base(values))
+        point = self._output.point(self._frame.in_base(values))
+        if isinstance(self._output, TwistOutput):
+            self._interpolator.held_at(vector(self._output.share * values))
+        return point
+
+    def sent(self, setpoint: Setpoint) -> None:
+        """See the base class."""
+        if setpoint.mode is Mode.CARTESIAN_VELOCITY:
+            self._interpolator.held_at(self._frame.from_base(setpoint.values))
 
     @property
     def is_over(self) -> bool:

@@ -330,6 +330,44 @@ def test_velocities_change_within_acceleration_and_jerk_and_end_at_zero(
     assert track.over[-1]
 
 
+@pytest.mark.parametrize("rate", [20, 50, 100, 250])
+def test_a_velocity_that_was_said_again_and_again_stops_at_once(rate: int) -> None:
+    """A stream above 40 Hz that had said the same for a minute took a minute to stop."""
+    motion = joints(SOFT, 1, Kind.VELOCITY)
+    motion.start((0.0,), 0.0)
+    stream = sampled(lambda t: np.array((0.5 if t < 2.0 else 0.0,)), rate, 3.0)
+    track = Track(motion, stream, 3.0)
+    ideal = 0.5 / SOFT.acceleration + SOFT.acceleration / SOFT.jerk
+    stands = np.flatnonzero(np.abs(track.value[:, 0]) > 1e-3)[-1] * CYCLE
+    assert stands - 2.0 <= ideal + 3.0 / rate
+    assert track.rate.min() == pytest.approx(-SOFT.acceleration, rel=0.01), "as hard as is allowed"
+
+
+def test_a_position_that_was_said_again_and_again_is_left_at_once() -> None:
+    motion = joints(HARD, 1)
+    motion.start((0.0,), 0.0)
+    track = Track(motion, sampled(lambda t: np.array((0.0 if t < 2.0 else 0.2,)), 100, 3.0), 2.5)
+    assert_smooth(track, HARD)
+    assert track.value[-1] == pytest.approx([0.2], abs=1e-3)
+
+
+def test_a_value_that_something_else_held_back_goes_on_from_there() -> None:
+    motion = joints(SOFT, 2, Kind.VELOCITY)
+    motion.start((0.0, 0.0), 0.0)
+    for index in range(500):
+        now = index * CYCLE
+        if index % 25 == 0:
+            motion.command((0.8, 0.8), now)
+        value, _ = motion.step(now)
+        motion.held_at(vector((min(value[0], 0.1), value[1])))
+    assert motion.step(1.0)[0] == pytest.approx([0.1, 0.8], abs=1e-3)
+    motion.command((-0.8, -0.8), 1.0)
+    values = np.array([motion.step(1.0 + index * CYCLE)[0] for index in range(1, 145)])
+    assert np.abs(np.diff(values, axis=0)).max() <= SOFT.acceleration * CYCLE + 1e-9
+    first, other = (np.flatnonzero(column < 0.0)[0] for column in values.T)
+    assert first * CYCLE < 0.1 < other * CYCLE
+
+
 def test_each_kind_fills_its_own_field() -> None:
     for kind, fields in (
         (Kind.POSITION, ("position", "velocity")),

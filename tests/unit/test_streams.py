@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from engine_rig import LIMIT, PERIOD, Rig, jf, jp, jv, pose, two_joints
 
-from crtk_drivers.device import Mode
+from crtk_drivers.device import CartesianLimits, Mode
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.limits import LimitPolicy
@@ -123,6 +124,20 @@ def test_velocities_and_efforts_change_steadily_and_end_at_zero(
     assert values[-1] == pytest.approx([0.0, 0.0], abs=1e-9)
     assert "stop" in rig.device.calls
     assert rig.engine.health().stream == ""
+
+
+def test_a_velocity_that_the_range_holds_does_not_go_on_growing_behind_it() -> None:
+    """Back from the end of its range a joint set out only when the velocity in mind was at zero."""
+    slow = replace(LIMIT, acceleration=1.0, jerk=10.0)
+    rig = Rig(capabilities=two_joints(limits=(slow, slow))).enabled()
+    rig.device.position[0] = slow.upper - 0.002
+    stream(rig, "interpolate_jv", [jv(0.8, 0.0)] * 20)
+    sent = len(rig.written)
+    assert 0.0 < rig.written[-1].values[0] < 0.1, "the range holds it"
+    stream(rig, "interpolate_jv", [jv(-0.8, 0.0)] * 6)
+    back = written(rig, sent - 1)[:, 0]
+    assert np.abs(np.diff(back)).max() <= slow.acceleration * PERIOD + 1e-9
+    assert np.flatnonzero(back < 0.0)[0] * PERIOD < 0.2, "it took 1 s"
 
 
 @pytest.mark.parametrize(
@@ -278,6 +293,10 @@ def test_twists_change_steadily_and_end_at_zero() -> None:
     assert "stop" in rig.device.calls
 
 
+def twist(x: float) -> Twist:
+    return Twist(vector((x, 0.0, 0.0)), vector((0.0, 0.0, 0.0)))
+
+
 ON_JOINTS = {
     Mode.JOINT_POSITION: two_joints(modes=frozenset({Mode.JOINT_POSITION})),
     Mode.JOINT_VELOCITY: two_joints(modes=frozenset({Mode.JOINT_VELOCITY})),
@@ -295,8 +314,8 @@ def rates(rig: Rig) -> np.ndarray:
 @pytest.mark.parametrize("mode", ON_JOINTS)
 def test_twists_on_joints_are_followed_in_each_cycle_and_end_at_rest(mode: Mode, name: str) -> None:
     rig = Rig(capabilities=ON_JOINTS[mode]).enabled()
-    twist = Twist(vector((0.3, 0, 0)), vector((0, 0, -0.5)))
-    stream(rig, name, [twist] * 10)
+    goal = Twist(vector((0.3, 0, 0)), vector((0, 0, -0.5)))
+    stream(rig, name, [goal] * 10)
     assert {setpoint.mode for setpoint in rig.written} == {mode}
     assert len(rig.written) == 10 * SLOW
     assert rates(rig)[-1] == pytest.approx([0.3, -0.5])
@@ -321,6 +340,27 @@ def test_a_twist_stops_smoothly_at_the_limit_of_a_joint() -> None:
     change = np.diff(rates(rig), axis=0)
     assert np.abs(change).max() <= LIMIT.acceleration * PERIOD + 1e-9
     assert rig.told.warnings == []
+
+
+@pytest.mark.parametrize(
+    "mode", [Mode.JOINT_POSITION, Mode.JOINT_VELOCITY, Mode.CARTESIAN_VELOCITY]
+)
+def test_a_twist_that_the_range_of_a_joint_holds_does_not_go_on_growing_behind_it(
+    mode: Mode,
+) -> None:
+    tool = CartesianLimits(0.5, 1.0, 1.0, 5.0)
+    declared = two_joints(modes=frozenset({mode}), cartesian_limits=tool)
+    rig = Rig(capabilities=declared)
+    rig.device.position[0] = LIMIT.upper - 1e-4
+    rig.enabled()
+    stream(rig, "interpolate_cv", [twist(0.45)] * 20)
+    sent = len(rig.written)
+    stream(rig, "interpolate_cv", [twist(-0.45)] * 6)
+    back = written(rig, sent - 1)[:, 0]
+    if mode is Mode.JOINT_POSITION:
+        back = np.diff(back) / PERIOD
+    assert 0.0 <= back[0] < 0.1, "the range holds it"
+    assert np.flatnonzero(back < -1e-6)[0] * PERIOD <= 0.25, "it took 0.8 s"
 
 
 def test_a_twist_on_joints_begins_with_the_velocity_of_the_move_that_it_replaces() -> None:
