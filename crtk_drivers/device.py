@@ -190,6 +190,8 @@ class Capabilities:
         transition_timeout: bound of enable, home, ... in seconds.
         stop: what stops it, and in what time.
         following: how closely its joints follow positions; None: that cannot be told, and is not watched.
+        velocity_resolution: one for each joint, in rad/s (m/s): the smallest step of the velocities that are
+            measured, below which nothing can be said to move; empty: finer than anyone asks.
     """
 
     joints: tuple[str, ...] = ()
@@ -216,6 +218,7 @@ class Capabilities:
     transition_timeout: float = 30.0
     stop: StopPolicy = field(default=StopPolicy(0.0, "holds its position"))
     following: Following | None = None
+    velocity_resolution: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.limits) != len(self.joints):
@@ -226,6 +229,11 @@ class Capabilities:
             raise ValueError(
                 f"following: {len(self.following.error)} for {len(self.joints)} joints"
             )
+        steps = self.velocity_resolution
+        if len(steps) not in (0, len(self.joints)):
+            raise ValueError(f"{len(steps)} velocity_resolution for {len(self.joints)} joints")
+        if not all(0.0 <= step < math.inf for step in steps):
+            raise ValueError(f"velocity_resolution must be finite and not negative, not {steps}")
         if len(set(self.joints)) != len(self.joints) or not all(self.joints):
             raise ValueError(f"joints need names of their own: {', '.join(map(repr, self.joints))}")
         for name, value in (("rate", self.rate), ("transition_timeout", self.transition_timeout)):

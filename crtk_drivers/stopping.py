@@ -18,7 +18,10 @@ REPEAT: float = 0.05
 """Seconds after which a stop that was not carried out is sent again."""
 
 _STILL = 0.03
-"""Share of its velocity limit below which a joint stands: noise, and the steps of what is measured."""
+"""Share of its velocity limit below which a joint stands: noise."""
+
+_FLICKER = 1.5
+"""Steps of the velocity that is measured below which a joint stands: the last one comes and goes."""
 
 _HALF = 0.5
 """Share of the declared time after which a stop is sent again to a device that does not say if it arrived."""
@@ -40,7 +43,11 @@ class Stopping:
         self._device = device
         self._clock = clock
         self._joints = capabilities.joints
-        self._still = [_STILL * limit.velocity for limit in capabilities.limits]
+        steps = capabilities.velocity_resolution or (0.0,) * len(self._joints)
+        self._still = [
+            max(_STILL * limit.velocity, _FLICKER * step)
+            for limit, step in zip(capabilities.limits, steps, strict=True)
+        ]
         self._time = capabilities.stop.time
         self._can_move = bool(
             capabilities.joints

@@ -94,6 +94,19 @@ def test_a_stop_that_does_not_happen_is_a_fault_that_says_what_moves() -> None:
     rig.enabled()
 
 
+@pytest.mark.parametrize(
+    ("speed", "state"), [(0.024, S.ENABLED), (-0.024, S.ENABLED), (0.048, S.FAULT)]
+)
+def test_one_step_of_what_is_measured_is_no_motion(speed: float, state: S) -> None:
+    """With a low velocity limit its third hundredth is less than the last count of the encoder."""
+    slow = JointLimits(-1.0, 1.0, velocity=0.5, acceleration=10.0, jerk=100.0, effort=5.0)
+    rig = Runaway(heeds=10_000, limits=(slow, slow), velocity_resolution=(0.024, 0.024)).running()
+    rig.speed[0] = speed
+    rig.engine.submit("hold")
+    rig.cycle(round(STOP_TIME / PERIOD) + 5)
+    assert rig.state is state
+
+
 def test_disable_that_leaves_it_moving_ends_in_fault() -> None:
     rig = Runaway(heeds=10_000).running()
     rig.engine.state_command("disable")

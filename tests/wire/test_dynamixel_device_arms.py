@@ -126,6 +126,8 @@ def test_a_gripper_without_an_arm():
     with dynamixel_bench({**PATIENT, "gripper": {**gripper, "effort": 1.0}}) as bench:
         assert bench.session.children == {}
         assert bench.engine.capabilities.joints == ("gripper",)
+        (step,) = bench.engine.capabilities.velocity_resolution
+        assert step == pytest.approx(0.229 * 2.0 * math.pi / 60.0), "what one count of it is"
         bench.arm.enable()
         assert bench.arm.move_jp([0.4]).wait(LONG)
         bench.until_still()

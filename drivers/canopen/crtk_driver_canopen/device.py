@@ -572,7 +572,15 @@ def _capabilities(config: CanopenConfig) -> Capabilities:
         writes_every_cycle=True,
         stop=StopPolicy(timeout, what, braking_time(config) + STOP_TIME),
         following=_following(config),
+        velocity_resolution=tuple(map(_velocity_step, joints.values())),
     )
+
+
+def _velocity_step(joint: JointConfig) -> float:
+    """Return rad/s (m/s) for one unit of velocity, as far as the configuration alone tells; else 0."""
+    units = joint.known_units
+    step = units.position if math.isnan(units.velocity) else units.velocity
+    return 0.0 if math.isnan(step) else abs(step)
 
 
 def _following(config: CanopenConfig) -> Following | None:

@@ -343,7 +343,14 @@ class _ChainDevice(Device):
                 timeout, f"each servo {what} when it hears nothing", self.part.stop_time
             ),
             following=self._following(),
+            velocity_resolution=tuple(self._velocity_steps()),
         )
+
+    def _velocity_steps(self) -> list[float]:
+        """Return what one count of the present velocity is, for each joint, in rad/s (m/s)."""
+        chain = self.part.chain
+        ones = np.ones(len(chain.servos))
+        return [abs(step) for step in chain.positions(chain.scaling.velocity.to_si(ones)).tolist()]
 
     def _following(self) -> Following | None:
         """Return how closely joints follow; None where something may be in their way."""
@@ -455,6 +462,13 @@ class GripperDevice(_ChainDevice):
             vector((finger.rate(angle) * float(speeds[0]),)),
             vector(effort if all(map(math.isfinite, effort)) else ()),
         )
+
+    def _velocity_steps(self) -> list[float]:
+        (step,), limits = super()._velocity_steps(), self.part.chain.gripper_limits
+        assert limits is not None
+        openings = limits.lower, 0.5 * (limits.lower + limits.upper), limits.upper
+        rates = [abs(self._finger.rate(self._finger.angle(opening))) for opening in openings]
+        return [step * max(rates)]
 
     def _angle_at(self, counts: Counts, usable: NDArray[np.bool_] | None) -> float:
         chain = self.part.chain
