@@ -44,7 +44,7 @@ from crtk_drivers.state import (
     Status,
     parse_command,
 )
-from crtk_drivers.stopping import Stopping
+from crtk_drivers.stopping import SLOWEST_PACE, Stopping
 from crtk_drivers.tether import Tether
 from crtk_drivers.transitions import Transitions
 from crtk_drivers.waiting import Waiting, WaitingMove
@@ -195,6 +195,11 @@ class Engine:
     def connected(self) -> bool:
         """Whether the device is open."""
         return self._connected
+
+    @property
+    def time_to_stop(self) -> float:
+        """Seconds in which it says that it has stopped, at the pace that it has now."""
+        return self.capabilities.stop.time / max(self.device.pace, SLOWEST_PACE)
 
     @property
     def has_sample(self) -> bool:

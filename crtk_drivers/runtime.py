@@ -106,7 +106,7 @@ class BusThread:
     @property
     def time_to_close(self) -> float:
         """Seconds in which its devices say that they have stopped."""
-        return sum(engine.capabilities.stop.time for engine in self.engines)
+        return sum(engine.time_to_stop for engine in self.engines)
 
     def join(self, deadline: float) -> bool:
         """Wait for the end until the monotonic `deadline`; return whether it came."""

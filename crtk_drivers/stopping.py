@@ -3,7 +3,8 @@
 Every stop that the I/O thread asks the hardware for goes through here. From then on the joints are watched
 until a sample that was acquired afterwards shows them standing, and the device says of itself that it was
 carried out (`Device.has_stopped`). Until then the stop is sent again and again; past the time that the device
-declares (`StopPolicy.time`) it counts as not carried out.
+declares (`StopPolicy.time`) it counts as not carried out. Hardware that somebody has slowed down
+(`Device.pace`) brakes as slowly, and gets as much more time.
 """
 
 from __future__ import annotations
@@ -25,6 +26,9 @@ _FLICKER = 1.5
 
 _HALF = 0.5
 """Share of the declared time after which a stop is sent again to a device that does not say if it arrived."""
+
+SLOWEST_PACE = 0.05
+"""Of real time, that hardware which somebody has slowed down is given credit for."""
 
 _SHORTEST = 1e-3
 """Seconds between two positions from which a speed can be told."""
@@ -56,6 +60,7 @@ class Stopping:
             or capabilities.has_free
         )
         self._asked = -math.inf
+        self._passed = self._counted = 0.0
         self._sent = -math.inf
         self._watches = False
         self._position: tuple[float, Vector] | None = None
@@ -74,7 +79,7 @@ class Stopping:
         """
         now = self._clock()
         if not self._watches:
-            self._asked = now
+            self._begin(now)
         self._watches, self._sent = self._can_move, now
         self._device.stop()
 
@@ -85,7 +90,8 @@ class Stopping:
     def begin_anew(self) -> None:
         """A stop that was not read back gets its time once more: after a connection, or once power is off."""
         self._position = None
-        self._asked, self._sent = self._clock(), -math.inf
+        self._sent = -math.inf
+        self._begin(self._clock())
 
     def follow(self, sample: Sample | None, now: float) -> None:
         """Look at a new sample; send the stop again where it was not carried out.
@@ -97,14 +103,14 @@ class Stopping:
             self._look(sample)
         if not self._watches:
             return
-        is_late = now - self._asked > _HALF * self._time
+        is_late = self._taken(now) > _HALF * self._time
         if (is_late or not self._device.has_stopped) and now - self._sent >= REPEAT:
             self._sent = now
             self._device.stop()
 
     def overdue(self, now: float) -> str:
         """Return what to say of a stop that is past its time; empty if there is none."""
-        if not self._watches or now - self._asked <= self._time:
+        if not self._watches or self._taken(now) <= self._time:
             return ""
         what = self._moving or "the hardware has not confirmed it"
         return f"a stop has not been carried out within {self._time:g} s: {what}"
@@ -115,6 +121,19 @@ class Stopping:
         if not self._watches or not self._moving:
             return ""
         return f"a stop could not be read back: {self._moving} when it was last seen"
+
+    def _begin(self, now: float) -> None:
+        self._asked = self._counted = now
+        self._passed = 0.0
+
+    def _taken(self, now: float) -> float:
+        """Return the seconds since the stop was asked for, of the hardware's own time."""
+        pace = max(self._device.pace, SLOWEST_PACE)
+        if self._device.pace == 0.0 and self._moving:
+            pace = 1.0  # nothing that was slowed down to a standstill moves
+        self._passed += pace * (now - self._counted)
+        self._counted = now
+        return self._passed
 
     def _look(self, sample: Sample) -> None:
         value = sample.values.get("measured_js")

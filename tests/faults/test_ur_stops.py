@@ -79,6 +79,22 @@ def test_a_stop_that_is_repeated_faster_than_it_is_answered_is_believed(bench, m
     bench.until_still()
 
 
+@pytest.mark.parametrize("shared", ["native"], indirect=True)
+def test_a_stop_that_the_speed_slider_slows_down_is_not_overdue(bench):
+    bench.arm.move_jp(FAR)
+    bench.until_moving(speed=1.0)
+    bench.inject("speed_slider", fraction=0.03)
+    eventually(lambda: bench.device.pace < 0.1, "the slider is seen")
+    bench.arm.hold()
+    began = time.monotonic()
+    eventually(lambda: not bench.engine._stopping.confirmed, "it is sent")
+    eventually(lambda: bench.engine._stopping.confirmed, "it is carried out")
+    assert time.monotonic() - began > bench.engine.capabilities.stop.time, "slower than declared"
+    assert bench.status.state == "ENABLED"
+    bench.sim.control.clear("speed_slider")
+    bench.until_still()
+
+
 # By another way.
 
 

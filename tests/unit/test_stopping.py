@@ -107,6 +107,21 @@ def test_one_step_of_what_is_measured_is_no_motion(speed: float, state: S) -> No
     assert rig.state is state
 
 
+@pytest.mark.parametrize(("pace", "state"), [(0.1, S.ENABLED), (1.0, S.FAULT), (0.0, S.FAULT)])
+def test_hardware_that_was_slowed_down_brakes_as_slowly(pace: float, state: S) -> None:
+    """Ten times slower it takes ten times as long; what moves at no pace at all is slowed down by nobody."""
+    rig = Runaway(heeds=10_000).running()
+    type(rig.device).pace = property(lambda self: pace)  # type: ignore[method-assign,assignment]
+    try:
+        rig.engine.submit("hold")
+        rig.cycle(round(8.0 * STOP_TIME / PERIOD))
+        assert rig.state is state
+        rig.cycle(round(3.0 * STOP_TIME / PERIOD))
+    finally:
+        del type(rig.device).pace
+    assert rig.state is S.FAULT, "but not for ever"
+
+
 def test_disable_that_leaves_it_moving_ends_in_fault() -> None:
     rig = Runaway(heeds=10_000).running()
     rig.engine.state_command("disable")

@@ -196,9 +196,8 @@ class NativeLink(ControlLink):
         """Return how long the arm needs to come to rest, s."""
         if self._speed == 0.0:
             return 0.0
-        return min(
-            CLOSE_TIMEOUT, self._speed / self._options.motion.joint_deceleration + STOP_MARGIN
-        )
+        seconds = self._speed / self._options.motion.joint_deceleration / self._pace
+        return min(CLOSE_TIMEOUT, seconds + STOP_MARGIN)
 
     def _quit(self, seconds: float) -> None:
         """Let the program stop the arm and end, feeding its watchdog for so long."""
