@@ -310,16 +310,21 @@ class CommandCheck:
                 "Send a unit quaternion (x, y, z, w).",
             )
         if command.is_relative:
-            self._check_way(command, value.position)
+            self.check_way(command, value.position)
         return Pose(value.position, vector(value.orientation / norm), self._frames[command.frame])
 
-    def _check_way(self, command: Command, way: Vector) -> None:
+    def check_way(self, command: Command, way: Vector) -> None:
+        """Judge how far (3,) an increment of the tool leads, or all that are still to be carried out.
+
+        Raises:
+            CommandRefused: further than `FARTHEST`.
+        """
         far = math.hypot(*way.tolist())
         if not far <= FARTHEST:
             raise self._refusal(
                 command,
                 Reason.OUT_OF_RANGE,
-                f"an increment of {far:.4f} m",
+                f"it leads {far:.4f} m away",
                 f"It may lead {FARTHEST:g} m away.",
             )
 

@@ -88,6 +88,14 @@ class Reach:
         base = self._device.capabilities.base_pose
         return moved(self.pose(command, native), displacement, command.frame, base)
 
+    def check_way(self, command: Command, goal: Pose) -> None:
+        """Judge a goal that increments have added up to, for hardware that takes poses as they are.
+
+        Raises:
+            CommandRefused: further from the setpoint than one increment may lead.
+        """
+        self._check.check_way(command, vector(goal.position - self.pose(command).position))
+
     def line(
         self,
         command: Command,

@@ -232,7 +232,9 @@ class PoseStream(Stream):
         """See the base class."""
         if order.displacement is not None:
             goal = moved(self._interpolator.goal, order.displacement, order.frame, self._base)
-            if not self._takes_poses:
+            if self._takes_poses:
+                self._reach.check_way(self._command, goal)
+            else:
                 self._reach.joints(self._command, goal, self._reach.reference(self._command))
         else:
             assert isinstance(order.target, Pose)

@@ -55,6 +55,23 @@ def test_increments_that_wait_together_are_summed_without_harm(rig: Rig) -> None
     assert all(np.isfinite(setpoint.values).all() for setpoint in rig.written)
 
 
+def test_increments_of_poses_add_up_no_further_than_one_may_lead() -> None:
+    """Hardware that takes poses has no inverse kinematics that would refuse the sum."""
+    modes = frozenset({Mode.CARTESIAN_POSITION})
+    rig = Rig(capabilities=two_joints(modes=modes, has_kinematics=False)).enabled()
+    for _ in range(20):
+        rig.engine.submit("interpolate_cr", step(60.0))
+        rig.cycle()
+    goal, _ = rig.engine.latched("goal_cp") or (None, None)
+    assert isinstance(goal, Pose)
+    assert goal.position[0] == 60.0
+    refusals = rig.told.refusals
+    assert [refusal.reason for refusal in refusals] == [Reason.OUT_OF_RANGE] * 19
+    rig.engine.submit("interpolate_cr", step(-59.0))
+    rig.cycle()
+    assert len(refusals) == 19, "back is always possible"
+
+
 @pytest.mark.parametrize("name", ["servo_cp", "interpolate_cp", "move_cp"])
 def test_places_beyond_any_are_refused(rig: Rig, name: str) -> None:
     for size in (1e308, 2e6):
