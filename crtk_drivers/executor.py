@@ -229,7 +229,7 @@ class MotionExecutor:
         setpoint, last = wanted.setpoint, self._last_setpoint
         assert setpoint is not None
         limited = self._limiter.judge(
-            wanted.name, setpoint, self._feedback.before(setpoint.mode)
+            wanted.name, setpoint, self._feedback.before(setpoint.mode, now)
         ).setpoint
         if last is None or limited.values.tolist() != last.values.tolist():
             self._send(Point(limited), now, wanted.stamp_ns)
@@ -543,7 +543,7 @@ class MotionExecutor:
         return setpoint
 
     def _limit(self, name: str, setpoint: Setpoint, now: float) -> Setpoint:
-        before = self._feedback.before(setpoint.mode)
+        before = self._feedback.before(setpoint.mode, now)
         if setpoint.mode.kind is Kind.EFFORT:
             self._limiter.check_driven(name, self._feedback.measured_state()[0])
         limited = self._limiter.limit(name, setpoint, before, now)

@@ -77,6 +77,9 @@ _SLOWEST = 0.1
 _FURTHEST = 0.02
 """rad (m) that a joint is expected to go in a cycle at most; what goes further was a step."""
 
+_LATE = 2.0
+"""Cycles after which a sample is late: the joints have gone on since."""
+
 _SHORT = 1e-6
 """Seconds over which a derivative is taken of the Jacobian."""
 
@@ -117,6 +120,8 @@ class Point:
         joints, wrench = self.joints, self.wrench
         if setpoint.mode is Mode.JOINT_POSITION and joints is not None:
             joints = replace(joints, position=setpoint.values)
+        if setpoint.mode is Mode.JOINT_VELOCITY and joints is not None:
+            joints = replace(joints, velocity=setpoint.values)
         if setpoint.mode is Mode.JOINT_EFFORT and wrench.size:
             share = np.linalg.norm(setpoint.values) / np.linalg.norm(wanted)
             wrench = vector(wrench * share)
@@ -156,6 +161,9 @@ class Feedback:
         self._capabilities = device.capabilities
         self._stale_after = stale_after
         self._fastest = vector([limit.velocity for limit in device.capabilities.limits])
+        self._at_rest = vector(np.zeros(len(self._fastest)))
+        self._told = self._at_rest
+        self._told_at = -math.inf
         self._sample: Sample | None = None
         self._active = _Active()
         self._cached_pose: tuple[JointState, Pose] | None = None
@@ -167,6 +175,7 @@ class Feedback:
         """A new sample arrived. One without values tells of the link only: what was known goes on ageing."""
         if sample.values or self._sample is None:
             self._sample = sample
+            self._told, self._told_at = self._at_rest, sample.stamp.monotonic
 
     def invalidate(self) -> None:
         """The link is lost: what was read last is not valid any more."""
@@ -198,6 +207,7 @@ class Feedback:
             twist = values
         if mode is Mode.CARTESIAN_EFFORT:
             wrench = values
+        self._told, self._told_at = self._way_told(now), now
         before, sent, interval = self._active, now, now - self._active.sent
         drift = EMPTY
         if before.mode is mode and not (joints.velocity.size or twist.size):
@@ -436,10 +446,11 @@ class Feedback:
         is_effort = self._active.mode is Mode.JOINT_EFFORT
         return self._active.joints.effort if is_effort else EMPTY
 
-    def before(self, mode: Mode) -> Vector:
+    def before(self, mode: Mode, now: float = -math.inf) -> Vector:
         """Return what a new setpoint of `mode` is judged by.
 
-        For positions and poses what was sent before them, to find a jump; else the joints as measured.
+        For positions and poses what was sent before them, to find a jump; else the joints as measured, and
+        moved on from there if at `now` that was long ago.
         """
         if mode is Mode.JOINT_POSITION:
             return self.reference_joints()
@@ -448,7 +459,27 @@ class Feedback:
                 return self._active.pose
             pose = self._measured_pose()
             return EMPTY if pose is None else vector((*pose.position, *pose.orientation))
-        return self._measured().position
+        return self._moved_on(now)
+
+    def _moved_on(self, now: float) -> Vector:
+        """Return where the joints (n,) are by now if they have gone on as they did, or as they were told."""
+        here, age = self._measured(), self.sample_age(now)
+        if not _LATE / self._capabilities.rate < age < math.inf or self._told.size != len(
+            here.position
+        ):
+            return here.position
+        way = self._way_told(now)
+        if here.velocity.size == way.size:
+            went_on = age * here.velocity
+            way = np.where(np.abs(went_on) > np.abs(way), went_on, way)
+        return vector(here.position + way)
+
+    def _way_told(self, now: float) -> Vector:
+        """Return how far (n,) the joints were told to go by velocities since the newest sample."""
+        velocity = self._active.joints.velocity
+        if velocity.size != self._told.size or self._active.mode is not Mode.JOINT_VELOCITY:
+            return self._told
+        return self._told + velocity * max(0.0, now - self._told_at)
 
     def _measured_pose(self) -> Pose | None:
         sample = self._sample

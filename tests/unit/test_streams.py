@@ -342,6 +342,21 @@ def test_a_twist_stops_smoothly_at_the_limit_of_a_joint() -> None:
     assert rig.told.warnings == []
 
 
+@pytest.mark.parametrize("name", ["servo_jv", "interpolate_jv"])
+def test_a_joint_that_is_not_seen_for_a_while_is_slowed_down_before_its_range_ends(
+    name: str,
+) -> None:
+    rig = Rig().enabled()
+    rig.device.position[0] = begin = LIMIT.upper - 0.2
+    stream(rig, name, [jv(0.8, 0.0)] * 8, cycles=1)
+    rig.device.silent = True
+    stream(rig, name, [jv(0.8, 0.0)] * 40, cycles=1)
+    assert rig.state is OperatingState.ENABLED
+    gone = written(rig, 8)[:, 0].sum() * PERIOD
+    assert 0.1 < gone < LIMIT.upper - begin, "what it goes while nobody sees it"
+    assert rig.setpoint()["velocity"] == rig.written[-1].values.tolist(), "what was really sent"
+
+
 @pytest.mark.parametrize(
     "mode", [Mode.JOINT_POSITION, Mode.JOINT_VELOCITY, Mode.CARTESIAN_VELOCITY]
 )
