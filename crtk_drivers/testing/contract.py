@@ -26,9 +26,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from crtk_drivers.arbiter import Client
 from crtk_drivers.commands import Payload, find
 from crtk_drivers.device import Capabilities
-from crtk_drivers.errors import CommandRefused, MotionAborted
+from crtk_drivers.errors import CommandRefused, MotionAborted, Reason
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import JointState, Matrix, Pose, Twist, Value, Vector, Wrench, vector
 from crtk_drivers.session import Session
@@ -314,6 +315,15 @@ class DeviceContract:
         end = self.rest(enabled)
         assert ((end - start) * away > 0.0).all(), f"from {start} it went to {end}"
         assert not enabled.setpoint_js().velocity.any()
+
+    def test_a_second_client_is_refused_while_a_stream_runs(self, enabled: LocalDevice) -> None:
+        self.need(enabled, "servo_jp")
+        first, second, engine = Client("the first"), Client("the second"), enabled.engine
+        here = JointState(position=enabled.setpoint_js().position)
+        engine.submit("servo_jp", here, client=first)
+        with pytest.raises(CommandRefused, match="the first") as caught:
+            engine.submit("servo_jp", here, client=second)
+        assert caught.value.reason is Reason.STREAM_OWNED
 
     def test_servo_cp_is_followed(self, enabled: LocalDevice) -> None:
         self.need(enabled, "servo_cp", "forward_kinematics", "measured_cp")

@@ -10,13 +10,34 @@ from pathlib import Path
 
 import pytest
 
+from crtk_drivers.client import connect
 from crtk_drivers.ros.environment import PROFILES, RANGE
 
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
 MAIN = "import sys; from crtk_drivers.cli import main; sys.exit(main())"
-ENTRY_POINT = "[crtk_drivers.devices]\nloopback = crtk_drivers.testing.loopback:PLUGIN\n"
+ENTRY_POINT = """[crtk_drivers.devices]
+loopback = crtk_drivers.testing.loopback:PLUGIN
+runaway = runaway:PLUGIN
+"""
+RUNAWAY = """
+from dataclasses import replace
+
+from crtk_drivers.device import StopPolicy
+from crtk_drivers.testing.loopback import PLUGIN as LOOPBACK, LoopbackDevice
+
+
+class Runaway(LoopbackDevice):
+    has_stopped = False
+
+    @property
+    def capabilities(self):
+        return replace(super().capabilities, stop=StopPolicy(0.0, "never", 0.2))
+
+
+PLUGIN = replace(LOOPBACK, name="runaway", create=Runaway)
+"""
 
 Start = Callable[..., subprocess.Popen[str]]
 
@@ -28,6 +49,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: crtk-drivers\nVersion: 9.8\n")
     (info / "entry_points.txt").write_text(ENTRY_POINT)
+    (tmp_path / "runaway.py").write_text(RUNAWAY)
     path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
     started: list[subprocess.Popen[str]] = []
 
@@ -68,6 +90,19 @@ def test_it_runs_until_a_signal(start: Start, end: signal.Signals) -> None:
     assert process.stderr is not None
     rest = [json.loads(line) for line in process.stderr]
     assert [record for record in rest if record["level"] in ("warning", "error")] == []
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_with_1_where_nobody_saw_the_arm_stand(start: Start, end: signal.Signals) -> None:
+    process = start("runaway", "--ns", "/runaway", "--log-format", "json")
+    wait_for(process, "DISABLED")
+    with connect("/runaway", timeout=20.0) as arm:
+        arm.enable(20.0)
+    process.send_signal(end)
+    _, text = process.communicate(timeout=20)
+    assert process.returncode == 1, text
+    assert "a stop has not been carried out within 0.2 s" in text
+    assert "Traceback" not in text
 
 
 def test_ros_arguments_reach_the_node(start: Start) -> None:
