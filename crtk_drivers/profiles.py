@@ -36,6 +36,12 @@ LINE_SAMPLES = 50
 LINE_SAMPLE_TIME = 0.02
 """Seconds between two checked points at most."""
 
+_SHARE_OF_SAMPLE = 0.1
+"""Of the time between two checked points, around one of them, over which a speed is told."""
+
+_SPEED_TOLERANCE = 1e-3
+"""By how much a joint may exceed its velocity limit on a line: what inverse kinematics leaves open."""
+
 _AT_REST = 1e-9
 _WAITS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Shares of a blend that a line may have to wait; after all of it there is nothing to share."""
@@ -270,6 +276,7 @@ def check_line(
     line: LineProfile,
     inverse_kinematics: Callable[[Pose, Vector], Vector],
     start: Vector,
+    joints: Sequence[str],
     limits: Sequence[JointLimits],
 ) -> Vector:
     """Go along a line in thought; return the joint position (n,) at its end.
@@ -278,6 +285,7 @@ def check_line(
         line: to be checked at `LINE_SAMPLES` points or more.
         inverse_kinematics: the joint position nearest to the one given, for a pose.
         start: (n,) where the joints are.
+        joints: their names.
         limits: one a joint; range and velocity are checked, the latter also as it grows between two points.
 
     Raises:
@@ -290,14 +298,13 @@ def check_line(
     lower = vector([limit.lower for limit in limits])
     upper = vector([limit.upper for limit in limits])
     velocity = vector([limit.velocity for limit in limits])
-    joints = vector(start)
+    here = vector(start)
     step: Vector | None = None
     interval = line.duration / count
     for index in range(1, count + 1):
         time = index * interval
-        pose, _ = line.at(time)
         try:
-            following = vector(inverse_kinematics(pose, joints))
+            following = vector(inverse_kinematics(line.at(time)[0], here))
         except KinematicsError as error:
             raise _broken(line, time, error.message, error.remedy) from error
         outside = (following < lower) | (following > upper)
@@ -306,27 +313,48 @@ def check_line(
             raise _broken(
                 line,
                 time,
-                f"joint {joint} would be at {following[joint]:.4f}, outside "
+                f"{joints[joint]} would be at {following[joint]:.4f}, outside "
                 f"[{lower[joint]:.4f}, {upper[joint]:.4f}]",
                 "Choose another line, or move_jp.",
             )
-        before, step = step, following - joints
-        # The mean on the way here, and what that grows to at this point.
-        fastest = np.abs(step)
-        if before is not None:
-            fastest = np.maximum(fastest, np.abs(step + (step - before) / 2.0))
+        before, step = step, following - here
+        fastest = np.abs(step) / interval  # the mean on the way here
+        grown = fastest if before is None else np.abs(step + (step - before) / 2.0) / interval
+        if (grown > velocity).any():
+            # As fast as that if it went on to grow; where the tool has got up to its speed it does not.
+            speed = _speed_at(
+                line, time, _SHARE_OF_SAMPLE * interval, inverse_kinematics, following
+            )
+            fastest = np.maximum(fastest, speed)
         excess = fastest / velocity
         joint = int(np.argmax(excess))
-        if excess[joint] > interval * (1.0 + 1e-6):
+        if excess[joint] > 1.0 + _SPEED_TOLERANCE:
             raise _broken(
                 line,
                 time,
-                f"joint {joint} would need {fastest[joint] / interval:.3f}, "
+                f"{joints[joint]} would need {fastest[joint]:.3f}, "
                 f"more than its {velocity[joint]:.3f} per second",
                 "Lower the velocity ratio, stay away from singularities, or use move_jp.",
             )
-        joints = following
-    return joints
+        here = following
+    return here
+
+
+def _speed_at(
+    line: LineProfile,
+    time: float,
+    around: float,
+    inverse_kinematics: Callable[[Pose, Vector], Vector],
+    near: Vector,
+) -> Vector:
+    """Return how fast (n,) the joints are at a point of a line, seen `around` seconds before and after it."""
+    try:
+        before, after = (
+            inverse_kinematics(line.at(time + offset)[0], near) for offset in (-around, around)
+        )
+    except KinematicsError as error:
+        raise _broken(line, time, error.message, error.remedy) from error
+    return vector(np.abs(after - before) / (2.0 * around))
 
 
 def _broken(line: LineProfile, time: float, message: str, remedy: str) -> KinematicsError:

@@ -122,9 +122,9 @@ class Reach:
         begin = self._device.forward_kinematics(start)
         try:
             line = LineProfile(begin, pose, limits, ratios, twist, change)
-            return check_line(
-                line, self._device.inverse_kinematics, start, self._device.capabilities.limits
-            )
+            capabilities = self._device.capabilities
+            ways = self._device.inverse_kinematics
+            return check_line(line, ways, start, capabilities.joints, capabilities.limits)
         except (KinematicsError, MotionAborted) as error:
             raise self._unreachable(command, error, is_moving) from error
 

@@ -1,6 +1,7 @@
 """Point-to-point profiles: limits, blends, straight lines, and what is refused before it begins."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -217,7 +218,8 @@ def elbow(goal: Pose, reference: Vector) -> Vector:
 
 def checked(start: Pose, goal: Pose, ratio: float = 0.5, limit: JointLimits = SHORT) -> Vector:
     line = LineProfile(start, goal, TOOL, Ratios(ratio, ratio))
-    return check_line(line, elbow, elbow(start, vector((0.0, 0.0))), (limit, limit))
+    begin = elbow(start, vector((0.0, 0.0)))
+    return check_line(line, elbow, begin, ("shoulder", "elbow"), (limit, limit))
 
 
 def test_a_line_within_reach_is_accepted_with_the_joints_at_its_end() -> None:
@@ -233,14 +235,32 @@ def test_a_line_out_of_reach_says_how_far_it_comes() -> None:
 
 def test_a_line_past_the_base_makes_a_joint_too_fast_unless_it_is_slow() -> None:
     start, goal = pose((0.5, 0.1, 0.0)), pose((-0.5, 0.1, 0.0))
-    with pytest.raises(KinematicsError, match=r"after 4\d %: joint \d would need .* ratio"):
+    with pytest.raises(KinematicsError, match=r"after 4\d %: (shoulder|elbow) would need .* ratio"):
         checked(start, goal)
     assert checked(start, goal, 0.15) == pytest.approx(elbow(goal, vector((2.0, 2.0))))
 
 
+def test_a_tool_as_fast_as_its_joints_gets_up_to_its_speed() -> None:
+    """What the speed would grow to, if it grew on, is above the limit where the tool has got up to it."""
+    tool = CartesianLimits(1.0, 2.0, 5.0, 10.0)
+    gantry = JointLimits(-1.0, 1.0, velocity=1.0, acceleration=20.0, jerk=200.0, effort=1.0)
+
+    def inverse(goal: Pose, near: Vector) -> Vector:
+        return vector(goal.position)
+
+    names, limits = ("x", "y", "z"), (gantry,) * 3
+    for far in (0.5, 0.8, 0.99):
+        line = LineProfile(pose((0.0, 0.0, 0.0)), pose((far, 0.0, 0.0)), tool, Ratios(1.0, 1.0))
+        end = check_line(line, inverse, vector(np.zeros(3)), names, limits)
+        assert end.tolist() == [far, 0.0, 0.0]
+        slow = (replace(gantry, velocity=0.99), gantry, gantry)
+        with pytest.raises(KinematicsError, match=r"x would need .* more than its 0\.990"):
+            check_line(line, inverse, vector(np.zeros(3)), names, slow)
+
+
 def test_a_line_beyond_a_joint_limit_is_refused() -> None:
     narrow = JointLimits(-3.0, 2.0, velocity=2.0, acceleration=10.0, jerk=100.0, effort=1.0)
-    with pytest.raises(KinematicsError, match="joint 1 would be at"):
+    with pytest.raises(KinematicsError, match="elbow would be at"):
         checked(pose((0.9, 0.0, 0.0)), pose((0.2, 0.0, 0.0)), limit=narrow)
 
 
