@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Mapping
 
 from bench.reliability import disturbed
@@ -84,4 +85,53 @@ def own_process(
             parameters={"seconds": -HOUR},
         ),
         way("F19", "closed in motion and started again", Follows.RESTARTED, stands=stop),
+    )
+
+
+def outlived(*, stands: float, activities: tuple[str, ...]) -> tuple[Way, ...]:
+    """Return F16 of a driver whose hardware stops by itself.
+
+    Args:
+        stands: declared s in which joints stand.
+        activities: in which it is met.
+    """
+    return tuple(
+        Way(
+            "F16",
+            name,
+            Follows.OUTLIVED,
+            parameters={"signal": number},
+            stands=stands,
+            activities=activities,
+        )
+        for name, number in (("killed", signal.SIGKILL), ("frozen", signal.SIGSTOP))
+    )
+
+
+def of_part(
+    fault: str,
+    name: str,
+    kind: str,
+    detail: str,
+    *,
+    within: float,
+    stop: float,
+    **parameters: object,
+) -> Way:
+    """Return the way of a fault of the simulator that one part of an arm has.
+
+    Args:
+        fault, name, kind, detail: see `Way`.
+        within: declared s in which it is told.
+        stop: declared s in which joints then stand.
+        parameters: of the fault; which part it is, too.
+    """
+    return Way(
+        fault,
+        name,
+        kind=kind,
+        parameters=parameters,
+        detail=detail,
+        within=within,
+        stands=within + stop,
     )

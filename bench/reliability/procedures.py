@@ -209,11 +209,17 @@ def _restarted(rig: Rig, way: Way, activity: str) -> Result:
     rig.close_watched()
     result = Result()
     rest = _stood(rig, way, began, result)
+    rig.require(rig.powered() in (None, rig.keeps_power), f"power after close: {rig.powered()}")
+    return _reopened(rig, rest, result)
+
+
+def _reopened(rig: Rig, rest: np.ndarray, result: Result) -> Result:
+    """Another driver is DISABLED and moves nothing until a client asks for it."""
     rig.open()
     rig.run(CALM)
     rig.require(rig.status.state == "DISABLED", f"it is {rig.status}")
     result.state, result.detail = str(rig.status.state), rig.status.detail
-    _stands_at(rig, rest, "it was only restarted")
+    _stands_at(rig, rest, "another driver has only connected")
     _enables(rig, rest)
     return result
 
@@ -275,13 +281,7 @@ def _outlived(rig: Rig, way: Way, activity: str) -> Result:
         if victim.poll() is None:
             os.kill(victim.pid, signal.SIGKILL)
         victim.wait(PATIENCE)
-    rig.open()
-    rig.run(CALM)
-    rig.require(rig.status.state == "DISABLED", f"it is {rig.status}")
-    result.state, result.detail = str(rig.status.state), rig.status.detail
-    _stands_at(rig, rest, "another driver has only connected")
-    _enables(rig, rest)
-    return result
+    return _reopened(rig, rest, result)
 
 
 def _obeys(rig: Rig, way: Way, activity: str) -> Result:

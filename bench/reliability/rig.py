@@ -136,6 +136,15 @@ class Rig(ABC):
     def joints(self) -> np.ndarray:
         """Return where the joints really are, rad (m); empty if there are none."""
 
+    def powered(self) -> bool | None:
+        """Return whether a joint has power; None if the simulator cannot tell."""
+        return None
+
+    @property
+    def keeps_power(self) -> bool:
+        """Whether joints are to be left with power when the driver ends."""
+        return getattr(self.config, "on_close", None) == "hold"
+
     @property
     def named(self) -> str:
         """What an error of the connection must name: host, port, interface."""
@@ -244,6 +253,7 @@ class Rig(ABC):
                     raise
         self.look()
         self.check_stamps()
+        self.check_ranges()
         time.sleep(LOOK)
 
     def look(self) -> Look:
@@ -263,6 +273,16 @@ class Rig(ABC):
             age = time.monotonic() - found[1].monotonic
             oldest = self.engine.options.sample_timeout + SLACK
             self.require(age < oldest, f"{name} is stamped as valid, but is {age:.3f} s old")
+
+    def check_ranges(self) -> None:
+        """No joint leaves its range, whatever moves it."""
+        joints, limits = self.looks[-1].joints, self.engine.capabilities.limits
+        room = 10.0 * self.tolerance
+        for at, limit in zip(joints, limits, strict=False):
+            inside = limit.lower - room <= at <= limit.upper + room
+            self.require(
+                inside, f"a joint is at {at:.3f}, out of {limit.lower:.3f} to {limit.upper:.3f}"
+            )
 
     def until(self, test: Callable[[], object], timeout: float, what: str) -> float:
         """Step until `test` holds; return when (monotonic s) that was.

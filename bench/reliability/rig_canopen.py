@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import signal
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from bench.reliability.activities import Plan
-from bench.reliability.common import own_process
+from bench.reliability.common import of_part, outlived, own_process
 from bench.reliability.rig import Rig
 from bench.reliability.table import REST, Absent, Follows, Way, single_messages
 from crtk_driver_canopen import PLUGIN
@@ -40,15 +39,7 @@ _MOVING = ("servo_jp", "servo_jv", "servo_jf", "interpolate_jp", "interpolate_jv
 def _drive(
     fault: str, name: str, kind: str, detail: str, within: float = MISSED, **more: Any
 ) -> Way:
-    return Way(
-        fault,
-        name,
-        kind=kind,
-        parameters={"node": NODE, **more},
-        detail=detail,
-        within=within,
-        stands=within + STOP,
-    )
+    return of_part(fault, name, kind, detail, within=within, stop=STOP, node=NODE, **more)
 
 
 def _bus(name: str, kind: str, detail: str) -> Way:
@@ -154,17 +145,7 @@ WAYS = (
     _drive("F13", "safe torque off", "safe_torque_off", JOINT),
     _drive("F14", "local control", "local_control", f"{JOINT}: remote (bit 9) has gone to 0"),
     *own_process(stop=STOP, stream=0.3),
-    *(
-        Way(
-            "F16",
-            name,
-            Follows.OUTLIVED,
-            parameters={"signal": number},
-            stands=HEARTBEAT + STOP,
-            activities=_MOVING,
-        )
-        for name, number in (("killed", signal.SIGKILL), ("frozen", signal.SIGSTOP))
-    ),
+    *outlived(stands=HEARTBEAT + STOP, activities=_MOVING),
     Way("F20", "a second master on the bus", Follows.KEPT_OUT, detail="another master"),
 )
 
@@ -231,7 +212,13 @@ class CanopenRig(Rig):
 
     def joints(self) -> np.ndarray:
         """See the base class."""
+        return np.array(self._told("revolutions")) * 2.0 * math.pi / GEAR
+
+    def powered(self) -> bool:
+        """See the base class."""
+        return any(self._told("powered"))
+
+    def _told(self, what: str) -> list[float]:
         assert self.sim is not None
         told = self.sim.control.status()["drives"]
-        turns = [told[str(node)]["axes"][0]["revolutions"] for node in range(1, COUNT + 1)]
-        return np.array(turns) * 2.0 * math.pi / GEAR
+        return [told[str(node)]["axes"][0][what] for node in range(1, COUNT + 1)]

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import signal
-
 import numpy as np
 
 from bench.reliability.activities import Plan
-from bench.reliability.common import own_process
+from bench.reliability.common import of_part, outlived, own_process
 from bench.reliability.rig import Rig
 from bench.reliability.table import REST, Absent, Follows, Way, single_messages
 from crtk_driver_dynamixel import PLUGIN
@@ -32,15 +30,7 @@ _MOVING = ("servo_jp", "servo_jv", "servo_jf", "interpolate_jv", "move_jp", "mov
 def _servo(
     fault: str, name: str, kind: str, detail: str, within: float = SILENT, **more: object
 ) -> Way:
-    return Way(
-        fault,
-        name,
-        kind=kind,
-        parameters={"id": ID, **more},
-        detail=detail,
-        within=within,
-        stands=within + STOP,
-    )
+    return of_part(fault, name, kind, detail, within=within, stop=STOP, id=ID, **more)
 
 
 WAYS = (
@@ -94,17 +84,7 @@ WAYS = (
     _servo("F12", "input voltage", "voltage", f"{JOINT}: input voltage", volts=8.0),
     _servo("F12", "encoder", "hardware_error", f"{JOINT}: motor encoder", bit=3),
     *own_process(stop=STOP, stream=0.3),
-    *(
-        Way(
-            "F16",
-            name,
-            Follows.OUTLIVED,
-            parameters={"signal": number},
-            stands=WATCHDOG + STOP,
-            activities=_MOVING,
-        )
-        for name, number in (("killed", signal.SIGKILL), ("frozen", signal.SIGSTOP))
-    ),
+    *outlived(stands=WATCHDOG + STOP, activities=_MOVING),
     Way("F20", "a second driver at the port", Follows.KEPT_OUT, detail="in use"),
 )
 
@@ -168,6 +148,13 @@ class DynamixelRig(Rig):
 
     def joints(self) -> np.ndarray:
         """See the base class."""
+        return np.array(self._told("angle"))
+
+    def powered(self) -> bool:
+        """See the base class."""
+        return any(self._told("torque"))
+
+    def _told(self, what: str) -> list[float]:
         assert self.sim is not None
         servos = self.sim.control.outputs()
-        return np.array([servos[f"bus1/{id}"]["angle"] for id in range(1, 7)])
+        return [servos[f"bus1/{id}"][what] for id in range(1, 7)]

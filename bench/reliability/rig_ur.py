@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import signal
 import socket
 from dataclasses import replace
 
 import numpy as np
 
 from bench.reliability.activities import Plan
-from bench.reliability.common import own_process
+from bench.reliability.common import outlived, own_process
 from bench.reliability.rig import PATIENCE, Rig
 from bench.reliability.table import ANY, NOW_AND_THEN, REST, Absent, Follows, Way
 from crtk_driver_ur import PLUGIN
@@ -26,6 +25,8 @@ NOTICED = 0.1
 """Declared s in which a condition of the robot is told."""
 
 DASHBOARD = 29999
+RUNNING = 7
+"""Robot mode of an arm with power and released brakes."""
 RTDE = {"port": "rtde"}
 UNBOUNDED = "ur-rtde's program does not bound what was on its way while the controller hung"
 _MOVING = ("servo_jp", "servo_jv", "servo_cv", "interpolate_jp", "move_jp", "move_cp")
@@ -111,17 +112,7 @@ WAYS = (
     ),
     _robot("F14", "program paused at the pendant", "pause_program", "program was paused", "PAUSED"),
     *own_process(stop=STOP, stream=0.3),
-    *(
-        Way(
-            "F16",
-            name,
-            Follows.OUTLIVED,
-            parameters={"signal": number},
-            stands=WATCHDOG + STOP,
-            activities=_MOVING,
-        )
-        for name, number in (("killed", signal.SIGKILL), ("frozen", signal.SIGSTOP))
-    ),
+    *outlived(stands=WATCHDOG + STOP, activities=_MOVING),
     Way("F20", "a second driver at the controller", Follows.KEPT_OUT, detail="another program"),
 )
 
@@ -188,6 +179,11 @@ class UrNativeRig(Rig):
         """See the base class."""
         assert self.sim is not None
         return np.array(self.sim.control.outputs("actual_q")["actual_q"])
+
+    def powered(self) -> bool:
+        """See the base class."""
+        assert self.sim is not None
+        return int(self.sim.control.outputs("robot_mode")["robot_mode"]) == RUNNING
 
     def unlock_protective(self) -> None:
         """Ask for the service that unlocks a protective stop, until the controller allows it (5 s)."""
