@@ -318,14 +318,7 @@ class Engine:
         try:
             command = parse_command(text)
             self._check.check_state_command(command, stamp_ns, time.time_ns())
-            if not self._connected:
-                raise CommandRefused(
-                    "state_command",
-                    Reason.NOT_CONNECTED,
-                    f"{command}: {self.status.detail or 'not connected'}",
-                    where=self.where,
-                    remedy="The driver keeps trying to connect; send it again afterwards.",
-                )
+            self._require_connected("state_command", f"{command}: ")
             with self._board.lock:
                 if self._transitions.accept(command, stamp_ns):
                     self._waiting.end(f"by {command}", Outcome.PREEMPTED)
@@ -388,6 +381,7 @@ class Engine:
             raise
         self._requests.begin()
         self._transitions.cancel()  # what was sent while the link was being lost
+        self._motion.forget_settings()
         self._connected = True
         self._health.connected = True
         self._broken_sample = ""
@@ -532,6 +526,16 @@ class Engine:
                 remedy=missing_for(name, self.capabilities),
             ) from None
 
+    def _require_connected(self, name: str, what: str = "") -> None:
+        if not self._connected:
+            raise CommandRefused(
+                name,
+                Reason.NOT_CONNECTED,
+                f"{what}{self.status.detail or 'not connected'}",
+                where=self.where,
+                remedy="The driver keeps trying to connect; send it again afterwards.",
+            )
+
     def _require_enabled(self, name: str) -> None:
         """Refuse unless ENABLED, with no state command being carried out."""
         with self._board.lock:
@@ -629,6 +633,7 @@ class Engine:
         """Carry out a setting. It moves nothing and is possible in any state."""
         if isinstance(value, Flag):
             if value.value:
+                self._require_connected(command.name)
                 self._carried.tie(client, self._clock())
             else:
                 self._carried.cut()

@@ -137,6 +137,11 @@ class MotionExecutor:
         """Switch it in the next cycle, in any state. From any thread."""
         self._gravity.append(on)
 
+    def forget_settings(self) -> None:
+        """Switch nothing on that was asked for while the link was being lost."""
+        if self._gravity and self._gravity[0]:
+            self._gravity.clear()
+
     def apply_settings(self) -> None:
         """Hand over to the device what was set since the last cycle.
 

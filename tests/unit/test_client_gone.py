@@ -7,6 +7,7 @@ from engine_rig import Rig, jp, two_joints
 
 from crtk_drivers.arbiter import Client
 from crtk_drivers.engine import EngineOptions
+from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.samples import Flag
 
 
@@ -135,3 +136,22 @@ def test_gravity_compensation_that_was_switched_off_is_left_alone() -> None:
     rig.cycle(count=10)
     assert rig.carried == [True, False]
     assert not rig.told.warnings
+
+
+def test_gravity_compensation_is_not_switched_on_by_a_reconnection() -> None:
+    """What was asked for while the link was lost was carried out whenever it came back."""
+    rig = CarryingRig().enabled()
+    rig.engine.submit("use_gravity_compensation", Flag(True))
+    rig.engine.disconnect("the link is gone")
+    with pytest.raises(CommandRefused) as caught:
+        rig.engine.submit("use_gravity_compensation", Flag(True))
+    assert caught.value.reason is Reason.NOT_CONNECTED
+    rig.connect()
+    rig.cycle(count=5)
+    assert rig.carried == []
+    rig.engine.submit("use_gravity_compensation", Flag(True))
+    rig.engine.disconnect("the link is gone")
+    rig.engine.submit("use_gravity_compensation", Flag(False))
+    rig.connect()
+    rig.cycle()
+    assert rig.carried == [False], "off is always right"
