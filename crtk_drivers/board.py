@@ -9,13 +9,18 @@ import logging
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Final
 
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.health import HealthRecorder
 from crtk_drivers.samples import Stamp
 from crtk_drivers.state import OperatingState, Status
+from crtk_drivers.throttle import Throttle, kind_of
 
 logger = logging.getLogger(__name__)
+
+WARNING_INTERVAL: Final = 2.0
+"""Seconds in which one warning of a kind is told: a stream at a limit warns in each cycle."""
 
 
 class Observer:
@@ -34,7 +39,7 @@ class Observer:
         """What is told once, ``goal_*`` or ``trajectory_j/ratio``, has a new value."""
 
     def warned(self, text: str) -> None:
-        """Something was corrected or is about to go wrong."""
+        """Something was corrected or is about to go wrong. One of a kind in `WARNING_INTERVAL`."""
 
 
 class StatusBoard:
@@ -45,7 +50,8 @@ class StatusBoard:
     Args:
         status: before anything happened.
         where: the device, for messages.
-        health: counts refusals.
+        health: counts refusals, and warnings that are not told.
+        clock: monotonic seconds.
 
     Attributes:
         status: as announced last.
@@ -53,7 +59,9 @@ class StatusBoard:
         move_waits: a move waits to begin; the device is busy until it has ended.
     """
 
-    def __init__(self, status: Status, where: str, health: HealthRecorder) -> None:
+    def __init__(
+        self, status: Status, where: str, health: HealthRecorder, clock: Callable[[], float]
+    ) -> None:
         self.status = status
         self.lock = threading.RLock()
         self.move_waits = False
@@ -61,6 +69,8 @@ class StatusBoard:
         self._health = health
         self._observers: list[Observer] = []
         self._last_stamp_ns = 0
+        self._clock = clock
+        self._warnings = Throttle(WARNING_INTERVAL)
 
     def add(self, observer: Observer) -> None:
         """Tell `observer` from now on."""
@@ -127,10 +137,16 @@ class StatusBoard:
             self._tell(lambda observer: observer.latched(name))
 
     def warned(self, text: str) -> None:
-        """Tell a warning."""
-        logger.debug("%s: %s", self._where, text)
+        """Tell a warning, unless one of its kind was told of late: then it is counted."""
+        kind = kind_of(text)
         with self.lock:
-            self._tell(lambda observer: observer.warned(text))
+            if not self._warnings.passes(kind, self._clock()):
+                self._health.warnings_left_out += 1
+                return
+            left_out = self._warnings.left_out(kind)
+            told = f"{text} ({left_out} more of these were not told)" if left_out else text
+            logger.debug("%s: %s", self._where, told)
+            self._tell(lambda observer: observer.warned(told))
 
     def _tell(self, call: Callable[[Observer], None]) -> None:
         for observer in tuple(self._observers):

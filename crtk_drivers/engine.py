@@ -139,7 +139,7 @@ class Engine:
         self._sample_deadman = Deadman(self.options.sample_timeout)
         homed = not self.capabilities.needs_homing
         not_yet = Status(OperatingState.FAULT, homed, False, "not connected yet")
-        self._board = StatusBoard(not_yet, self.where, self._health)
+        self._board = StatusBoard(not_yet, self.where, self._health, clock)
         self._check = CommandCheck(self.capabilities, self.options.limits, self.where)
         has_kinematics = self.capabilities.has_kinematics
         limiter = SetpointLimiter(

@@ -52,11 +52,12 @@ from crtk_drivers.samples import (
 from crtk_drivers.session import Session, open_session
 from crtk_drivers.sims import RunningSim
 from crtk_drivers.state import StateCommand, Status, target_of
+from crtk_drivers.throttle import Throttle
 
 logger = logging.getLogger(__name__)
 
 LOG_INTERVAL = 2.0
-"""Seconds in which a warning or refusal of one kind is logged once."""
+"""Seconds in which a refusal of one kind is logged once."""
 
 SERVICE_TIMEOUT = 30.0
 """Seconds to wait for a device's own service."""
@@ -75,8 +76,8 @@ class _Wait:
 class _StatusWatch(Observer):
     """Lets a client's thread wait for a status, also one that lasts for an instant only.
 
-    It also logs warnings and refusals, each kind once in `LOG_INTERVAL`: those of the I/O thread
-    raise nowhere.
+    It also logs warnings, and refusals of one kind once in `LOG_INTERVAL`: those of the I/O thread raise
+    nowhere.
     """
 
     def __init__(self, status: Status, where: str) -> None:
@@ -84,7 +85,7 @@ class _StatusWatch(Observer):
         self._where = where
         self._lock = threading.Lock()
         self._waits: list[_Wait] = []
-        self._logged: dict[str, float] = {}
+        self._refusals = Throttle(LOG_INTERVAL)
 
     def status_changed(self, status: Status, stamp: Stamp) -> None:
         with self._lock:
@@ -94,16 +95,11 @@ class _StatusWatch(Observer):
                     wait.seen.set()
 
     def command_refused(self, refusal: CommandRefused) -> None:
-        self._log(f"{refusal.command} {refusal.reason}", str(refusal))
+        if self._refusals.passes((refusal.command, refusal.reason), time.monotonic()):
+            logger.warning("%s", refusal)
 
     def warned(self, text: str) -> None:
-        self._log(text.partition(":")[0], f"{self._where}: {text}")
-
-    def _log(self, kind: str, text: str) -> None:
-        now = time.monotonic()
-        if now - self._logged.get(kind, -LOG_INTERVAL) >= LOG_INTERVAL:
-            self._logged[kind] = now
-            logger.warning("%s", text)
+        logger.warning("%s: %s", self._where, text)
 
     def wait_for(self, test: Callable[[Status], bool], timeout: float) -> bool:
         """Wait until `test` holds for an announced status; return whether it did in time."""

@@ -16,7 +16,10 @@ _RATE_WINDOW = 100
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """A snapshot. Times in s, rates in Hz. `broken_samples` held something that is not finite."""
+    """A snapshot. Times in s, rates in Hz.
+
+    `broken_samples` held something that is not finite; `warnings_left_out` were like one told shortly before.
+    """
 
     connected: bool = False
     rate: float = 0.0
@@ -32,6 +35,7 @@ class Health:
     reconnects: int = 0
     stream_timeouts: int = 0
     clamped: int = 0
+    warnings_left_out: int = 0
     refusals: Mapping[str, int] = field(default_factory=dict)
     last_refusal: str = ""
     device: Mapping[str, float] = field(default_factory=dict)
@@ -55,6 +59,7 @@ class HealthRecorder:
         self.reconnects = 0
         self.stream_timeouts = 0
         self.clamped = 0
+        self.warnings_left_out = 0
         self._rate_expected = rate_expected
         self._late_after = late_after
         self._own_names = frozenset(own_names)
@@ -113,6 +118,7 @@ class HealthRecorder:
             reconnects=self.reconnects,
             stream_timeouts=self.stream_timeouts,
             clamped=self.clamped,
+            warnings_left_out=self.warnings_left_out,
             refusals=refusals,
             last_refusal=last_refusal,
             device=dict(device),

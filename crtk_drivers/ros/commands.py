@@ -19,10 +19,10 @@ from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.messages import TYPES, stamp_ns, value_of
 from crtk_drivers.ros.names import Frames
-from crtk_drivers.ros.publishing import Throttle
 from crtk_drivers.ros.senders import AttributedSubscription, Sender, Senders
 from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import Value
+from crtk_drivers.throttle import Throttle
 
 logger = logging.getLogger(__name__)
 

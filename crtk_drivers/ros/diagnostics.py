@@ -122,6 +122,7 @@ class Diagnostics:
                 "stream timeouts": health.stream_timeouts,
                 "setpoints": health.setpoints,
                 "clamped": health.clamped,
+                "warnings left out": health.warnings_left_out,
                 "refused": total,
                 **{f"refused {kind}": count for kind, count in health.refusals.items()},
             },

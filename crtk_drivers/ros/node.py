@@ -23,7 +23,7 @@ from crtk_drivers.ros.manifest import manifest, type_name
 from crtk_drivers.ros.messages import TYPES
 from crtk_drivers.ros.names import NODE_NAME, Frames
 from crtk_drivers.ros.parameters import declare_frame_prefix, declare_rates
-from crtk_drivers.ros.publishing import PublishingThread, Throttle
+from crtk_drivers.ros.publishing import PublishingThread
 from crtk_drivers.ros.readings import ReadingTopics
 from crtk_drivers.ros.refusals import RefusalTopic
 from crtk_drivers.ros.rosout import RosoutHandler
@@ -37,7 +37,6 @@ from crtk_drivers.state import Status
 logger = logging.getLogger(__name__)
 
 PUBLISHER_TIMEOUT = 0.4
-WARNING_INTERVAL = 2.0
 GRAPH_RATE = 1.0
 
 
@@ -51,7 +50,6 @@ class _Listener(Observer):
         self._status = status
         self._refusals = refusals
         self._latched = latched
-        self._warnings = Throttle(WARNING_INTERVAL)
 
     def status_changed(self, status: Status, stamp: Stamp) -> None:
         self._status.announce(status, stamp)
@@ -63,16 +61,7 @@ class _Listener(Observer):
         self._latched.job.ask()
 
     def warned(self, text: str) -> None:
-        # The kind is what precedes the first number: "servo_jp: elbow at".
-        if self._warnings.passes(_kind(text), time.monotonic()):
-            logger.warning("%s: %s", self._where, text)
-
-
-def _kind(text: str) -> str:
-    for index, character in enumerate(text):
-        if character.isdigit():
-            return text[:index]
-    return text
+        logger.warning("%s: %s", self._where, text)
 
 
 class DriverNode:

@@ -15,6 +15,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 
+from crtk_drivers.throttle import Throttle
+
 logger = logging.getLogger(__name__)
 
 FAILURE_INTERVAL = 2.0
@@ -24,21 +26,6 @@ FILL_IN_AFTER = 2.0
 """Periods after which a job that follows runs although it was not asked for."""
 
 LONGEST_WAIT = 3600.0
-
-
-class Throttle:
-    """Lets one event of a kind through in `interval` seconds."""
-
-    def __init__(self, interval: float) -> None:
-        self._interval = interval
-        self._passed: dict[object, float] = {}
-
-    def passes(self, kind: object, now: float) -> bool:
-        """Say whether an event of `kind` may pass at the monotonic time `now`, and remember it if so."""
-        if now - self._passed.get(kind, -math.inf) < self._interval:
-            return False
-        self._passed[kind] = now
-        return True
 
 
 class Job:

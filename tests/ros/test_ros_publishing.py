@@ -8,7 +8,7 @@ import threading
 import pytest
 from ros_rig import until
 
-from crtk_drivers.ros.publishing import PublishingThread, Throttle
+from crtk_drivers.ros.publishing import PublishingThread
 
 
 def test_runs_on_demand_and_at_a_rate() -> None:
@@ -90,11 +90,3 @@ def test_missed_runs_are_skipped() -> None:
     assert job.due == pytest.approx(start + 1.3)
     job.advance(start + 1.25)
     assert job.due == pytest.approx(start + 1.3)
-
-
-def test_throttle() -> None:
-    throttle = Throttle(2.0)
-    assert throttle.passes("a", 10.0)
-    assert not throttle.passes("a", 11.9)
-    assert throttle.passes("b", 11.9)
-    assert throttle.passes("a", 12.0)

@@ -1,6 +1,7 @@
 """interpolate_* through the engine: smooth, within the limits, to the last goal, and gently to an end."""
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from engine_rig import LIMIT, PERIOD, Rig, jf, jp, jv, pose, two_joints
 
+from crtk_drivers.board import WARNING_INTERVAL
 from crtk_drivers.device import CartesianLimits, Mode
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, Reason
@@ -167,6 +169,23 @@ def test_a_goal_out_of_range_is_clamped_with_a_warning_or_refused_as_the_user_ch
     assert [refusal.reason for refusal in strict.told.refusals[1:]] == [Reason.OUT_OF_RANGE]
     strict.cycle(200)
     assert strict.written[-1].values == pytest.approx([0.6, 0.0], abs=1e-9)
+
+
+def test_a_stream_at_a_limit_warns_once_in_two_seconds_and_what_is_left_out_is_counted() -> None:
+    rig = Rig().enabled()
+    rig.device.position = np.array([0.98, 0.0])
+    for cycle in range(250):
+        rig.engine.submit("servo_jv", jv(0.8 + 0.0001 * cycle, 0.0))
+        rig.cycle()
+    health = rig.engine.health()
+    assert health.clamped > 220
+    first, second = rig.told.warnings
+    assert first.startswith("servo_jv: slide ")
+    assert "not told" not in first
+    told = re.search(r"\((\d+) more of these were not told\)$", second)
+    assert told is not None
+    assert int(told[1]) == pytest.approx(WARNING_INTERVAL / PERIOD, abs=1)
+    assert health.warnings_left_out == health.clamped - 2
 
 
 def test_it_begins_with_the_motion_that_it_replaces() -> None:
