@@ -8,11 +8,14 @@ import gc
 import ipaddress
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 
+import pytest
 from hypothesis import HealthCheck, settings
 
+from crtk_drivers.errors import MissingExtra
 from crtk_drivers.ros import environment
 
 # What a shell may hold that changes how ROS 2 talks, or with whom.
@@ -71,6 +74,34 @@ sys.addaudithook(forbid_traffic_beyond_this_machine)
 HAVE_ROS = find_spec("rclpy") is not None
 if not HAVE_ROS:
     collect_ignore_glob = ["ros/*", "*/test_message_hashes.py"]
+
+
+HAVE_UR_RTDE = find_spec("rtde_control") is not None
+
+
+@contextmanager
+def skipping_what_needs_ur_rtde() -> Iterator[None]:
+    """Where it cannot be installed, `control: ur_rtde` refuses to start, and says why."""
+    try:
+        yield
+    except MissingExtra as error:
+        if HAVE_UR_RTDE or "ur-rtde" not in error.message:
+            raise
+        pytest.skip(str(error))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup() -> Generator[None, None, None]:
+    """Skip where a fixture needs what is not there."""
+    with skipping_what_needs_ur_rtde():
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call() -> Generator[None, None, None]:
+    """Skip where the test itself needs it."""
+    with skipping_what_needs_ur_rtde():
+        return (yield)
 
 
 def pytest_report_header() -> Iterable[str]:

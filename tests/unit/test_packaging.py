@@ -2,10 +2,17 @@
 
 import importlib
 import pkgutil
+import platform
+import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+
+from crtk_driver_ur import plugin
+from crtk_driver_ur.config import UrConfig
+from crtk_drivers.errors import MissingExtra
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -52,3 +59,34 @@ def test_every_driver_has_an_extra_and_all_covers_every_extra() -> None:
     assert sorted([*named, "all", "drivers", "kinematics", "ros"]) == sorted(extras)
     folders = {path.name.replace("_", "-") for path in (ROOT / "drivers").iterdir()}
     assert folders - {"virtual"} <= set(named)  # that one needs kinematics
+
+
+@pytest.mark.parametrize(
+    ("version", "machine", "wheels"),
+    [
+        ((3, 11), "x86_64", True),
+        ((3, 12), "x86_64", True),
+        ((3, 13), "x86_64", False),
+        ((3, 14), "x86_64", False),
+        ((3, 12), "aarch64", False),
+    ],
+)
+def test_where_ur_rtde_has_no_wheels_it_is_left_out_and_the_driver_says_so(
+    version: tuple[int, int], machine: str, wheels: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    python = ".".join(map(str, version))
+    (needed,) = map(Requirement, PROJECT["optional-dependencies"]["ur"])
+    assert needed.marker is not None
+    assert needed.marker.evaluate({"python_version": python, "platform_machine": machine}) is wheels
+
+    monkeypatch.setattr(plugin, "find_spec", lambda name: None)
+    monkeypatch.setattr(sys, "version_info", (*version, 0))
+    monkeypatch.setattr(platform, "machine", lambda: machine)
+    config = UrConfig(host="127.0.0.1", control="ur_rtde")
+    with pytest.raises(MissingExtra, match="ur-rtde is not installed") as caught:
+        plugin.PLUGIN.create(config)
+    assert (
+        f"no wheel of it for Python {python} on {machine}" in caught.value.message
+    ) is not wheels
+    assert ("Use control: native" in caught.value.remedy) is not wheels
+    assert "pip install 'crtk-drivers[ur]'" in caught.value.remedy

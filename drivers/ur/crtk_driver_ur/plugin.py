@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import platform
+import sys
 from collections.abc import Mapping
 from importlib.util import find_spec
 from typing import Any
@@ -13,11 +15,27 @@ from crtk_drivers.errors import ConfigError, MissingExtra
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.sims import RunningSim
 
+_FIRST_WITHOUT_WHEELS = (3, 13)
+"""The Python for which ur-rtde 1.6 has no wheels any more; pyproject.toml leaves it out there as well."""
+
 
 def _create(config: UrConfig) -> UrDevice:
     if config.control == "ur_rtde" and find_spec("rtde_control") is None:
-        raise MissingExtra("ur-rtde", "ur")
+        raise _no_library()
     return UrDevice(config)
+
+
+def _no_library() -> MissingExtra:
+    error = MissingExtra("ur-rtde", "ur")
+    machine = platform.machine()
+    if sys.version_info >= _FIRST_WITHOUT_WHEELS or machine != "x86_64":
+        python = ".".join(map(str, sys.version_info[:2]))
+        error.message += f", and PyPI has no wheel of it for Python {python} on {machine}"
+        error.remedy = (
+            "Use control: native (the default), or Python 3.11 or 3.12 on x86_64, "
+            "where pip install 'crtk-drivers[ur]' brings it."
+        )
+    return error
 
 
 def _require_host(config: UrConfig) -> None:
