@@ -4,7 +4,8 @@ Everything is RELIABLE: the client subscribes so, and a best-effort publisher wo
 What the device *receives* is always VOLATILE: the client's ``state_command`` is latched, and a device
 that asked for latched messages would get an old ``enable`` replayed whenever it starts.
 
-Each of them can be overridden by parameters: ``-p qos_overrides./ur5/measured_js.publisher.depth:=1``.
+Each of them can be overridden by parameters: ``-p qos_overrides./ur5/measured_js.publisher.depth:=1``. A
+topic has these parameters only if one of them was given: five hundred of them would hide the node's own.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from copy import copy
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import (
     DurabilityPolicy,
@@ -28,6 +28,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 from crtk_drivers.commands import Command, Level
+from crtk_drivers.ros.unlocked import UnlockedNode
 
 logger = logging.getLogger(__name__)
 
@@ -56,6 +57,7 @@ INCREMENTS = _profile(200, DurabilityPolicy.VOLATILE)
 """For relative commands: a lost one is lost motion. 200 of them are 0.4 s at 500 Hz."""
 
 OVERRIDES = QoSOverridingOptions.with_default_policies()
+NO_OVERRIDES = QoSOverridingOptions(())
 
 
 def of_command(command: Command) -> QoSProfile:
@@ -73,7 +75,7 @@ def of_feedback(command: Command) -> QoSProfile:
 _POLICY_NAMES = {kind.value: kind.name.lower() for kind in QoSPolicyKind}
 
 
-def publisher(node: Node, kind: type, topic: str, profile: QoSProfile) -> Publisher:
+def publisher(node: UnlockedNode, kind: type, topic: str, profile: QoSProfile) -> Publisher:
     """Create a publisher that parameters can override, and that says whom it cannot serve."""
     unserved = _OnceTold(
         f"a subscriber of {topic} asks for another %s than is published, and gets nothing; "
@@ -83,7 +85,7 @@ def publisher(node: Node, kind: type, topic: str, profile: QoSProfile) -> Publis
         kind,
         topic,
         copy(profile),  # rclpy writes the overrides into it
-        qos_overriding_options=OVERRIDES,
+        qos_overriding_options=_overriding(node, topic, "publisher"),
         event_callbacks=PublisherEventCallbacks(
             incompatible_qos=unserved, use_default_callbacks=False
         ),
@@ -91,7 +93,11 @@ def publisher(node: Node, kind: type, topic: str, profile: QoSProfile) -> Publis
 
 
 def subscription(
-    node: Node, kind: type, topic: str, receive: Callable[[Any], None], profile: QoSProfile
+    node: UnlockedNode,
+    kind: type,
+    topic: str,
+    receive: Callable[[Any], None],
+    profile: QoSProfile,
 ) -> Subscription:
     """Create a subscription that parameters can override, and that says whom it cannot hear."""
     unheard = _OnceTold(
@@ -103,11 +109,17 @@ def subscription(
         topic,
         receive,
         copy(profile),
-        qos_overriding_options=OVERRIDES,
+        qos_overriding_options=_overriding(node, topic, "subscription"),
         event_callbacks=SubscriptionEventCallbacks(
             incompatible_qos=unheard, use_default_callbacks=False
         ),
     )
+
+
+def _overriding(node: UnlockedNode, topic: str, endpoint: str) -> QoSOverridingOptions:
+    """Return which policies become parameters: none, unless one was given for this end of the topic."""
+    name = f"qos_overrides.{node.resolve_topic_name(topic)}.{endpoint}."
+    return OVERRIDES if node.has_overrides(name) else NO_OVERRIDES
 
 
 class _OnceTold:

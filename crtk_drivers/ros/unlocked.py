@@ -78,6 +78,10 @@ class UnlockedNode(Node):  # type: ignore[misc]  # rclpy has no types
         """See rclpy."""
         return super().create_publisher(*args, **options, publisher_class=UnlockedPublisher)
 
+    def has_overrides(self, prefix: str) -> bool:
+        """Say whether a parameter whose name begins with `prefix` was given at the start."""
+        return any(name.startswith(prefix) for name in self._parameter_overrides)
+
     def read_by(self, subscription: Subscription, reader: Waitable) -> None:
         """Let `reader` take the messages of a subscription of this node, which no executor has yet."""
         self._read_otherwise.append(subscription)

@@ -6,6 +6,7 @@ import json
 import math
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 from geometry_msgs.msg import PoseStamped, TwistStamped, Vector3
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
@@ -14,6 +15,7 @@ from ros_rig import Rig, rig_of, serve, until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
+from crtk_drivers.config import NodeConfig
 from crtk_drivers.engine import Engine
 from crtk_drivers.ros.feedback import coherent
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
@@ -25,6 +27,17 @@ LATCHED = ("operating_state", "refusals", "goal_js", "goal_cp")
 
 def topic(rig: Rig, name: str) -> str:
     return f"{rig.client.namespace}/{name}"
+
+
+QOS_FILE = """
+/**:
+  ros__parameters:
+    qos_overrides:
+      /filed/measured_js:
+        publisher: {reliability: best_effort}
+      /filed/servo_jp:
+        subscription: {depth: 7}
+"""
 
 
 def test_topics_are_those_of_the_capabilities(rig: Rig) -> None:
@@ -266,6 +279,34 @@ def test_names_can_be_remapped_and_qos_overridden() -> None:
         assert node.get_namespace() == "/elsewhere"
         assert node.get_parameter("publish_rate").value == 20.0
         assert node.get_parameter("frame_prefix").value == "left_"
+        overrides = set(node.get_parameters_by_prefix("qos_overrides./elsewhere/joint_states"))
+        assert overrides == {
+            f"publisher.{policy}" for policy in ("history", "depth", "reliability")
+        }
+
+
+def test_a_node_has_its_own_parameters_and_no_others(rig: Rig) -> None:
+    node = rig.serving.driver.node
+    own = {*NodeConfig.model_fields, "use_sim_time", "start_type_description_service"}
+    # rclpy has that one for its own topic on each node.
+    foreign = "qos_overrides./parameter_events.publisher"
+    given = {name for name in node.get_parameters_by_prefix("") if not name.startswith(foreign)}
+    assert given == own
+
+
+def test_qos_can_be_overridden_in_a_file_of_parameters(tmp_path: Path) -> None:
+    file = tmp_path / "parameters.yaml"
+    file.write_text(QOS_FILE)
+    with serve(LoopbackConfig(), "/filed", ["--ros-args", "--params-file", str(file)]) as (
+        _,
+        served,
+    ):
+        node = served.driver.node
+        (info,) = node.get_publishers_info_by_topic("/filed/measured_js")
+        assert info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+        overrides = [name for name in node.get_parameters_by_prefix("") if "/filed/" in name]
+        assert len(overrides) == 6, "three policies of each end that was named"
+        assert node.get_parameter("qos_overrides./filed/servo_jp.subscription.depth").value == 7
 
 
 def test_two_devices_do_not_share_frames() -> None:
