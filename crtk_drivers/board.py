@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-from crtk_drivers.errors import CommandRefused
+from crtk_drivers.errors import CommandRefused, with_remedy, without_name
 from crtk_drivers.health import HealthRecorder
 from crtk_drivers.samples import Stamp
 from crtk_drivers.state import OperatingState, Status
@@ -87,18 +87,27 @@ class StatusBoard:
         state: OperatingState | None = None,
         detail: str | None = None,
         *,
+        remedy: str = "",
         homed: bool | None = None,
         busy: bool | None = None,
     ) -> None:
-        """Change what is given, and announce it if that is a change. A new state drops the old detail."""
+        """Change what is given, and announce it if that is a change. A new state drops the old detail.
+
+        `remedy` is what to do about `detail`, which is told together with it.
+        """
         with self.lock:
             old = self.status
             if state not in (None, old.state) and detail is None:
                 detail = ""
+            if detail is not None:
+                detail = with_remedy(without_name(detail, self._where), remedy)
+            if detail in (None, old.detail):
+                detail, remedy = old.detail, old.remedy
             new = replace(
                 old,
                 state=old.state if state is None else state,
-                detail=old.detail if detail is None else detail,
+                detail=detail,
+                remedy=remedy,
                 is_homed=old.is_homed if homed is None else homed,
                 is_busy=(old.is_busy if busy is None else busy) or self.move_waits,
             )
@@ -138,6 +147,7 @@ class StatusBoard:
 
     def warned(self, text: str) -> None:
         """Tell a warning, unless one of its kind was told of late: then it is counted."""
+        text = without_name(text, self._where)
         kind = kind_of(text)
         with self.lock:
             if not self._warnings.passes(kind, self._clock()):

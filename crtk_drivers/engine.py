@@ -26,6 +26,7 @@ from crtk_drivers.errors import (
     DeviceFault,
     Reason,
     StopUnconfirmed,
+    without_name,
 )
 from crtk_drivers.executor import MotionExecutor
 from crtk_drivers.feedback import Feedback
@@ -377,7 +378,7 @@ class Engine:
             self.device.open(deadline)
         except DeviceError as error:
             self._requests.end(error)
-            self._board.update(OperatingState.FAULT, str(error))
+            self._board.update(OperatingState.FAULT, error.statement, remedy=error.remedy)
             raise
         self._requests.begin()
         self._transitions.cancel()  # what was sent while the link was being lost
@@ -417,13 +418,13 @@ class Engine:
             self._motion.apply_settings()
             self._advance(now)
         except DeviceFault as fault:
-            self._broken(str(fault))
+            self._broken(fault.statement, fault.remedy)
         except DeviceError:
             raise
         except Exception as error:
             # The link is sound, and whoever shares it goes on.
             logger.exception("%s: unexpected error in its motion", self.where)
-            self._broken(f"unexpected {type(error).__name__}: {error}. Please report this.")
+            self._broken(f"unexpected {type(error).__name__}: {error}", "Please report this.")
         self._health.cycle(now)
         if sample is not None and self.on_sample is not None:
             self.on_sample()
@@ -442,18 +443,20 @@ class Engine:
         self._broken_sample = broken
         return None
 
-    def disconnect(self, reason: str) -> None:
+    def disconnect(self, reason: str, remedy: str = "") -> None:
         """Close the device after the link was lost; the state is FAULT until it is open again."""
         was_connected, self._connected = self._connected, False
         self._health.connected = False
         self._health.reconnects += was_connected
         self._health.pause()
         self._feedback.invalidate()
-        self._requests.end(ConnectionLost(reason, where=self.where))
+        told = without_name(reason, self.where)
+        self._requests.end(ConnectionLost(told, where=self.where, remedy=remedy))
         try:
-            self._leave(OperatingState.FAULT, reason)
+            self._leave(OperatingState.FAULT, reason, remedy)
         except DeviceError as error:
-            logger.warning("%s: could not be told to stop: %s", self.where, error)
+            told = without_name(str(error), self.where)
+            logger.warning("%s: could not be told to stop: %s", self.where, told)
         finally:
             self.device.close()
 
@@ -531,7 +534,7 @@ class Engine:
             raise CommandRefused(
                 name,
                 Reason.NOT_CONNECTED,
-                f"{what}{self.status.detail or 'not connected'}",
+                f"{what}{self.status.cause or 'not connected'}",
                 where=self.where,
                 remedy="The driver keeps trying to connect; send it again afterwards.",
             )
@@ -549,7 +552,7 @@ class Engine:
                 remedy="Wait until operating_state says that it is done, or send disable to end it.",
             )
         if status.state is not OperatingState.ENABLED:
-            why = f" ({status.detail})" if status.detail else ""
+            why = f" ({status.cause})" if status.cause else ""
             raise CommandRefused(
                 name,
                 Reason.NOT_ENABLED,
@@ -711,11 +714,12 @@ class Engine:
         if self.status.state is not OperatingState.FAULT:
             self._leave(OperatingState.FAULT, reason)
 
-    def _broken(self, reason: str) -> None:
+    def _broken(self, reason: str, remedy: str = "") -> None:
         """Go to FAULT and end whatever goes on; of reasons that follow each other the first one is told."""
         status = self.status
-        told = status.state is OperatingState.FAULT and status.detail
-        self._leave(OperatingState.FAULT, told or reason)
+        if status.state is OperatingState.FAULT and status.detail:
+            reason, remedy = status.detail, ""
+        self._leave(OperatingState.FAULT, reason, remedy)
 
     def _stream_timeout(self, name: str) -> float:
         is_slow = self.commands[name].level is Level.INTERPOLATE
@@ -731,7 +735,7 @@ class Engine:
         if self.capabilities.needs_homing:
             self._board.update(homed=self.device.is_homed)
 
-    def _leave(self, state: OperatingState, reason: str) -> None:
+    def _leave(self, state: OperatingState, reason: str, remedy: str = "") -> None:
         """End whatever goes on and go to `state`; stop the hardware if it was ENABLED.
 
         The state comes first: from then on no command is accepted that would not be ended here.
@@ -740,7 +744,7 @@ class Engine:
         with self._board.lock:
             self._waiting.end(reason)
             self._transitions.cancel()
-            self._board.update(state, reason, busy=False)
+            self._board.update(state, reason, remedy=remedy, busy=False)
         self._transitions.close_cancelled()  # while the device is still open
         self._motion.end(reason)
         if was_enabled:

@@ -29,6 +29,22 @@ from __future__ import annotations
 from enum import StrEnum
 
 
+def with_remedy(text: str, remedy: str) -> str:
+    """Return `text` and, as a sentence of its own, what to do next."""
+    return f"{text.rstrip('.')}. {remedy}" if remedy else text
+
+
+def without_name(text: str, where: str) -> str:
+    """Return what is said of the device `where` without naming it, for those who do that themselves.
+
+    Of ``enable: ur 10.0.0.2:30004: no power``, ``enable: no power`` is left, and of a part of it at the same
+    address, ``RTDE 10.0.0.2:30004: refused``, its own name: ``RTDE: refused``.
+    """
+    address = where.partition(" ")[2]
+    text = text.replace(f"{where}: ", "")
+    return text.replace(f" {address}: ", ": ") if address else text
+
+
 class CrtkError(Exception):
     """Base of all errors of this package.
 
@@ -44,9 +60,13 @@ class CrtkError(Exception):
         self.where = where
         self.remedy = remedy
 
+    @property
+    def statement(self) -> str:
+        """What happened and where, without what to do next: for a text that goes on."""
+        return f"{self.where}: {self.message}" if self.where else self.message
+
     def __str__(self) -> str:
-        text = f"{self.where}: {self.message}" if self.where else self.message
-        return f"{text.rstrip('.')}. {self.remedy}" if self.remedy else text
+        return with_remedy(self.statement, self.remedy)
 
 
 class ConfigError(CrtkError, ValueError):

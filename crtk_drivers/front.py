@@ -210,9 +210,9 @@ class LocalDevice(DeviceFront):
             status = self._engine.status
             if status.state is not target:
                 raise TransitionFailed(
-                    f"{command} ended in {status.state}: {status.detail}",
+                    f"{command} ended in {status.state}: {status.cause}",
                     where=self._engine.where,
-                    remedy="Remove the cause, then send enable.",
+                    remedy=status.remedy or "Remove the cause, then send enable.",
                 )
         finally:
             self._engine.remove_observer(watch)
@@ -310,7 +310,7 @@ class LocalDevice(DeviceFront):
         what = "no value yet" if found is None else f"nothing valid and newer than {oldest:g} s"
         return DataTimeout(
             f"{name}: {what}; the device is {status.state}"
-            + (f" ({status.detail})" if status.detail else ""),
+            + (f" ({status.cause})" if status.cause else ""),
             where=self._engine.where,
             remedy="Pass age=0 to take the last value whatever its age.",
         )
@@ -429,9 +429,9 @@ def connect(
             while not (engine.connected and engine.has_sample):
                 if time.monotonic() > deadline:
                     raise ConnectionFailed(
-                        engine.status.detail or "no sample arrived",
+                        f"{engine.status.cause or 'no sample arrived'}; it was tried for {timeout:g} s",
                         where=engine.where,
-                        remedy=f"It was tried for {timeout:g} s.",
+                        remedy=engine.status.remedy,
                     )
                 time.sleep(_POLL)
     except BaseException:

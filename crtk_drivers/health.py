@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from crtk_drivers.commands import is_name
 from crtk_drivers.device import Note
-from crtk_drivers.errors import CommandRefused
+from crtk_drivers.errors import CommandRefused, with_remedy
 
 _RATE_WINDOW = 100
 
@@ -92,7 +92,7 @@ class HealthRecorder:
         key = f"{refusal.command if known else 'unknown'}: {refusal.reason}"
         with self._lock:
             self._refusals[key] += 1
-            self._last_refusal = str(refusal)
+            self._last_refusal = with_remedy(refusal.message, refusal.remedy)
             return self._refusals[key]
 
     def snapshot(

@@ -168,30 +168,36 @@ class BusThread:
             elif time.monotonic() >= member.reconnect.next_try:
                 self._open(member)
         except DeviceError as error:
-            self._lost(member, str(error))
+            self._lost(member, error.statement, error.remedy)
         except Exception as error:
             logger.exception("%s: unexpected error in the I/O thread", engine.where)
-            self._lost(member, f"unexpected {type(error).__name__}: {error}. Please report this.")
+            what = f"unexpected {type(error).__name__}: {error}"
+            self._lost(member, what, "Please report this.")
 
     def _open(self, member: _Member) -> None:
         # Those on the same bus that are connected must not be left alone for long.
         limit = NEIGHBOURLY_OPEN if self._anyone_connected() else math.inf
         deadline = time.monotonic() + min(member.open_timeout, limit)
         self._heartbeat.feed(deadline)
+        engine, is_first = member.engine, member.reconnect.delay == FIRST_RETRY
         try:
-            member.engine.connect(deadline)
-        except ConnectionFailed as error:
+            engine.connect(deadline)
+        except ConnectionFailed as error:  # the engine tells why
             member.reconnect.failed(time.monotonic())
-            logger.warning("%s; next attempt in %.2g s", error, member.reconnect.delay)
+            logger.debug("%s; next attempt in %.2g s", error.statement, member.reconnect.delay)
+            if is_first:
+                logger.info(
+                    "%s: goes on trying to connect, at last every %g s", engine.where, LONGEST_RETRY
+                )
         else:
-            logger.info("%s: connected", member.engine.where)
+            logger.info("%s: connected", engine.where)
 
-    def _lost(self, member: _Member, reason: str) -> None:
+    def _lost(self, member: _Member, reason: str, remedy: str) -> None:
         member.reconnect.failed(time.monotonic())
         try:
-            member.engine.disconnect(reason)
+            member.engine.disconnect(reason, remedy)
         except DeviceError as error:
-            logger.error("%s: closing: %s", member.engine.where, error)
+            logger.error("closing: %s", error)
         except Exception:
             logger.exception("%s: closing failed", member.engine.where)
 
@@ -199,7 +205,7 @@ class BusThread:
         try:
             member.engine.shut_down()
         except DeviceError as error:
-            logger.error("%s: shutting down: %s", member.engine.where, error)
+            logger.error("shutting down: %s", error)
             self._failures.append(error)
         except Exception as error:
             logger.exception("%s: shutting down failed", member.engine.where)

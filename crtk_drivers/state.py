@@ -68,13 +68,20 @@ HOMING_COMMANDS = frozenset({StateCommand.HOME, StateCommand.UNHOME})
 class Status:
     """What ``operating_state`` says.
 
-    `detail` is the reason of FAULT or PAUSED in words; empty otherwise.
+    `detail` is the reason of FAULT or PAUSED in words; empty otherwise. It does not name the device, and ends
+    with `remedy`: what to do about it, if that is known.
     """
 
     state: OperatingState = OperatingState.DISABLED
     is_homed: bool = False
     is_busy: bool = False
     detail: str = ""
+    remedy: str = ""
+
+    @property
+    def cause(self) -> str:
+        """The reason without the remedy, for a text that goes on."""
+        return self.detail.removesuffix(self.remedy).rstrip(" .") if self.remedy else self.detail
 
 
 def parse_command(text: str) -> StateCommand:

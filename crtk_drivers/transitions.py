@@ -228,12 +228,12 @@ class Transitions:
             self._refused(running, refusal)
             return
         except CrtkError as error:
-            self._failed(running, f"{running.command}: {error}")
+            self._failed(running, f"{running.command}: {error.statement}", error.remedy)
             return
         except Exception as error:
             logger.exception("%s: %s", self._where, running.command)
-            text = f"unexpected {type(error).__name__}: {error}. Please report this."
-            self._failed(running, f"{running.command}: {text}")
+            text = f"unexpected {type(error).__name__}: {error}"
+            self._failed(running, f"{running.command}: {text}", "Please report this.")
             return
         if now > running.deadline:
             close(running.steps, self._where)
@@ -273,11 +273,11 @@ class Transitions:
             self._board.refused(refusal)
             self._board.announce()
 
-    def _failed(self, running: _Running, reason: str) -> None:
+    def _failed(self, running: _Running, reason: str, remedy: str = "") -> None:
         moving = self._board.status.state is OperatingState.ENABLED
         with self._board.lock:
             if self._ended(running):
-                self._board.update(OperatingState.FAULT, reason, busy=False)
+                self._board.update(OperatingState.FAULT, reason, remedy=remedy, busy=False)
         if moving:
             self._stopping.stop()
 

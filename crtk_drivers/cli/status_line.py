@@ -1,10 +1,11 @@
-"""One line that tells how a running device is: live on a terminal, now and then in a log."""
+"""One line that tells how a running device is: live on a terminal, when it changes in a log."""
 
 from __future__ import annotations
 
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from types import TracebackType
 from typing import Final, Self
 
@@ -14,11 +15,13 @@ from rich.text import Text
 
 from crtk_drivers.health import Health
 from crtk_drivers.state import OperatingState, Status
+from crtk_drivers.throttle import kind_of
 
 logger = logging.getLogger(__name__)
 
 LIVE_PERIOD: Final = 0.25
-LOG_PERIOD: Final = 5.0
+LOG_PERIOD: Final = 3600.0
+"""Seconds after which a log tells the status although it is what it was."""
 
 _STATE_STYLES = {
     OperatingState.ENABLED: "bold green",
@@ -29,39 +32,61 @@ _STATE_STYLES = {
 _RATE_TOLERANCE: Final = 0.05
 
 
-def status_text(name: str, status: Status, health: Health) -> Text:
-    """Return the line: name, state, rate, late cycles, stream, the reason of a fault or refusal."""
-    slow = health.rate < (1.0 - _RATE_TOLERANCE) * health.rate_expected
-    text = Text.assemble(
+def status_text(name: str, status: Status, health: Health, width: int | None = None) -> Text:
+    """Return the line: name, state, rate, late cycles, stream, the reason of a fault or refusal.
+
+    Of figures that leave no room for the reason within `width` columns, the last ones are left out first.
+    """
+    begin, end = _headline(name, status), _reason(status, health)
+    figures = _figures(health)
+    if width is not None:
+        room = width - begin.cell_len - end.cell_len
+        while figures and sum(figure.cell_len for figure in figures) > room:
+            figures.pop()
+    return Text.assemble(begin, *figures, end)
+
+
+def _headline(name: str, status: Status) -> Text:
+    return Text.assemble(
         (name, "bold cyan"),
         "  ",
         (status.state, _STATE_STYLES[status.state]),
         (" busy" if status.is_busy else "", "cyan"),
         ("" if status.is_homed else " not homed", "yellow"),
-        ("  rate ", "dim"),
-        (f"{health.rate:.0f}", "yellow" if slow else ""),
-        (f"/{health.rate_expected:.0f} Hz", "dim"),
-        ("  late ", "dim"),
-        f"{health.late_cycles}",
     )
+
+
+def _figures(health: Health) -> list[Text]:
+    slow = health.rate < (1.0 - _RATE_TOLERANCE) * health.rate_expected
+    rate = (f"{health.rate:.0f}", "yellow" if slow else "")
+    figures = [
+        Text.assemble(("  rate ", "dim"), rate, (f"/{health.rate_expected:.0f} Hz", "dim")),
+        Text.assemble(("  late ", "dim"), f"{health.late_cycles}"),
+    ]
     if health.reconnects:
-        text.append("  reconnects ", "dim").append(f"{health.reconnects}")
+        figures.append(Text.assemble(("  reconnects ", "dim"), f"{health.reconnects}"))
     if health.stream:
-        text.append("  stream ", "dim").append(health.stream)
+        figures.append(Text.assemble(("  stream ", "dim"), health.stream))
+    return figures
+
+
+def _reason(status: Status, health: Health) -> Text:
+    if status.cause:
+        return Text.assemble("  ", (status.cause, "red"))
     refused = sum(health.refusals.values())
-    if status.detail:
-        text.append("  ").append(status.detail, "red")
-    elif refused:
-        text.append(f"  {refused} refused, last: ", "dim").append(health.last_refusal, "yellow")
-    return text
+    if refused:
+        return Text.assemble(
+            (f"  {refused} refused, last: ", "dim"), (health.last_refusal, "yellow")
+        )
+    return Text()
 
 
 class StatusLine:
     """Shows the status as long as it is entered. `update` may be called as often as one likes.
 
     Args:
-        console: a terminal, or anything else: then a log record every few seconds, and at once when
-            the state changes.
+        console: a terminal, or anything else: then a log record when the state or its reason changes,
+            and every `LOG_PERIOD` with the figures.
         name: of the device.
         read: returns status and health.
         clock: monotonic seconds.
@@ -80,7 +105,8 @@ class StatusLine:
         self._read = read
         self._clock = clock
         self._due = 0.0
-        self._state = ""
+        self._told: tuple[str, bool, str] | None = None
+        self._console = console
         self._live = Live(console=console, auto_refresh=False, transient=True) if live else None
 
     def update(self) -> None:
@@ -92,13 +118,17 @@ class StatusLine:
                 self._live.update(self._line(), refresh=True)
             return
         status, health = self._read()
-        if now >= self._due or status.state != self._state:
+        new = (status.state, status.is_homed, kind_of(status.cause))
+        if new != self._told:
+            self._told, self._due = new, now + LOG_PERIOD
+            begin = _headline(self._name, replace(status, is_busy=False)).plain
+            logger.info("%s", f"{begin}  {status.cause}".rstrip())
+        elif now >= self._due:
             self._due = now + LOG_PERIOD
-            self._state = status.state
             logger.info("%s", status_text(self._name, status, health).plain)
 
     def _line(self) -> Text:
-        line = status_text(self._name, *self._read())
+        line = status_text(self._name, *self._read(), self._console.width)
         line.no_wrap = True
         line.overflow = "ellipsis"
         return line

@@ -325,6 +325,21 @@ def test_the_status_line_tells_what_matters() -> None:
     assert status_text("a", fault, RUNNING).plain.endswith("protective stop")
 
 
+def test_on_a_narrow_terminal_the_reason_is_what_is_kept() -> None:
+    remedy = "Check the address, and that the controller has finished starting."
+    cause = "RTDE: cannot connect: Connection refused"
+    fault = Status(OperatingState.FAULT, True, False, f"{cause}. {remedy}", remedy)
+    health = Health(rate_expected=500.0, reconnects=12)
+    for width, figures in (
+        (100, "  rate 0/500 Hz  late 0  reconnects 12"),
+        (80, "  rate 0/500 Hz  late 0"),
+        (78, "  rate 0/500 Hz"),
+        (60, ""),
+    ):
+        shown = status_text("ur /ur5", fault, health, width).plain
+        assert shown == f"ur /ur5  FAULT{figures}  {cause}"
+
+
 def test_the_status_line_is_live_on_a_terminal() -> None:
     out = io.StringIO()
     console = Console(file=out, force_terminal=True, width=60)
@@ -354,17 +369,24 @@ def test_without_a_terminal_the_status_is_logged(caplog: pytest.LogCaptureFixtur
         clock=lambda: now[0],
     )
     with line:
-        for now[0] in (0.0, 1.0, 2.0):
+        for now[0] in (0.0, 1.0, 60.0, 3599.0):
             line.update()
         assert len(caplog.records) == 1
-        status[0] = Status(OperatingState.ENABLED)
+        status[0] = Status(OperatingState.ENABLED, is_homed=True, is_busy=True)
         line.update()
-        now[0] = 7.1
+        status[0] = Status(OperatingState.ENABLED, is_homed=True)
+        for now[0] in (3600.0, 7198.0, 7200.0, 10000.0):
+            line.update()
+        status[0] = Status(
+            OperatingState.PAUSED, is_homed=True, detail="safeguard stop. Close the gate."
+        )
         line.update()
-    assert [record.getMessage().split()[1] for record in caplog.records] == [
-        "DISABLED",
-        "ENABLED",
-        "ENABLED",
+    assert [record.getMessage() for record in caplog.records] == [
+        "arm  DISABLED not homed",
+        "arm  ENABLED",
+        "arm  ENABLED  rate 498/500 Hz  late 3  stream servo_jp  "
+        "2 refused, last: servo_jp refused (not_finite): position[0] is nan",
+        "arm  PAUSED  safeguard stop. Close the gate.",
     ]
 
 

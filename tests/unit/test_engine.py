@@ -1002,3 +1002,29 @@ def test_late_cycles_are_counted() -> None:
     assert health.worst_cycle == pytest.approx(0.1)
     assert health.rate_expected == 100.0
     assert FakeClock(5.0)() == 5.0
+
+
+def test_what_is_told_of_a_device_names_it_once_and_says_once_what_to_do(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    rig = Rig()
+    where, remedy = rig.engine.where, "Check the address."
+    lost = ConnectionFailed("cannot connect: refused", where=where, remedy=remedy)
+    rig.device.fail["open"] = lost
+    with pytest.raises(ConnectionFailed):
+        rig.engine.connect(rig.clock() + 1.0)
+    status = rig.engine.status
+    assert status.detail == "cannot connect: refused. Check the address."
+    assert (status.cause, status.remedy) == ("cannot connect: refused", remedy)
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{where}: FAULT: {status.detail}"
+    ]
+    with pytest.raises(CommandRefused) as refused:
+        rig.engine.submit("servo_jp", jp(0.0, 0.0))
+    assert str(refused.value) == (
+        f"{where}: servo_jp refused (not_enabled): the device is FAULT (cannot connect: refused). "
+        "Remove the cause, then send enable on state_command."
+    )
+    assert where not in rig.engine.health().last_refusal
+    rig.engine.disconnect(lost.statement, lost.remedy)
+    assert rig.engine.status == status, "the same again is no news"

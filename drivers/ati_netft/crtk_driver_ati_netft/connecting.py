@@ -104,7 +104,7 @@ def identify(config: NetFtConfig, web: WebPages, deadline: float) -> SensorInfo:
         return web.read(deadline)
     except DeviceError as error:
         if typed is not None:
-            logger.warning("%s; going on with the scale of the configuration", error)
+            logger.warning("%s; going on with the scale of the configuration", error.statement)
             return SensorInfo(typed, problems=(error.message,))
         if not isinstance(error, ConnectionFailed | NoSuchPage):
             raise
@@ -126,7 +126,7 @@ def _ask_over_tcp(config: NetFtConfig, refusal: DeviceError, deadline: float) ->
         ) from error
     finally:
         channel.close()
-    logger.warning("%s; the scale was read over TCP", refusal)
+    logger.warning("%s; the scale was read over TCP", refusal.statement)
     return SensorInfo(scale, problems=(refusal.message,))
 
 
@@ -175,7 +175,7 @@ def _open(
                 where=error.where,
                 remedy=error.remedy,
             ) from second
-        logger.warning("%s; measuring over TCP instead, with 16 bits", error)
+        logger.warning("%s; measuring over TCP instead, with 16 bits", error.statement)
         return source
 
 

@@ -128,7 +128,7 @@ def _stop_quickly(axes: Iterable[Sdo]) -> None:
         try:
             sdo.write(OBJECTS["controlword"], Control.QUICK_STOP)
         except CrtkError as error:
-            logger.warning("%s: could not be told to stop: %s", sdo.where, error)
+            logger.warning("a drive could not be told to stop: %s", error)
 
 
 class _Found:

@@ -209,7 +209,7 @@ class NativeLink(ControlLink):
                 time.sleep(FEED_PERIOD)
                 self._channel.feed()
         except ConnectionLost as error:
-            logger.warning("%s; the controller's watchdog stops the arm", error)
+            logger.warning("%s; the controller's watchdog stops the arm", error.statement)
 
     def _drop_channel(self) -> None:
         channel, self._channel = self._channel, None
@@ -479,7 +479,7 @@ class NativeLink(ControlLink):
             while self.program_runs and self._clock() < deadline:
                 yield
         except DeviceFault as error:
-            logger.warning("%s; the controller's watchdog ends the program", error)
+            logger.warning("%s; the controller's watchdog ends the program", error.statement)
         self._drop_channel()
 
     # Requests

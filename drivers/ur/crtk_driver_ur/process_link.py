@@ -227,7 +227,7 @@ class ProcessLink(ControlLink):
         try:
             self._stopping = self.process.stop()
         except ConnectionLost as error:
-            logger.warning("%s; the controller's watchdog stops the arm", error)
+            logger.warning("%s; the controller's watchdog stops the arm", error.statement)
 
     @property
     def stopping(self) -> bool:
