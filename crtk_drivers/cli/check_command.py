@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from crtk_drivers import plugins
+from crtk_drivers.cli.counter_groups import grouped
 from crtk_drivers.cli.launch import Launch, launch_of, launch_options
 from crtk_drivers.cli.options import make_command
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
@@ -139,8 +140,9 @@ def _check_connection(session: Session, started: float) -> Finding:
     return Finding(
         "reachable",
         Verdict.FAILED,
-        engine.status.detail or "connected, but no sample arrived",
-        "" if engine.status.detail else "Is its stream allowed, and the network free?",
+        engine.status.cause or "connected, but no sample arrived",
+        engine.status.remedy
+        or ("" if engine.status.cause else "Is its stream allowed, and the network free?"),
     )
 
 
@@ -152,9 +154,11 @@ def _check_state(engine: Engine) -> Iterator[Finding]:
     }.get(status.state, Verdict.OK)
     detail = f": {status.detail}" if status.detail else ""
     yield Finding("operating state", verdict, f"{status.state}{detail}")
-    if counters := engine.health().device:
-        shown = ", ".join(f"{name} {value:g}" for name, value in counters.items())
-        yield Finding("device counters", Verdict.OK, shown)
+    health = engine.health()
+    if health.device:
+        words = {note.key: note.text for note in health.notes}
+        lines = grouped(health.device, words, engine.capabilities.joints)
+        yield Finding("device counters", Verdict.OK, "\n".join(lines))
 
 
 def _check_rate(engine: Engine) -> Iterator[Finding]:

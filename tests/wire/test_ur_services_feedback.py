@@ -4,6 +4,7 @@ import pytest
 from ur_bench import LONG, UrBench, eventually, ur_bench
 
 from crtk_driver_ur.models import JOINT_NAMES
+from crtk_drivers.cli.check_command import _check_state
 
 
 @pytest.fixture(scope="module")
@@ -94,3 +95,12 @@ def test_nothing_is_told_while_there_is_no_connection():
         eventually(lambda: bench.device.robot_state is None, "the link is lost")
         assert "robot mode" not in notes(bench)
         assert "speed scaling" not in numbers(bench)
+
+
+def test_check_tells_modes_in_words_and_the_joints_in_a_line(bench):
+    found = {finding.what: finding.result for finding in _check_state(bench.engine)}
+    counters = found["device counters"]
+    assert "robot: mode RUNNING, " in counters
+    assert "safety mode NORMAL" in counters
+    assert "temperature (°C) by joint: 28, 28, 28, 28, 28, 28" in counters
+    assert len(counters.splitlines()) < 10
