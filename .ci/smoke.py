@@ -1,0 +1,67 @@
+"""In an environment of any Python: every plugin loads, and simulated hardware is driven.
+
+Needs the extras `drivers` and `kinematics`; with `ros`, its packages are imported too.
+"""
+
+import platform
+from importlib.util import find_spec
+
+import numpy as np
+
+import crtk_drivers
+from crtk_drivers import plugins
+from crtk_drivers.errors import MissingExtra
+
+
+def load_all() -> None:
+    """Load what is registered; what an extra is missing for is no failure."""
+    for kind, found in (("device", plugins.devices()), ("simulator", plugins.sims())):
+        broken = [plugin.name for plugin in found.values() if plugin.error and not plugin.missing]
+        assert not broken, f"a {kind} cannot be loaded: {broken}"
+
+
+def move() -> None:
+    """Let two simulated devices move, and a simulated sensor measure."""
+    for device in ("ur", "dynamixel"):
+        with crtk_drivers.connect(device, sim=True) as arm:
+            arm.enable()
+            goal = arm.setpoint_js().position + 0.02
+            arm.move_jp(goal).wait()
+            assert np.allclose(arm.measured_js().position, goal, atol=0.01), device
+    with crtk_drivers.connect("ati-netft", sim=True) as sensor:
+        assert np.isfinite(sensor.measured_cf().force).all()
+
+
+def ask_for_ur_rtde() -> str:
+    """Return what became of `control: ur_rtde`, which not every Python can have."""
+    try:
+        crtk_drivers.connect("ur", sim=True, control="ur_rtde").close()
+    except MissingExtra as error:
+        if find_spec("rtde_control") is not None or "control: native" not in error.remedy:
+            raise
+        return "left out"
+    return "connected"
+
+
+def import_ros() -> str:
+    """Return whether ROS 2 is there; its packages are imported then."""
+    if find_spec("rclpy") is None:
+        return "not installed"
+    import crtk_msgs.msg
+    import rclpy
+    import tf2_msgs.msg
+
+    rclpy.init()
+    crtk_msgs.msg.OperatingState()
+    tf2_msgs.msg.TFMessage()
+    rclpy.shutdown()
+    return "imported"
+
+
+if __name__ == "__main__":
+    load_all()
+    move()
+    print(
+        f"Python {platform.python_version()}: plugins load, simulators are driven; "
+        f"ur-rtde {ask_for_ur_rtde()}; ROS 2 {import_ros()}"
+    )
