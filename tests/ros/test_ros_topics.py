@@ -255,6 +255,12 @@ def test_manifest(rig: Rig) -> None:
     assert content["frames"] == {"base": f"{prefix}/base", "tool": f"{prefix}/tool"}
 
 
+def test_a_node_has_its_own_parameters_and_no_others(rig: Rig) -> None:
+    node = rig.serving.driver.node
+    own = {*NodeConfig.model_fields, "use_sim_time", "start_type_description_service"}
+    assert set(node.get_parameters_by_prefix("")) == own
+
+
 def test_diagnostics(rig: Rig) -> None:
     inbox = rig.client["/diagnostics"]
     report = inbox.wait(lambda m: m.status[1].message == "OK", inbox.mark())
@@ -283,12 +289,6 @@ def test_names_can_be_remapped_and_qos_overridden() -> None:
         assert overrides == {
             f"publisher.{policy}" for policy in ("history", "depth", "reliability")
         }
-
-
-def test_a_node_has_its_own_parameters_and_no_others(rig: Rig) -> None:
-    node = rig.serving.driver.node
-    own = {*NodeConfig.model_fields, "use_sim_time", "start_type_description_service"}
-    assert set(node.get_parameters_by_prefix("")) == own
 
 
 def test_qos_can_be_overridden_in_a_file_of_parameters(tmp_path: Path) -> None:
