@@ -49,6 +49,10 @@ class CanopenSimulator(Simulator[SimConfig, "DrivesServer"]):
         bus = f"the virtual bus {server.config.channel}, {pace(server)}"
         yield f"{len(server.drives)} simulated CANopen drives on {bus}"
         yield from _hints(server)
+        notes = {
+            note: None for each in server.drives.values() if each.like for note in each.like.notes
+        }
+        yield from (f"note: {note}" for note in notes)
         yield f"control socket at {server.host}:{server.ports['control']}"
 
 

@@ -27,7 +27,7 @@ from crtk_sim_backends.canopen.modes import (
     Setpoint,
     Window,
 )
-from crtk_sim_backends.canopen.objects import AXIS_STRIDE, MODES
+from crtk_sim_backends.canopen.objects import AXIS_STRIDE, MODES, TYPES
 from crtk_sim_backends.canopen.plant import Motor
 from crtk_sim_backends.canopen.units import SCALING, Units
 
@@ -83,7 +83,7 @@ class Axis:
         self._offset_sign = -1 if offset_to_zero else 1
         self._emergency = emergency
         self._values = dictionary.values
-        self.units = Units(self.value)
+        self.units = Units(self.value, has_feed=0x6092 + self._offset in dictionary.objects)
         self._controller = Controller(self.value, self.units, motor, self.switch)
         self.machine = Machine(self.value, self._permitted)
         self.setpoint = Setpoint()
@@ -92,6 +92,7 @@ class Axis:
         self.limited = False  # the target is outside of what is permitted
         self.supply = True
         self.safe_torque_off = False
+        self.sync_period = 0.0  # s between the last two SYNC; 0: not known
         self.local = False  # somebody at the drive controls it: bit 9 of the statusword is 0
         self._zero = 0.0  # revolutions at which the position is 0
         self._torque = 0.0  # N·m
@@ -145,7 +146,8 @@ class Axis:
             0x60FD: self._inputs,
         }
         for index, read in shown.items():
-            od.live[index + offset, 0] = read
+            if od.variables[index + offset, 0].type is TYPES[index]:
+                od.live[index + offset, 0] = read
 
     def value(self, index: int, sub: int = 0) -> int:
         """Value of an object of the axis, of those that are not computed when read."""
@@ -155,13 +157,19 @@ class Axis:
         """Value of an object of the axis as others read it."""
         return self._dictionary[index + self._offset, 0]
 
-    def speed(self, index: int) -> float:
+    def speed(self, index: int, sub: int = 0) -> float:
         """Value of a velocity object in position units a second."""
-        return self.value(index) / self.units.velocity
+        return self.value(index, sub) / self.units.velocity
+
+    def acceleration(self, index: int) -> float:
+        """Value of an acceleration object in position units a second squared."""
+        return self.value(index) / self.units.acceleration
 
     @property
     def period(self) -> float:
-        """Interpolation time period, s."""
+        """Interpolation time period, s; that of SYNC for a drive that is not told it."""
+        if 0x60C2 + self._offset not in self._dictionary.objects and self.sync_period:
+            return self.sync_period
         return float(self.value(0x60C2, 1) * 10.0 ** self.value(0x60C2, 2))
 
     def _note_target(self, sub: int) -> None:
@@ -436,7 +444,7 @@ class Axis:
         setpoint = self.setpoint
         if setpoint.control is not Control.POSITION or not self._braking:
             self._begin_to_brake()
-        change = self.value(_DECELERATION[ramp]) * dt
+        change = self.acceleration(_DECELERATION[ramp]) * dt
         setpoint.velocity = math.copysign(
             max(0.0, abs(setpoint.velocity) - change), setpoint.velocity
         )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,6 +12,7 @@ import yaml
 
 from crtk_sim_backends.can.config import SimConfig as BusConfig
 from crtk_sim_backends.canopen.drive import DriveConfig
+from crtk_sim_backends.canopen.fitting import like
 from crtk_sim_backends.canopen.objects import MODES, MOST_AXES, MOST_PDOS, PDOS
 from crtk_sim_backends.canopen.personality import PERSONALITIES
 from crtk_sim_backends.canopen.plant import MotorConfig
@@ -18,7 +20,7 @@ from crtk_sim_backends.faults import FaultError, Parameter, unknown
 from crtk_sim_backends.options import ConfigError, check_choice, check_file, check_range, option
 
 _HIGHEST_NODE: Final = 127
-_KEYS: Final = ("personality", "serial", "motors", "modes")
+_KEYS: Final = ("personality", "serial", "motors", "modes", "from_eds")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +40,7 @@ class SimConfig(BusConfig):
     )
     pdos: int = option(PDOS, "PDOs of each direction that each drive has")
     drives: str = option("", "file (YAML) with motors and makes of single drives, by node-ID")
+    from_eds: str = option("", "EDS file of a real drive that the drives are like")
     eds: str = option("", "where to write the EDS of the drives")
     socketcand_port: int = option(0, "TCP port of the socketcand server; 0: any free one")
 
@@ -57,16 +60,42 @@ class SimConfig(BusConfig):
         check_range("pdos", self.pdos, 1, MOST_PDOS)
         _modes("modes", self.modes.split(",") if self.modes else MODES.values())
         check_file("drives", self.drives)
+        check_file("from_eds", self.from_eds)
 
-    @property
+    @cached_property
     def common(self) -> DriveConfig:
-        """What each drive is for which the file says nothing else."""
-        return DriveConfig(
+        """What each drive is for which the file says nothing else.
+
+        Raises:
+            ConfigError: the EDS is not one of a CiA 402 drive, or has another number of axes.
+        """
+        config = DriveConfig(
             (MotorConfig(),) * self.axes,
             personality=PERSONALITIES[self.personality],
             modes=_modes("modes", self.modes.split(",") if self.modes else MODES.values()),
             pdos=self.pdos,
         )
+        if not self.from_eds:
+            return config
+        return _like(config, self.from_eds, own_motors=self.axes != 1)
+
+
+def _like(config: DriveConfig, path: str, *, own_motors: bool) -> DriveConfig:
+    """Return a drive that is like the one of an EDS.
+
+    Args:
+        path: of the EDS.
+        own_motors: the configuration says how many motors there are; else there is one for each axis.
+
+    Raises:
+        ConfigError: the EDS is not one of a CiA 402 drive, or has another number of axes.
+    """
+    found = like(path, config.modes)
+    axes = len(found.modes)
+    if own_motors and len(config.motors) != axes:
+        raise ConfigError(f"{path} has {axes} axes, and there are {len(config.motors)} motors")
+    motors = config.motors if own_motors else (MotorConfig(),) * axes
+    return replace(config, motors=motors, like=found)
 
 
 def _modes(where: str, names: Iterable[object]) -> frozenset[int]:
@@ -87,9 +116,11 @@ def drive_configs(config: SimConfig) -> dict[int, DriveConfig]:
     """Return the drives by node-ID: the common ones, changed or added to by the file `drives`.
 
     The file is a mapping; each entry may have `personality`, `serial`, `modes` (a list), and
-    `motors`, a list with one mapping of fields of :class:`MotorConfig` for each axis::
+    `motors`, a list with one mapping of fields of :class:`MotorConfig` for each axis, and `from_eds`, the EDS
+    of a real drive that it is like (a path from where the file is)::
 
         3: {personality: plain, modes: [pp, hm], motors: [{pendulum: 0.2, gear: 100}]}
+        4: {from_eds: elsewhere.eds}
 
     Raises:
         ConfigError: the file is wrong, with the node-ID and the field.
@@ -110,11 +141,12 @@ def drive_configs(config: SimConfig) -> dict[int, DriveConfig]:
             raise ConfigError(f"{where}: a node-ID lies in [1, {_HIGHEST_NODE}]")
         if not isinstance(entry, Mapping):
             raise ConfigError(f"{where}: expected a mapping")
-        result[node] = _drive(where, entry, result.get(node, config.common))
+        base = result.get(node, config.common)
+        result[node] = _drive(where, entry, base, Path(config.drives).parent)
     return result
 
 
-def _drive(where: str, entry: Mapping[str, Any], base: DriveConfig) -> DriveConfig:
+def _drive(where: str, entry: Mapping[str, Any], base: DriveConfig, folder: Path) -> DriveConfig:
     for name in entry:
         if name not in _KEYS:
             raise ConfigError(f"{where}: {unknown('key', name, _KEYS)}")
@@ -135,7 +167,16 @@ def _drive(where: str, entry: Mapping[str, Any], base: DriveConfig) -> DriveConf
         if not isinstance(entry["modes"], list):
             raise ConfigError(f"{where}: modes must be a list")
         modes = _modes(f"{where}: modes", entry["modes"])
-    return DriveConfig(motors, serial, PERSONALITIES[make], modes, base.pdos)
+    result = DriveConfig(motors, serial, PERSONALITIES[make], modes, base.pdos)
+    if base.like is None and "from_eds" not in entry:
+        return result
+    if "from_eds" not in entry:
+        assert base.like is not None
+        return _like(result, base.like.sheet.path, own_motors=True)
+    path = entry["from_eds"]
+    if not isinstance(path, str):
+        raise ConfigError(f"{where}: from_eds must be the path of a file, not {path!r}")
+    return _like(result, str(folder / path), own_motors="motors" in entry)
 
 
 _MOTOR: Final[dict[str, Parameter]] = {

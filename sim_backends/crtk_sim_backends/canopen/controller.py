@@ -67,7 +67,7 @@ class Controller:
             up, down = down, up
         self._up, self._down = up * self._permille, -down * self._permille
         self.fastest = value(0x6080, 0) * 2 * math.pi / 60
-        self._deceleration = value(0x6085, 0)
+        self._deceleration = value(0x6085, 0) / self._units.acceleration
         self._low, self._high = value(0x607D, 1), value(0x607D, 2)
         window = value(0x6065, 0)
         self.window = math.inf if window == _NO_WINDOW else window

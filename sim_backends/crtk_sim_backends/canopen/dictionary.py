@@ -25,6 +25,8 @@ class DataType(Enum):
     U8 = (0x05, "<B")
     U16 = (0x06, "<H")
     U32 = (0x07, "<I")
+    I64 = (0x15, "<q")
+    U64 = (0x1B, "<Q")
     STRING = (0x09, "")
     OCTETS = (0x0A, "")
     DOMAIN = (0x0F, "")
@@ -112,14 +114,17 @@ class ObjectDictionary:
     Args:
         objects: what exists.
         node_id: for the defaults that depend on it.
+        hidden: what the inside of the device has besides, and nobody can reach.
     """
 
-    def __init__(self, objects: Iterable[Object], node_id: int) -> None:
+    def __init__(
+        self, objects: Iterable[Object], node_id: int, hidden: Iterable[Object] = ()
+    ) -> None:
         self.objects: dict[int, Object] = {entry.index: entry for entry in objects}
         self.node_id = node_id
         self.variables: dict[Key, Variable] = {
             (entry.index, sub): variable
-            for entry in self.objects.values()
+            for entry in (*hidden, *self.objects.values())
             for sub, variable in entry.entries.items()
         }
         self._ranges = {key: _range(variable) for key, variable in self.variables.items()}
@@ -159,10 +164,12 @@ class ObjectDictionary:
         Raises:
             SdoAbort: NO_OBJECT or NO_SUBINDEX.
         """
-        found = self.variables.get((index, sub))
-        if found is None:
-            raise SdoAbort(Abort.NO_SUBINDEX if index in self.objects else Abort.NO_OBJECT)
-        return found
+        known = self.objects.get(index)
+        if known is None:
+            raise SdoAbort(Abort.NO_OBJECT)
+        if sub not in known.entries:
+            raise SdoAbort(Abort.NO_SUBINDEX)
+        return known.entries[sub]
 
     def read(self, index: int, sub: int) -> bytes:
         """Read an entry as bytes.

@@ -11,6 +11,7 @@ from crtk_sim_backends.canopen.axis import Axis
 from crtk_sim_backends.canopen.dictionary import Key, Object, ObjectDictionary
 from crtk_sim_backends.canopen.eds import electronic_data_sheet
 from crtk_sim_backends.canopen.emcy import Emergency
+from crtk_sim_backends.canopen.fitting import Likeness
 from crtk_sim_backends.canopen.nmt import (
     ENTERS,
     INITIALISING,
@@ -53,6 +54,7 @@ _TICK: Final = 0.004  # s between calls of `on_timer` while an axis moves or is 
 _SYNC_TICK: Final = 0.02  # the same while SYNC wakes the drive
 _LONGEST_GAP: Final = 0.25  # s; what a longer pause brings is left out
 _SHORTEST_TIMEOUT: Final = 0.001  # s that a supervision of SYNC can have
+_SYNC_TIMEOUT: Final = 0.5  # s, of a drive that is like a real one
 _STALL: Final = 0.05  # s; who wakes the drive so late has been stalled, and not the master
 _NOT_STORED: Final = (0x1003, 0x1010, 0x1011, 0x2000)
 _COMMANDS: Final = (0x6040, 0x6060)  # which no drive stores
@@ -69,6 +71,7 @@ class DriveConfig:
         personality: make of the drive.
         modes: of operation that it has (6502).
         pdos: of each direction that it has.
+        like: the real drive that it is like; its objects are those of that one's EDS.
     """
 
     motors: tuple[MotorConfig, ...] = (MotorConfig(),)
@@ -76,6 +79,7 @@ class DriveConfig:
     personality: Personality = PERSONALITIES["standard"]
     modes: frozenset[int] = frozenset(MODES)
     pdos: int = PDOS
+    like: Likeness | None = None
 
 
 @dataclass
@@ -104,9 +108,11 @@ class DriveFaults:
 
 
 def drive_objects(config: DriveConfig, node_id: int) -> list[Object]:
-    """Objects of a drive, with the defaults of its personality."""
+    """Objects of a drive: those of its EDS, or the machine's with the defaults of its personality."""
     personality = config.personality
     serial = node_id if config.serial is None else config.serial
+    if config.like is not None:
+        return config.like.objects_of(serial)
     axes = len(config.motors)
     objects = list(
         communication(axes, personality.vendor, PRODUCT, REVISION, serial,
@@ -124,6 +130,8 @@ def drive_objects(config: DriveConfig, node_id: int) -> list[Object]:
 
 def eds_of(config: DriveConfig) -> str:
     """EDS of the drives with this configuration, the same for all node-IDs."""
+    if config.like is not None:
+        return config.like.sheet.text
     objects = drive_objects(replace(config, serial=0), 0)
     personality = config.personality
     return electronic_data_sheet(objects, personality.vendor, PRODUCT, REVISION, personality.device)
@@ -147,7 +155,10 @@ class Drive:
         self.faults = DriveFaults()
         self.state = INITIALISING
         self.next_timer = 0.0
-        self.dictionary = ObjectDictionary(drive_objects(self.config, node_id), node_id)
+        like = self.config.like
+        self.dictionary = ObjectDictionary(
+            drive_objects(self.config, node_id), node_id, like.hidden if like else ()
+        )
         self.dictionary.ignored.update(self.config.personality.ignores)
         self.emergency = Emergency(self.dictionary)
         self.heartbeats = Heartbeats(self.dictionary, self._heartbeat_lost, self._heartbeat_back)
@@ -158,7 +169,7 @@ class Drive:
                 self.dictionary,
                 self.emergency,
                 Motor(motor),
-                self.config.modes,
+                like.modes[number] if like else self.config.modes,
                 self.config.personality.offset_to_zero,
             )
             for number, motor in enumerate(self.config.motors)
@@ -348,6 +359,8 @@ class Drive:
     def _on_sync(self, data: bytes, now: float) -> list[Frame]:
         if self.state is not OPERATIONAL or not self.pdos.check_sync(data):
             return []
+        for unit in self.axes:
+            unit.sync_period = now - (self._last_sync or now)
         self._last_sync = now
         self.acts = True
         return self.pdos.on_sync(data[0] if data else None)
@@ -369,7 +382,7 @@ class Drive:
             unit.process()
 
     def _check_sync(self, silence: float) -> None:
-        timeout = self.dictionary[SYNC_TIMEOUT] / 1000
+        timeout = _SYNC_TIMEOUT if self.config.like else self.dictionary[SYNC_TIMEOUT] / 1000
         if timeout and silence > timeout:
             self._last_sync = None
             for unit in self.axes:

@@ -9,7 +9,7 @@ from enum import IntFlag
 
 from crtk_sim_backends.canopen.aborts import Abort, SdoAbort
 from crtk_sim_backends.canopen.dictionary import ObjectDictionary
-from crtk_sim_backends.canopen.objects import ERRORS_KEPT, VALID
+from crtk_sim_backends.canopen.objects import VALID
 
 
 class Register(IntFlag):
@@ -51,9 +51,10 @@ class Emergency:
         dictionary.guards[0x1003] = self._guard_history
         dictionary.guards[0x1014] = self._guard_identifier
         dictionary.written[0x1003] = lambda _: self._clear_history()
-        for sub in range(1, ERRORS_KEPT + 1):
+        kept = [sub for index, sub in dictionary.variables if index == 0x1003 and sub]
+        for sub in kept:
             dictionary.live[0x1003, sub] = self._history_entry(sub)
-        self._history: deque[int] = deque(maxlen=ERRORS_KEPT)
+        self._history: deque[int] = deque(maxlen=len(kept))
         dictionary.live[0x1003, 0] = lambda: len(self._history)
 
     def reset(self) -> None:

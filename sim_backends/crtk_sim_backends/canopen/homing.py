@@ -210,13 +210,13 @@ class Homing(Mode):
         """Advance the setpoint."""
         axis, setpoint = self._homing, self.axis.setpoint
         setpoint.control = Control.POSITION
-        acceleration = min(axis.value(0x609A), axis.value(0x60C5))
+        acceleration = min(axis.acceleration(0x609A), axis.acceleration(0x60C5))
         if self._phases:
             self._check(self._phases[0], dt)
         speed = 0.0
         if self._phases:
             fast = self._phases[0].fast
-            speed = self._direction * axis.value(0x6099, 1 if fast else 2)
+            speed = self._direction * axis.speed(0x6099, 1 if fast else 2)
         velocity = ramp_velocity(setpoint.velocity, speed, acceleration, acceleration, dt)
         setpoint.position += velocity * dt
         setpoint.velocity = velocity
@@ -240,7 +240,7 @@ class Homing(Mode):
             case Until.INDEX if forward and math.floor(before) != math.floor(now):
                 home = float(max(math.floor(before), math.floor(now)))
             case Until.STALL:
-                pushes = axis.saturated and abs(axis.velocity) < 1e-3 * axis.value(0x6099, 2)
+                pushes = axis.saturated and abs(axis.velocity) < 1e-3 * axis.speed(0x6099, 2)
                 self._stalled = self._stalled + dt if pushes else 0.0
                 home = now if self._stalled >= _STALL_TIME else None
         if home is not None:

@@ -69,8 +69,11 @@ class AxisView(Protocol):
     def value(self, index: int, sub: int = 0) -> int:
         """Value of an object of the axis."""
 
-    def speed(self, index: int) -> float:
+    def speed(self, index: int, sub: int = 0) -> float:
         """Value of a velocity object in position units a second."""
+
+    def acceleration(self, index: int) -> float:
+        """Value of an acceleration object in position units a second squared."""
 
     def within_limits(self, position: float) -> float:
         """Bring a position within the software limits; sets `limited` when it was not."""
@@ -115,7 +118,7 @@ class Mode:
         return min(self.axis.speed(index), self.axis.speed(0x607F))
 
     def _limited(self, index: int, limit: int) -> float:
-        return min(self.axis.value(index), self.axis.value(limit))
+        return min(self.axis.acceleration(index), self.axis.acceleration(limit))
 
 
 @dataclass(frozen=True)
@@ -242,7 +245,7 @@ class ProfileVelocity(Mode):
         setpoint.velocity = ramp_velocity(setpoint.velocity, target, up, down, dt)
         self._reached.hold(abs(axis.velocity - target) <= axis.speed(0x606D), dt)
         self._moving.hold(abs(axis.velocity) > axis.speed(0x606F), dt)
-        slip = abs(axis.velocity - setpoint.velocity) > axis.value(0x60F8)
+        slip = abs(axis.velocity - setpoint.velocity) > axis.speed(0x60F8)
         self._slipping.hold(slip, dt)
 
     def status(self, halted: bool) -> int:
@@ -401,7 +404,9 @@ class CyclicVelocity(Mode):
         """Advance the setpoint."""
         setpoint = self.axis.setpoint
         setpoint.control = Control.VELOCITY
-        setpoint.velocity = approach(setpoint.velocity, self._wanted, self.axis.value(0x60C5) * dt)
+        setpoint.velocity = approach(
+            setpoint.velocity, self._wanted, self.axis.acceleration(0x60C5) * dt
+        )
         setpoint.torque = float(self.axis.value(0x60B2))
 
     def status(self, halted: bool) -> int:

@@ -13,7 +13,7 @@ from crtk_sim_backends.can.hub import Hub
 from crtk_sim_backends.can.loop import Timer
 from crtk_sim_backends.can.port import DEAF, State
 from crtk_sim_backends.canopen import injection
-from crtk_sim_backends.canopen.drive import Drive, DriveConfig, Frame
+from crtk_sim_backends.canopen.drive import Drive, DriveConfig, Frame, eds_of
 from crtk_sim_backends.canopen.nmt import INITIALISING, OPERATIONAL
 from crtk_sim_backends.control import Handlers
 from crtk_sim_backends.faults import Fault, KindTable
@@ -234,7 +234,7 @@ class BusDrives:
 
     def _eds(self, node: int) -> str:
         """EDS of a drive."""
-        return self._drive(node).dictionary.read(0x1021, 0).decode()
+        return eds_of(self._drive(node).config)
 
     def _drive(self, node: int) -> Drive:
         if node not in self._drives:

@@ -97,9 +97,9 @@ def communication(axes: int, vendor: int, product: int, revision: int, serial: i
                   Variable("COB-ID client to server (rx)", U32, "ro", OfNode(0x600)),
                   Variable("COB-ID server to client (tx)", U32, "ro", OfNode(0x580)))  # fmt: skip
     for number in range(pdos):
-        yield from _pdo(0x1400, "R", number)
+        yield from pdo_parameters(0x1400, "R", number)
     for number in range(pdos):
-        yield from _pdo(0x1800, "T", number)
+        yield from pdo_parameters(0x1800, "T", number)
     yield _var(0x2000, "Scratch memory", DOMAIN, "rw")
     yield _record(0x2010, "Supervision", Variable("SYNC timeout [ms]", U16, "rw", 500))
 
@@ -112,7 +112,7 @@ _DEFAULT_MAPS: Final[dict[str, tuple[tuple[int, ...], ...]]] = {
 }  # fmt: skip
 
 
-def _pdo(base: int, direction: str, number: int) -> Iterator[Object]:
+def pdo_parameters(base: int, direction: str, number: int) -> Iterator[Object]:
     """Yield parameter and mapping of a PDO; 1 exists after a reset, the others have to be enabled.
 
     Those beyond the predefined connection set have no COB-ID until they are given one.
@@ -244,3 +244,11 @@ def _axis(supported_modes: int) -> Iterator[Object]:
 def _ratio(index: int, name: str, over: str, value: int, under: str, by: int) -> Object:
     return _array(index, name, Variable(over, U32, "rw", value, 1),
                   Variable(under, U32, "rw", by, 1))  # fmt: skip
+
+
+TYPES: Final = {
+    entry.index: variable.type
+    for entry in axis(0)
+    for variable in (entry.entries[max(entry.entries)],)
+}
+"""Type of each object of an axis; of an array or record that of its last entry."""

@@ -10,16 +10,16 @@ from typing import Final
 from crtk_sim_backends.canopen.aborts import Abort, SdoAbort
 from crtk_sim_backends.canopen.dictionary import DataType, Key, ObjectDictionary
 from crtk_sim_backends.canopen.emcy import Emergency
-from crtk_sim_backends.canopen.objects import MAPPED, MOST_PDOS, VALID
+from crtk_sim_backends.canopen.objects import VALID
 
 RECEIVE: Final = 0x1400
 TRANSMIT: Final = 0x1800
-_MAPPING: Final = 0x200  # from the parameter to the mapping
-_LONGEST: Final = 64  # bits
+MAPPING: Final = 0x200  # from the parameter to the mapping
+LONGEST: Final = 64  # bits
 _CYCLIC: Final = 240  # greatest transmission type that SYNC drives
 _RESERVED_TYPES: Final = range(241, 254)  # 252 and 253 need remote frames, which this node ignores
 
-_DUMMIES: Final = {
+DUMMIES: Final = {
     kind.number: kind
     for kind in (DataType.I8, DataType.I16, DataType.I32, DataType.U8, DataType.U16, DataType.U32)
 }
@@ -80,9 +80,9 @@ class ProcessData:
         for base in (RECEIVE, TRANSMIT):
             for index in self._indices(base):
                 dictionary.guards[index] = self._guard_parameter(index)
-                dictionary.guards[index + _MAPPING] = self._guard_mapping(index)
+                dictionary.guards[index + MAPPING] = self._guard_mapping(index)
                 dictionary.written[index] = lambda sub: self.rebuild()
-                dictionary.written[index + _MAPPING] = lambda sub: self.rebuild()
+                dictionary.written[index + MAPPING] = lambda sub: self.rebuild()
         dictionary.guards[0x1005] = self._guard_sync
         dictionary.guards[0x1019] = self._guard_counter
         dictionary.written[0x1019] = lambda sub: self._note_counter()
@@ -92,8 +92,9 @@ class ProcessData:
 
     def _indices(self, base: int) -> list[int]:
         """Communication parameters of one direction that the node has."""
-        every = range(base, base + MOST_PDOS)
-        return [index for index in every if (index, 1) in self._dictionary.variables]
+        objects = self._dictionary.objects
+        every = range(base, base + MAPPING)
+        return [index for index in every if index in objects and index + MAPPING in objects]
 
     def _exists(self, index: int) -> bool:
         return not self._dictionary[index, 1] & VALID
@@ -114,7 +115,7 @@ class ProcessData:
         return guard
 
     def _guard_mapping(self, index: int) -> Callable[[int, int], None]:
-        mapping = index + _MAPPING
+        mapping = index + MAPPING
 
         def guard(sub: int, value: int) -> None:
             if self._operational():
@@ -125,12 +126,12 @@ class ProcessData:
                 if value:
                     self._check_mapped(value, index)
                 return
-            if value > MAPPED:
+            if value and value not in self._dictionary.objects[mapping].entries:
                 raise SdoAbort(Abort.PDO_LENGTH)
             entries = [self._dictionary[mapping, entry] for entry in range(1, value + 1)]
             for entry in entries:
                 self._check_mapped(entry, index)
-            if sum(entry & 0xFF for entry in entries) > _LONGEST:
+            if sum(entry & 0xFF for entry in entries) > LONGEST:
                 raise SdoAbort(Abort.PDO_LENGTH)
 
         return guard
@@ -138,8 +139,8 @@ class ProcessData:
     def _check_mapped(self, entry: int, index: int) -> None:
         target, sub, bits = entry >> 16, entry >> 8 & 0xFF, entry & 0xFF
         direction = "t" if index >= TRANSMIT else "r"
-        if direction == "r" and target in _DUMMIES and not sub:
-            permitted, size = True, _DUMMIES[target].size
+        if direction == "r" and target in DUMMIES and not sub:
+            permitted, size = True, DUMMIES[target].size
         else:
             variable = self._dictionary.variable(target, sub)
             permitted, size = direction in variable.pdo, variable.type.size
@@ -174,11 +175,11 @@ class ProcessData:
         od = self._dictionary
         keys: list[Key | None] = []
         layout = "<"
-        for sub in range(1, od[index + _MAPPING, 0] + 1):
-            entry = od[index + _MAPPING, sub]
+        for sub in range(1, od[index + MAPPING, 0] + 1):
+            entry = od[index + MAPPING, sub]
             key = (entry >> 16, entry >> 8 & 0xFF)
             known = od.variables.get(key)
-            layout += (known.type if known else _DUMMIES[key[0]]).layout[1:]
+            layout += (known.type if known else DUMMIES[key[0]]).layout[1:]
             keys.append(key if known else None)
         return Pdo(
             index,

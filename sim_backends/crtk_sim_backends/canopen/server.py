@@ -40,7 +40,7 @@ class DrivesServer(HubServer):
 
 
 def _data_sheet(config: SimConfig) -> Path | None:
-    """Write the EDS where the options want it; the published one when it fits, None if not."""
+    """Write the EDS where the options want it; else that of the drives, if there is one."""
     if config.eds:
         path = Path(config.eds).absolute()
         try:
@@ -48,6 +48,8 @@ def _data_sheet(config: SimConfig) -> Path | None:
         except OSError as error:
             raise SimStartError(f"cannot write the EDS {path}: {error.strerror}") from error
         return path
+    if config.from_eds:
+        return Path(config.from_eds).absolute()
     return PUBLISHED if config.common == DriveConfig() else None
 
 
