@@ -12,6 +12,7 @@ from crtk_driver_dynamixel import arms
 from crtk_driver_dynamixel.gripper import Finger, Jaw, Linear, SliderCrank
 from crtk_driver_dynamixel.groups import MOST_GAPS
 from crtk_driver_dynamixel.models import Model, OperatingMode, model_named
+from crtk_driver_dynamixel.network import parse_address
 from crtk_drivers.config import DeviceConfig, Settings
 
 MAIN_BUS = "main"
@@ -37,9 +38,21 @@ class BusConfig(Settings):
     port: str = Field(
         default="",
         max_length=250,
-        description="Serial port; a name under /dev/serial/by-id stays the same when it is plugged again.",
+        description="Serial port; a name under /dev/serial/by-id stays the same when it is plugged again. "
+        "Or socket://HOST:PORT of a server that passes bytes on as they are.",
     )
-    baud: int = Field(default=1_000_000, ge=9600, le=10_500_000, description="In bit/s.")
+    baud: int = Field(
+        default=1_000_000,
+        ge=9600,
+        le=10_500_000,
+        description="In bit/s. That of a server is set there, and given here for the time on the wire.",
+    )
+
+    @field_validator("port")
+    @classmethod
+    def _known_port(cls, port: str) -> str:
+        parse_address(port)
+        return port
 
 
 class GainsConfig(Settings):
@@ -477,6 +490,12 @@ class DynamixelConfig(DeviceConfig):
         default="hold",
         description="What the other servos do when one has a hardware error or is silent.",
     )
+
+    @field_validator("port")
+    @classmethod
+    def _known_port(cls, port: str) -> str:
+        parse_address(port)
+        return port
 
     @model_validator(mode="before")
     @classmethod

@@ -1,6 +1,7 @@
 """A serial port: opened exclusively, read with deadlines, found again when it was unplugged.
 
-pyserial opens and configures it; reading and writing are poll, read and write, so that waiting costs no CPU.
+pyserial opens and configures it, or it is the connection to a server (``socket://host:port``). Reading and
+writing are poll, read and write, so that waiting costs no CPU.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import fcntl
 import math
 import os
 import select
+import socket
 import termios
 import threading
 import time
@@ -22,6 +24,7 @@ from typing import Final, Self
 from crtk_driver_dynamixel import latency
 from crtk_driver_dynamixel.holders import holders, lock_owner
 from crtk_driver_dynamixel.latency import Latency
+from crtk_driver_dynamixel.network import ServerAddress, connect, parse_address
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, DeviceError, MissingExtra
 
 try:
@@ -54,13 +57,16 @@ class Port:
     """One serial port. It belongs to the thread that runs the bus; others may `write_from_outside`.
 
     Args:
-        name: device file or a link to it, for example under /dev/serial/by-id.
-        baud: in bit/s; any that the adapter can do.
+        name: device file or a link to it, for example under /dev/serial/by-id; or ``socket://host:port``.
+        baud: in bit/s; any that the adapter can do. That of a server is its own: this one must be the same.
         clock: monotonic seconds.
         by_id: where the stable names of ports are.
 
     Attributes:
         latency: the adapter's latency timer, known once it is open.
+
+    Raises:
+        ValueError: the name is a URL, and none of a server.
     """
 
     def __init__(
@@ -73,11 +79,12 @@ class Port:
     ) -> None:
         self.name = str(name)
         self.latency = Latency(None)
+        self._server = parse_address(self.name)
         self._baud = baud
         self._clock = clock
         self._by_id = by_id
         self._stable: Path | None = None
-        self._serial: serial.Serial | None = None
+        self._opened_as: serial.Serial | socket.socket | None = None
         self._fd = -1
         self._poll = select.poll()
         self._writing = threading.Lock()
@@ -107,7 +114,12 @@ class Port:
     @property
     def is_open(self) -> bool:
         """Whether it is open; an unplugged one is until `close`."""
-        return self._serial is not None
+        return self._opened_as is not None
+
+    @property
+    def has_own_rate(self) -> bool:
+        """Whether its rate is set by a server, and not here."""
+        return self._server is not None
 
     def open(self) -> None:
         """Open the port, or open it anew; found by its stable name if it has been open before.
@@ -116,6 +128,25 @@ class Port:
             ConnectionFailed: it is not there, is in use, or does not take the rate.
         """
         self.close()
+        if self._server is not None:
+            self._open_server(self._server)
+        else:
+            self._open_device()
+        self._poll = select.poll()
+        self._poll.register(self._fd, select.POLLIN)
+
+    def _open_server(self, server: ServerAddress) -> None:
+        try:
+            opened = connect(server)
+        except OSError as error:
+            raise ConnectionFailed(
+                f"the server cannot be reached: {error.strerror or error}",
+                where=self.where,
+                remedy="Check that it runs, its address, and that no other program is connected to it.",
+            ) from error
+        self._opened_as, self._fd = opened, opened.fileno()
+
+    def _open_device(self) -> None:
         path = self._path()
         try:
             device = path.resolve(strict=True)
@@ -128,7 +159,7 @@ class Port:
             opened = serial.Serial(str(device), self._baud, timeout=0, exclusive=True)
         except (OSError, ValueError) as error:
             raise self._not_opened(device, error) from error
-        self._serial = opened
+        self._opened_as = opened
         self._fd = opened.fileno()
         try:
             self._configure(is_pty=is_pty)
@@ -137,12 +168,10 @@ class Port:
             raise self._not_opened(device, error) from error
         self._stable = stable_name(device, self._by_id)
         self.latency = latency.lower(device, lambda: opened.set_low_latency_mode(True))
-        self._poll = select.poll()
-        self._poll.register(self._fd, select.POLLIN)
 
     def close(self) -> None:
         """Close it. May be called twice, and after it was unplugged."""
-        opened, self._serial, self._fd = self._serial, None, -1
+        opened, self._opened_as, self._fd = self._opened_as, None, -1
         if opened is not None:
             with contextlib.suppress(OSError, termios.error):
                 opened.close()
@@ -151,9 +180,17 @@ class Port:
         """Change the rate.
 
         Raises:
-            DeviceError: the adapter does not take it; the rate is then as before.
+            DeviceError: the adapter does not take it, or it is a server's; the rate is then as before.
         """
         opened = self._opened()
+        if isinstance(opened, socket.socket):
+            if baud != self._baud:
+                raise DeviceError(
+                    f"{baud} bit/s refused: the rate is set at the server",
+                    where=self.where,
+                    remedy="Set it there, and give the same one as baud.",
+                )
+            return
         before = self._baud
         try:
             opened.baudrate = baud
@@ -269,10 +306,10 @@ class Port:
         attributes[6][termios.VTIME] = 0
         termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
 
-    def _opened(self) -> serial.Serial:
-        if self._serial is None:
+    def _opened(self) -> serial.Serial | socket.socket:
+        if self._opened_as is None:
             raise ConnectionLost("the port is closed", where=self.where, remedy="Open it.")
-        return self._serial
+        return self._opened_as
 
     def _not_there(self) -> ConnectionFailed:
         try:
@@ -314,8 +351,14 @@ class Port:
         )
 
     def _lost(self, error: Exception) -> ConnectionLost:
-        if self._serial is None:
+        if self._opened_as is None:
             return ConnectionLost("the port is closed", where=self.where, remedy="Open it.")
+        if self._server is not None:
+            return ConnectionLost(
+                f"the connection is gone: {error}",
+                where=self.where,
+                remedy="Check the network and the server; it is connected again when that answers.",
+            )
         return ConnectionLost(
             f"the adapter is gone: {error}",
             where=self.where,

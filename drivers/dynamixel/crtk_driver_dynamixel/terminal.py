@@ -21,6 +21,7 @@ from crtk_driver_dynamixel.chain_link import ChainLink
 from crtk_driver_dynamixel.config import MAIN_BUS, BusConfig, DynamixelConfig
 from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.models import OperatingMode, model_numbered
+from crtk_driver_dynamixel.network import parse_address
 from crtk_driver_dynamixel.port import Port
 from crtk_driver_dynamixel.replies import ServoCorrupt, ServoSilent
 from crtk_driver_dynamixel.tools import (
@@ -71,6 +72,8 @@ def scan(config: DynamixelConfig, options: ScanOptions) -> int:
     for name in config.buses:
         given = config.bus(name)
         bauds = {"all": list(BAUDS), "set": [given.baud]}.get(options.bauds)
+        if parse_address(given.port):
+            bauds = [given.baud]  # a server has a rate of its own
         found += _scan(
             name, given, bauds or numbers(options.bauds, 9600, 10_500_000), protocols, ids
         )

@@ -34,7 +34,7 @@ class DynamixelSimulator(Simulator[SimConfig, "DynamixelServer"]):
         return DynamixelServer(config, parent_fd)
 
     def places(self, server: DynamixelServer) -> dict[str, Any]:
-        """Add `ttys`, by bus."""
+        """Add `ttys`, by bus; `ports` has the TCP port of each bus by the same name."""
         return {**super().places(server), "ttys": server.ttys}
 
     def describe(self, server: DynamixelServer) -> Iterator[str]:
@@ -42,7 +42,8 @@ class DynamixelSimulator(Simulator[SimConfig, "DynamixelServer"]):
         config = server.config
         for (name, path), specs in zip(server.ttys.items(), config.buses, strict=True):
             servos = ", ".join(f"{spec.number} {spec.model.name}" for spec in specs)
-            yield f"simulated DYNAMIXEL {name} at {path}, {config.baud} bps: {servos}"
+            url = f"socket://{server.host}:{server.ports[name]}"
+            yield f"simulated DYNAMIXEL {name} at {path} and {url}, {config.baud} bps: {servos}"
         yield f"control socket at {server.host}:{server.ports['control']}"
 
 

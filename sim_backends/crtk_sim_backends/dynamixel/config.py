@@ -98,6 +98,10 @@ class SimConfig(Options):
     link: str = option(
         "", "path of a symbolic link to the tty that stays the same; one in a new folder if empty"
     )
+    tcp_port: int = option(
+        0,
+        "TCP port by which the first bus can be reached too, further ones follow; 0: any free ones",
+    )
     seed: int = option(0, "seed of everything random")
     trace_size: int = option(5000, "how many received instructions the trace keeps")
 
@@ -121,6 +125,7 @@ _BOUNDS: Final = (
     ("adapter_latency", 0.0, 255.0),
     ("speed", 0.01, 100.0),
     ("control_port", 0, 65535),
+    ("tcp_port", 0, 65535),
     ("trace_size", 1, 1_000_000),
 )
 

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
+from crtk_sim_backends.dynamixel.adapter import Adapter
 from crtk_sim_backends.dynamixel.bus import Bus, Reply
 from crtk_sim_backends.dynamixel.injection import ALL, ANY, REPLIES, overlay
 from crtk_sim_backends.dynamixel.packets import BROADCAST, Instruction, Parser, Parser1, Parser2
 from crtk_sim_backends.dynamixel.servo import Servo
-from crtk_sim_backends.dynamixel.tty import Tty
 from crtk_sim_backends.faults import Fault
 
 BITS: Final = 10  # of one byte on the wire, start and stop bit included
@@ -71,11 +71,11 @@ Deferred = tuple[float, int, Callable[[], None]]
 
 
 class Line:
-    """One bus on its tty.
+    """One bus on its adapter.
 
     Args:
         name: of the bus.
-        port: where the client is.
+        port: where the clients are.
         servos: on it.
         lead: s by which a line that is timed is ahead of its time, see `wake_up`; None: bytes take no time.
         latency: of the adapter, s.
@@ -87,7 +87,7 @@ class Line:
     def __init__(
         self,
         name: str,
-        port: Tty,
+        port: Adapter,
         servos: list[Servo],
         *,
         lead: float | None,
@@ -320,8 +320,8 @@ class Line:
     def describe(self) -> dict[str, Any]:
         """What a person wants to know, ready for JSON."""
         return {
-            "tty": self.port.name if self.port.plugged else "",
-            "link": str(self.port.link),
+            "tty": self.port.tty.name if self.port.plugged else "",
+            "link": str(self.port.tty.link),
             "clients": self.port.clients,
             "baud": self.port.baud if self.port.plugged else 0,
             **vars(self.statistics),

@@ -26,6 +26,7 @@ from typing import Any, Final
 from crtk_sim_backends import wire
 from crtk_sim_backends.control import ControlSession, token
 from crtk_sim_backends.dynamixel import wake_up
+from crtk_sim_backends.dynamixel.adapter import Adapter
 from crtk_sim_backends.dynamixel.bus import make_servos
 from crtk_sim_backends.dynamixel.config import SimConfig
 from crtk_sim_backends.dynamixel.effects import FaultEffects
@@ -33,6 +34,7 @@ from crtk_sim_backends.dynamixel.injection import EVENTS, KINDS
 from crtk_sim_backends.dynamixel.line import Line
 from crtk_sim_backends.dynamixel.packets import Instruction
 from crtk_sim_backends.dynamixel.servo import Servo
+from crtk_sim_backends.dynamixel.tcp import TcpDoor
 from crtk_sim_backends.dynamixel.tty import Tty
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import FaultError, check_fault, read_faults, unknown
@@ -81,7 +83,8 @@ class DynamixelServer:
         self._sources: dict[int, Callable[[], None]] = {}
         self._watched: list[int] = []
         self._changed = True  # ttys or connections came or went
-        self.host, self._listener = bind_somewhere(config.host, self._bind)
+        self.host, (self._listener, *doors) = bind_somewhere(config.host, self._bind)
+        self._doors = [TcpDoor(listener) for listener in doors]
         try:
             self._plug_in()
             faults = read_faults(Path(config.faults), KINDS, EVENTS) if config.faults else []
@@ -99,8 +102,23 @@ class DynamixelServer:
         )
         self._was = {id(servo): (servo.torque_enabled, False) for servo in self._servos}
 
-    def _bind(self, host: str) -> socket.socket:
-        return listen(host, self.config.control_port, "control")
+    def _bind(self, host: str) -> list[socket.socket]:
+        """Bind the control port, and one for each bus."""
+        first = self.config.tcp_port
+        wanted = [(self.config.control_port, "control")]
+        wanted += [
+            (first and first + number, f"bus{number + 1}")
+            for number in range(len(self.config.buses))
+        ]
+        bound: list[socket.socket] = []
+        try:
+            for port, name in wanted:
+                bound.append(listen(host, port, name))
+        except SimStartError:
+            for listener in bound:
+                listener.close()
+            raise
+        return bound
 
     def _plug_in(self) -> None:
         config = self.config
@@ -109,7 +127,7 @@ class DynamixelServer:
             name = f"bus{number}"
             line = Line(
                 name,
-                Tty(self._link(number, name)),
+                Adapter(Tty(self._link(number, name)), self._doors[number - 1], config.baud),
                 make_servos(specs, config.baud, config.return_delay),
                 lead=lead,
                 latency=config.adapter_latency * 1e-3,
@@ -130,13 +148,14 @@ class DynamixelServer:
 
     @property
     def ports(self) -> dict[str, int]:
-        """TCP ports by name."""
-        return {"control": self._listener.getsockname()[1]}
+        """TCP ports by name: of every bus, and "control"."""
+        buses = {f"bus{number}": door.port for number, door in enumerate(self._doors, start=1)}
+        return {"control": self._listener.getsockname()[1], **buses}
 
     @property
     def ttys(self) -> dict[str, str]:
         """Path of every bus by name."""
-        return {line.name: str(line.port.link) for line in self._lines}
+        return {line.name: str(line.port.tty.link) for line in self._lines}
 
     @property
     def _servos(self) -> list[Servo]:
@@ -153,6 +172,8 @@ class DynamixelServer:
         for line in self._lines:
             line.unplug()
         self._lines.clear()
+        for door in self._doors:
+            door.close()
         for connection, _ in self._clients:
             connection.close()
         self._clients.clear()
@@ -200,10 +221,14 @@ class DynamixelServer:
         self._changed = False
         self._sources = {self._listener.fileno(): self._accept}
         for line in self._lines:
-            if line.port.plugged:
-                self._sources[line.port.fileno()] = partial(self._receive, line)
-            if line.port.openings is not None:
-                self._sources[line.port.openings.fileno()] = line.port.look
+            tty, door = line.port.tty, line.port.door
+            if tty.plugged:
+                self._sources[tty.fileno()] = partial(self._receive, line, by_tcp=False)
+            if tty.openings is not None:
+                self._sources[tty.openings.fileno()] = tty.look
+            self._sources[door.listener] = partial(self._come_in, line)
+            if door.client is not None:
+                self._sources[door.client] = partial(self._receive, line, by_tcp=True)
         for connection, session in self._clients:
             self._sources[connection.fileno()] = partial(self._serve, connection, session)
         if self._parent_fd is not None:
@@ -214,10 +239,16 @@ class DynamixelServer:
         log.info("the process that started this simulator has ended")
         self.stop()
 
-    def _receive(self, line: Line) -> None:
+    def _come_in(self, line: Line) -> None:
+        """Let a client of a bus in by TCP."""
+        line.port.door.accept(welcome=line.port.plugged)
+        self._changed = True
+
+    def _receive(self, line: Line, *, by_tcp: bool) -> None:
         now = time.monotonic()
         if line.port.plugged:  # it may have been unplugged since
-            data = line.port.read()
+            data = line.port.read(by_tcp=by_tcp)
+            self._changed |= by_tcp and not data  # it may have left
             if data:
                 line.receive(data, now, self._plant_time(now), line.port.baud)
 

@@ -1,0 +1,60 @@
+"""A serial line behind a TCP port: ``socket://host:port``, as pyserial names it."""
+
+from __future__ import annotations
+
+import socket
+from typing import Final, NamedTuple
+from urllib.parse import urlsplit
+
+__all__ = ["ServerAddress", "connect", "parse_address"]
+
+SCHEME: Final = "socket"
+
+GIVE_UP: Final = 0.5
+"""Seconds after which bytes that the network did not deliver are dropped with the connection: goals that come
+late would be carried out late."""
+
+_OPEN: Final = 3.0
+"""Seconds for the connection to be made."""
+
+
+class ServerAddress(NamedTuple):
+    """Where the server of a serial line listens."""
+
+    host: str
+    port: int
+
+
+def parse_address(name: str) -> ServerAddress | None:
+    """Return the server that a port's name means, None if it is the name of a device file.
+
+    Raises:
+        ValueError: it is a URL, and none of such a server.
+    """
+    if "://" not in name:
+        return None
+    url = urlsplit(name)
+    if url.scheme != SCHEME:
+        raise ValueError(
+            f"{url.scheme}:// is not known: a port is a device file, or {SCHEME}://HOST:PORT"
+        )
+    if not url.hostname or not url.port or url.path not in ("", "/") or url.query:
+        raise ValueError(f"{name!r} is not {SCHEME}://HOST:PORT")
+    return ServerAddress(url.hostname, url.port)
+
+
+def connect(address: ServerAddress) -> socket.socket:
+    """Return a connection that does not block, delays nothing, and ends rather than deliver late.
+
+    Raises:
+        OSError: there is none.
+    """
+    made = socket.create_connection(address, timeout=_OPEN)
+    try:
+        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1000 * GIVE_UP))
+        made.setblocking(False)
+    except OSError:
+        made.close()
+        raise
+    return made
