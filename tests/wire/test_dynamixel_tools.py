@@ -1,14 +1,18 @@
-"""crtk-driver dynamixel scan, info and calibrate, against simulated servos."""
+"""crtk-driver dynamixel scan, info, calibrate and limits, against simulated servos."""
 
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 import yaml
+from dynamixel_bench import HARMLESS, LONG, driver_at
 
 from crtk_driver_dynamixel import PLUGIN
+from crtk_driver_dynamixel.bus import Bus
 from crtk_driver_dynamixel.calibration import load_calibration
 from crtk_driver_dynamixel.config import DynamixelConfig
+from crtk_driver_dynamixel.port import Port
 from crtk_drivers.cli import main
 from crtk_drivers.config import from_file, from_values, load
 from crtk_drivers.errors import ConfigError
@@ -100,6 +104,110 @@ def test_calibrate_keeps_by_how_much_the_joints_are_off(tty: str, tmp_path: Path
     (servo,) = load_calibration(out).servos
     assert servo.shift == -65  # 0.1 rad
     assert run("calibrate", *arguments[:-1], "{b: 0.1}") == 2
+
+
+LIMITED = {
+    "id": 3,
+    "model": "xm430-w350",
+    "sign": -1,
+    "gear": 2.0,
+    "lower": -0.3,
+    "upper": 0.5,
+    "velocity": 1.0,
+    "current_limit": 1.0,
+}
+WANTED = {
+    "velocity_limit": 84,
+    "min_position_limit": 1396,
+    "max_position_limit": 2440,
+    "current_limit": 372,
+}
+"""1 rad/s with a gear of 2 is 83.4 times 0.229 rpm; -0.5 and 0.3 rad are 2048 - 651.9 and + 391.1 counts."""
+ADDRESSES = {
+    "current_limit": 38,
+    "velocity_limit": 44,
+    "max_position_limit": 48,
+    "min_position_limit": 52,
+}
+
+
+def registers(sim: RunningSim, id: int) -> dict[str, int]:
+    """What a servo says of its limits on the wire."""
+    with closing(Bus(Port(sim.ttys["bus1"]), latency_budget=1.0)) as bus:
+        bus.open()
+        return {
+            name: int.from_bytes(bus.read(id, address, 2), "little")
+            for name, address in ADDRESSES.items()
+        }
+
+
+@pytest.fixture
+def limited(tty: str, tmp_path: Path) -> str:
+    path = tmp_path / "limited.yaml"
+    joints = {"a": LIMITED, "b": {"id": 9, "model": "ax-12a", "lower": -1.0, "upper": 1.0}}
+    path.write_text(yaml.safe_dump({"port": tty, "joints": joints}))
+    return str(path)
+
+
+def test_limits_of_the_configuration_go_into_the_servos_and_only_where_they_differ(
+    sim: RunningSim,
+    limited: str,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with (
+        caplog.at_level("INFO"),
+        driver_at(sim, yaml.safe_load(Path(limited).read_text())) as bench,
+    ):
+        for _ in range(2):
+            bench.enable()
+            bench.arm.disable(timeout=LONG)
+        told = [text for text in caplog.messages if "wider than the configuration" in text]
+        assert len(told) == 1
+        assert "joint a (servo 3 on main) velocity_limit 200 for 84 (1 rad/s)" in told[0]
+    before = registers(sim, 3)
+    capsys.readouterr()
+    assert run("limits", "--config", limited, "--no-write") == 0
+    assert "differs: velocity_limit 200 to 84 (1 rad/s)" in capsys.readouterr().out
+    assert registers(sim, 3) == before
+    assert run("limits", "--config", limited) == 0
+    told = capsys.readouterr().out
+    for name, value in WANTED.items():
+        assert f"joint a (servo 3 on main): changed: {name} {before[name]} to {value}" in told
+    assert "joint b (servo 9 on main): changed: cw_angle_limit 0 to 316" in told
+    assert registers(sim, 3) == WANTED
+    mark = int(sim.control.status()["instructions"])
+    assert run("limits", "--config", limited) == 0
+    assert "have the limits of the configuration" in capsys.readouterr().out
+    assert {entry["code"] for entry in sim.control.trace(after=mark)} <= HARMLESS
+    caplog.clear()
+    with (
+        caplog.at_level("INFO"),
+        driver_at(sim, yaml.safe_load(Path(limited).read_text())) as bench,
+    ):
+        bench.enable()
+        assert bench.arm.move_jp([0.2, 0.1]).wait(LONG)
+        bench.arm.disable(timeout=LONG)
+    assert not any("wider than the configuration" in text for text in caplog.messages)
+
+
+def test_limits_are_not_written_to_a_servo_with_torque(
+    sim: RunningSim, tty: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "arm.yaml"
+    joints = {
+        "a": {**LIMITED, "velocity": 0.5},
+        "b": {"id": 5, "model": "xl330-m288", "velocity": 0.5},
+    }
+    path.write_text(yaml.safe_dump({"port": tty, "joints": joints}))
+    before = registers(sim, 3)
+    sim.control.call("write", id=5, address=64, data="01")
+    try:
+        assert run("limits", "--config", str(path)) == 1
+    finally:
+        sim.control.call("write", id=5, address=64, data="00")
+    assert "joint b (servo 5 on main) has torque" in capsys.readouterr().err.replace("\n", " ")
+    assert registers(sim, 3) == before
 
 
 def test_a_simulated_chain_is_that_of_the_configuration() -> None:

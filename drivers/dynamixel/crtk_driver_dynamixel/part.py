@@ -24,6 +24,7 @@ from crtk_driver_dynamixel.goals import SentGoals
 from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.models import OperatingMode
 from crtk_driver_dynamixel.modes import BY_HAND, Modes
+from crtk_driver_dynamixel.own_limits import own_limits
 from crtk_driver_dynamixel.preparation import recover, set_up
 from crtk_driver_dynamixel.readings import Frame
 from crtk_driver_dynamixel.servo_state import Values
@@ -84,6 +85,7 @@ class Part:
         self._work: Steps | None = None
         self._is_stopping = False
         self._armed = False
+        self._has_told_limits = False
         self.found = ""
         self._pending: _Pending | None = None
         self._fault = ""
@@ -343,6 +345,7 @@ class Part:
             yield
         yield from recover(link, places)
         yield from set_up(link, places, self._config)
+        self._tell_limits()
         beyond = self._modes.beyond(places)
         if beyond:
             raise DeviceFault(beyond, where=link.address, remedy=BY_HAND)
@@ -356,6 +359,28 @@ class Part:
         end = time.monotonic() + SETTLE_TIME
         while self.silent(self._frame, time.monotonic()) and time.monotonic() < end:
             yield  # one that was silent before is read only now and then
+
+    def _tell_limits(self) -> None:
+        """Tell, once, which servos would go further by themselves than the configuration lets them."""
+        if self._has_told_limits:
+            return
+        self._has_told_limits = True
+        link, chain = self._link, self._link.chain
+        wider = [
+            f"{chain.servos[place].place} {limit.register} {limit.read} for {limit.wanted} ({limit.text})"
+            for place in self.places
+            for limit in own_limits(
+                chain, chain.servos[place], link.states[place].table, link.states[place].values
+            )
+            if limit.is_wider
+        ]
+        if wider:
+            logger.info(
+                "%s: the servos' own limits are wider than the configuration: %s. They are a second line if "
+                "they are as narrow: crtk-driver dynamixel limits writes them",
+                link.address,
+                "; ".join(wider),
+            )
 
     def disable(self) -> Steps:
         """Take the torque away, or leave the servos holding, as configured.

@@ -140,7 +140,8 @@ def obstacles(servo: ChainServo, read: Mapping[str, int]) -> tuple[str, ...]:
     elif is_limited and not (least - 0.5 <= low and high <= most + 0.5):
         found.append(
             f"{servo.place} takes goals from {least} to {most} (Min and Max Position Limit), and its range "
-            f"is {low:.0f} to {high:.0f}: narrow lower and upper, or widen the limits in the servo"
+            f"is {low:.0f} to {high:.0f}: narrow lower and upper, or widen the limits in the servo "
+            "(crtk-driver dynamixel limits)"
         )
     limit = servo.config.current_limit
     register = read.get("current_limit")
@@ -148,7 +149,8 @@ def obstacles(servo: ChainServo, read: Mapping[str, int]) -> tuple[str, ...]:
     if limit is not None and register is not None and limit > register * unit * (1.0 + 1e-9):
         found.append(
             f"{servo.place} limits its current to {register * unit:.3f} A (Current Limit), below "
-            f"current_limit {limit:g} A: lower the key, or raise the limit in the servo"
+            f"current_limit {limit:g} A: lower the key, or raise the limit in the servo "
+            "(crtk-driver dynamixel limits)"
         )
     return tuple(found)
 

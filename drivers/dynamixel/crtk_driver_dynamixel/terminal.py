@@ -1,9 +1,9 @@
-"""What the tools do: find servos, tell how a chain is doing, calibrate its joints. They print."""
+"""What the tools do: find servos, tell how a chain is doing, calibrate it, write its limits. They print."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -22,6 +22,7 @@ from crtk_driver_dynamixel.config import MAIN_BUS, BusConfig, DynamixelConfig
 from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.models import OperatingMode, model_numbered
 from crtk_driver_dynamixel.network import parse_address
+from crtk_driver_dynamixel.own_limits import OwnLimit, own_limits
 from crtk_driver_dynamixel.port import Port
 from crtk_driver_dynamixel.replies import ServoCorrupt, ServoSilent
 from crtk_driver_dynamixel.tools import (
@@ -29,6 +30,7 @@ from crtk_driver_dynamixel.tools import (
     IDS,
     CalibrateOptions,
     InfoOptions,
+    LimitsOptions,
     ScanOptions,
     numbers,
 )
@@ -269,6 +271,83 @@ def _pose(text: str, names: Sequence[str]) -> Mapping[str, float]:
             remedy=f"The joints are {', '.join(names)}.",
         )
     return {name: pose.get(name, 0.0) for name in names}
+
+
+# --------------------------------------------------------------------------------------------- limits
+
+
+def limits(config: DynamixelConfig, options: LimitsOptions) -> int:
+    """Write the limits of the configuration into the servos where they differ; the torque must be off.
+
+    Nothing is written before all servos were found fit for it.
+    """
+    with _opened(config) as link:
+        wanted = {
+            place: [limit for limit in found if limit.differs]
+            for place, state in enumerate(link.states)
+            if (
+                found := own_limits(link.chain, link.chain.servos[place], state.table, state.values)
+            )
+        }
+        wanted = {place: found for place, found in wanted.items() if found}
+        if not wanted:
+            _OUT.print("The servos have the limits of the configuration.")
+            return 0
+        if options.write:
+            _check_writable(link, wanted)
+        for place, found in wanted.items():
+            if options.write:
+                _write_limits(link, place, found)
+            for limit in found:
+                done = "changed" if options.write else "differs"
+                line = f"{done}: {limit.register} {limit.read} to {limit.wanted} ({limit.text})"
+                _OUT.print(
+                    f"{link.chain.servos[place].place}: {line}", markup=False, soft_wrap=True
+                )
+    return 0
+
+
+def _check_writable(link: ChainLink, places: Iterable[int]) -> None:
+    """Make sure that EEPROM may be written, and that counts mean what the calibration says.
+
+    Raises:
+        ConnectionFailed: a servo has torque, or waits for its homing offset.
+    """
+    for place in places:
+        state, servo = link.states[place], link.chain.servos[place]
+        if state.values.get("torque_enable"):
+            raise ConnectionFailed(
+                f"{servo.place} has torque, with which its EEPROM cannot be written",
+                where=link.address,
+                remedy="Support the arm, send disable, end the driver, and try again.",
+            )
+        calibrated = link.calibrated.get((servo.bus, servo.id))
+        offset = state.values.get("homing_offset")
+        if calibrated is not None and offset not in (None, calibrated.homing_offset):
+            raise ConnectionFailed(
+                f"{servo.place} does not have its homing offset yet: {offset}, not "
+                f"{calibrated.homing_offset}, and counts other positions",
+                where=link.address,
+                remedy="Enable it once, which writes the offset; then try again.",
+            )
+
+
+def _write_limits(link: ChainLink, place: int, found: Sequence[OwnLimit]) -> None:
+    """Write limits, and read them back.
+
+    Raises:
+        ServoSilent, ServoCorrupt, ServoRefused: the servo does not answer, or says no.
+        ConnectionFailed: it holds others.
+    """
+    link.write_checked(place, {limit.register: limit.wanted for limit in found})
+    values = link.states[place].values
+    refused = [limit.register for limit in found if values[limit.register] != limit.wanted]
+    if refused:
+        raise ConnectionFailed(
+            f"{link.chain.servos[place].place} did not take {', '.join(refused)}",
+            where=link.address,
+            remedy="Look at these registers with DYNAMIXEL Wizard.",
+        )
 
 
 @contextmanager

@@ -119,6 +119,12 @@ class CalibrateOptions(Settings):
     ask: bool = Field(default=True, description="Wait for Enter; if not, read at once.")
 
 
+class LimitsOptions(Settings):
+    """Options of `limits`."""
+
+    write: bool = Field(default=True, description="Write what differs; if not, only tell it.")
+
+
 def _require_ports(config: DynamixelConfig) -> None:
     if not all(config.bus(name).port for name in config.buses):
         raise ConfigError(
@@ -147,5 +153,11 @@ TOOLS: Final = (
         "find where the joints are, from a pose that is known",
         _later("calibrate"),
         CalibrateOptions,
+    ),
+    Tool(
+        "limits",
+        "put the limits of the configuration into the servos' EEPROM, as a second line",
+        _later("limits"),
+        LimitsOptions,
     ),
 )
