@@ -151,6 +151,9 @@ def test_hold_ends_a_slow_profile_of_the_servo(shared):
         bench.until_still()
         here = bench.servos()[1]["angle"]
         assert here < 0.9
+        # The servo stands before the driver has read back that it does.
+        eventually(lambda: bench.device.has_stopped, "the stop is read back")
+        bench.cycles(1)
         assert bench.arm.setpoint_js().position[0] == pytest.approx(here, abs=2 * COUNT)
         with bench.nothing_moves():
             bench.cycles(20)

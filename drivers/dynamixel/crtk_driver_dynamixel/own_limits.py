@@ -15,8 +15,9 @@ from typing import NamedTuple
 from crtk_driver_dynamixel.control_tables import ControlTable
 from crtk_driver_dynamixel.joints import Chain, ChainServo, servo_range
 from crtk_driver_dynamixel.models import OperatingMode
+from crtk_driver_dynamixel.servo_state import ServoState
 
-__all__ = ["OwnLimit", "own_limits"]
+__all__ = ["OwnLimit", "own_limits", "wider"]
 
 
 class OwnLimit(NamedTuple):
@@ -64,6 +65,16 @@ def own_limits(
         OwnLimit(name, wanted, read[name], is_least, text)
         for name, wanted, is_least, text in _wanted(chain, servo)
         if name in table and name in read
+    )
+
+
+def wider(chain: Chain, states: Mapping[int, ServoState]) -> str:
+    """Return which servos, by place, would go further than the configuration, in words; empty if none."""
+    return "; ".join(
+        f"{chain.servos[place].place} {limit.register} {limit.read} for {limit.wanted} ({limit.text})"
+        for place, state in states.items()
+        for limit in own_limits(chain, chain.servos[place], state.table, state.values)
+        if limit.is_wider
     )
 
 

@@ -24,7 +24,7 @@ from crtk_driver_dynamixel.goals import SentGoals
 from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.models import OperatingMode
 from crtk_driver_dynamixel.modes import BY_HAND, Modes
-from crtk_driver_dynamixel.own_limits import own_limits
+from crtk_driver_dynamixel.own_limits import wider
 from crtk_driver_dynamixel.preparation import recover, set_up
 from crtk_driver_dynamixel.readings import Frame
 from crtk_driver_dynamixel.servo_state import Values
@@ -365,21 +365,14 @@ class Part:
         if self._has_told_limits:
             return
         self._has_told_limits = True
-        link, chain = self._link, self._link.chain
-        wider = [
-            f"{chain.servos[place].place} {limit.register} {limit.read} for {limit.wanted} ({limit.text})"
-            for place in self.places
-            for limit in own_limits(
-                chain, chain.servos[place], link.states[place].table, link.states[place].values
-            )
-            if limit.is_wider
-        ]
-        if wider:
+        link = self._link
+        told = wider(link.chain, {place: link.states[place] for place in self.places})
+        if told:
             logger.info(
-                "%s: the servos' own limits are wider than the configuration: %s. They are a second line if "
-                "they are as narrow: crtk-driver dynamixel limits writes them",
+                "%s: the servos' own limits are wider than the configuration: %s. As a second line they "
+                "should be as narrow: crtk-driver dynamixel limits writes them",
                 link.address,
-                "; ".join(wider),
+                told,
             )
 
     def disable(self) -> Steps:

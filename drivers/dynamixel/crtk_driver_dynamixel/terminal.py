@@ -282,14 +282,11 @@ def limits(config: DynamixelConfig, options: LimitsOptions) -> int:
     Nothing is written before all servos were found fit for it.
     """
     with _opened(config) as link:
-        wanted = {
-            place: [limit for limit in found if limit.differs]
-            for place, state in enumerate(link.states)
-            if (
-                found := own_limits(link.chain, link.chain.servos[place], state.table, state.values)
-            )
-        }
-        wanted = {place: found for place, found in wanted.items() if found}
+        wanted: dict[int, list[OwnLimit]] = {}
+        for place, state in enumerate(link.states):
+            known = own_limits(link.chain, link.chain.servos[place], state.table, state.values)
+            if differing := [limit for limit in known if limit.differs]:
+                wanted[place] = differing
         if not wanted:
             _OUT.print("The servos have the limits of the configuration.")
             return 0
