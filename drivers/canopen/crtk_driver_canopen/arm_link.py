@@ -35,6 +35,7 @@ from crtk_driver_canopen.statemachine import Control, State
 from crtk_driver_canopen.stopping import RPDO_TIMEOUT, LastResort, quick_stop_frame, secure
 from crtk_driver_canopen.targets import UNHEARD, PositionTarget
 from crtk_driver_canopen.units import GroupUnits
+from crtk_driver_canopen.whereabouts import Whereabouts
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import ConnectionFailed, CrtkError, DataTimeout
 from crtk_drivers.samples import Stamp
@@ -112,6 +113,8 @@ class ArmLink:
         self._tardy: list[int] = []
         self.targets: list[PositionTarget] = []
         """The positions that the drives are really sent."""
+        self.whereabouts: list[Whereabouts] = []
+        """Where the drives are, as far as they can be believed."""
         self._tells: list[int] = []
         self._unbegun = 0
         self._places: dict[str, list[int | None]] = {}
@@ -219,6 +222,14 @@ class ArmLink:
         self._tardy = [0] * len(self._layout.tpdos)
         self._find_places()
         self.targets = [self._target(axis) for axis in self.axes]
+        self.whereabouts = [
+            Whereabouts(
+                axis.facts.position,
+                axis.config.velocity / abs(axis.facts.units.position),
+                self._config.period,
+            )
+            for axis in self.axes
+        ]
         for index, axis in enumerate(self.axes):
             self.outputs.position[index] = facts[axis.name].position
         self._start(config.nodes)
@@ -475,7 +486,7 @@ class ArmLink:
     # ------------------------------------------------------------------------------------ exchange
 
     def exchange(self, deadline: float) -> bool:
-        """Begin a cycle and receive; return whether every drive told.
+        """Begin a cycle and receive; return whether every drive told, and can be believed.
 
         Args:
             deadline: monotonic seconds.
@@ -506,7 +517,19 @@ class ArmLink:
             logger.warning("%s: %s", self.where, event)
             if isinstance(event, BootUp) and event.node in self._config.nodes:
                 self._note_boot_up(event.node)
-        return complete
+        self._locate(now)
+        return complete and not any(each.strange for each in self.whereabouts)
+
+    def _locate(self, now: float) -> None:
+        """Take where the drives say that they are, of those that have told."""
+        told, ages = self._picked("position_actual", self.cycle.values), self.cycle.ages
+        for axis, position, slot, where in zip(
+            self.axes, told, self._tells, self.whereabouts, strict=True
+        ):
+            if not ages[slot]:
+                homes = axis.mode is OpMode.HM or axis.homing is not None
+                follows = axis.is_enabled and not homes and axis.config.node not in self.restarted
+                where.take(position, now, follows=follows)
 
     def _note_boot_up(self, node: int) -> None:
         """What was known of a node is not true any more."""
@@ -521,7 +544,7 @@ class ArmLink:
         now, outputs = time.monotonic(), self.outputs
         values = self.cycle.values
         words = self._picked("statusword", values)
-        positions = self._picked("position_actual", values)
+        positions = self.positions
         modes = self._places["mode_of_operation_display"]
         for index, axis in enumerate(self.axes):
             place = modes[index]
@@ -578,7 +601,7 @@ class ArmLink:
     @property
     def positions(self) -> list[int]:
         """Where the drives are (n,), in their counts."""
-        return self._picked("position_actual", self.cycle.values)
+        return [each.position for each in self.whereabouts]
 
     @property
     def velocities(self) -> list[int] | None:

@@ -20,6 +20,7 @@ from crtk_driver_canopen.modes import Way
 from crtk_driver_canopen.motion import STREAMED, Motion, braking_time
 from crtk_driver_canopen.statemachine import State, Status
 from crtk_driver_canopen.stopping import leave_holding
+from crtk_driver_canopen.targets import UNHEARD
 from crtk_drivers.device import (
     Capabilities,
     Condition,
@@ -260,6 +261,12 @@ class CanopenDevice(Device):
         missing = {
             node: f"node {node} sends its PDOs too late: not within {in_time:.3g} ms of any SYNC"
             for node in link.tardy(self._patience)
+        }
+        missing |= {
+            axis.config.node: f"{axis.place} tells that it is at {where.told} counts, where it cannot have "
+            f"come to from {where.position}"
+            for axis, where in zip(self.axes, link.whereabouts, strict=True)
+            if where.strange > UNHEARD
         }
         late = link.late(self._config.missed_cycles)
         missing |= {node: f"node {node} does not send its PDOs" for node in late}

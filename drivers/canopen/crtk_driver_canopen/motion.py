@@ -441,6 +441,7 @@ class Motion:
             else:
                 self._phase, self._stop_since = _Phase.FOLLOW, None
         elif self.way is Way.POSITIONS and self.moving and self._link.velocities is not None:
+            self.hold_here()  # and not where the change of modes began
             self._speed = np.array(self._link.units.velocities(self._link.velocities))
             self._phase = _Phase.BRAKE
         else:

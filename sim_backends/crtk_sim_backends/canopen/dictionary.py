@@ -132,6 +132,7 @@ class ObjectDictionary:
         self.stored: dict[Key, Value] = {}  # by 1010, over the defaults
         self.live: dict[Key, Callable[[], Value]] = {}  # values that are computed when read
         self.guards: dict[int, Callable[[int, int], None]] = {}  # (sub, value) before a write
+        self.claims: dict[Key, bytes] = {}  # fault: what these read as, whatever they hold
         self.ignored: set[int] = set()  # fault: writes to these are accepted and have no effect
         self.written: dict[int, Callable[[int], None]] = {}  # (sub) after a write
         self.reset(self.variables)
@@ -180,6 +181,8 @@ class ObjectDictionary:
         variable = self.variable(index, sub)
         if variable.access == "wo":
             raise SdoAbort(Abort.WRITE_ONLY)
+        if (index, sub) in self.claims:
+            return self.claims[index, sub]
         live = self.live.get((index, sub))
         value = live() if live else self.values[index, sub]
         if isinstance(value, bytes):

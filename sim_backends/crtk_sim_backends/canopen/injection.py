@@ -73,6 +73,8 @@ KINDS: Final[dict[str, FaultKind]] = {
         _lasting("slow_sdo", "SDO answers are late", delay=_DELAY),
         _lasting("sdo_abort", "accesses to an object are refused",
                  index=_INDEX, sub=_SUB, code=Parameter(int, 0x0800_0000, 0, 0xFFFF_FFFF)),
+        _lasting("claim", "an object reads as these bytes (hexadecimal), also in TPDOs",
+                 index=_INDEX, sub=_SUB, data=Parameter(str)),
         _lasting("ignored_writes", "writes to an object are accepted without effect", index=_INDEX),
         _lasting("no_heartbeat", "heartbeats are not sent"),
         _lasting("no_tpdo", "TPDOs are not sent"),
@@ -142,6 +144,14 @@ def _sdo_abort(drive: Drive, parameters: Parameters, begin: bool) -> None:
         drive.faults.sdo_aborts.pop(key, None)
 
 
+def _claim(drive: Drive, parameters: Parameters, begin: bool) -> None:
+    key = parameters["index"], parameters["sub"]
+    if begin:
+        drive.dictionary.claims[key] = bytes.fromhex(parameters["data"])
+    else:
+        drive.dictionary.claims.pop(key, None)
+
+
 def _ignored(drive: Drive, parameters: Parameters, begin: bool) -> None:
     index = parameters["index"]
     if begin:
@@ -177,6 +187,7 @@ _EFFECTS: Final[dict[str, Callable[[Drive, Parameters, bool], None]]] = {
     "no_sdo": _set("no_sdo"),
     "slow_sdo": _set("sdo_delay", "delay"),
     "sdo_abort": _sdo_abort,
+    "claim": _claim,
     "ignored_writes": _ignored,
     "no_heartbeat": _set("no_heartbeat"),
     "no_tpdo": _set("no_tpdo"),
@@ -200,9 +211,10 @@ def chosen(drives: Iterable[Drive], fault: Fault) -> list[Drive]:
         if parameters.get("axis", 0) >= len(drive.axes):
             raise FaultError(f"{fault.kind}: node {drive.node_id} has {len(drive.axes)} axes")
     try:
-        bytes.fromhex(parameters["vendor"] if fault.kind in _WITH_VENDOR else "")
+        bytes.fromhex(parameters[_BYTES[fault.kind]] if fault.kind in _BYTES else "")
     except ValueError as error:
-        raise FaultError(f"{fault.kind}: vendor must be bytes in hexadecimal") from error
+        name = _BYTES[fault.kind]
+        raise FaultError(f"{fault.kind}: {name} must be bytes in hexadecimal") from error
     return found
 
 
@@ -216,4 +228,5 @@ def apply(drive: Drive, fault: Fault, begin: bool, now: float) -> None:
         _EFFECTS[fault.kind](drive, fault.parameters, begin)
 
 
-_WITH_VENDOR: Final = ("fault", "lasting_fault", "emcy")
+_BYTES: Final = {"fault": "vendor", "lasting_fault": "vendor", "emcy": "vendor", "claim": "data"}
+"""Parameters of kinds that are bytes in hexadecimal."""

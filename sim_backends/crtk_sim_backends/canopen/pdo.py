@@ -297,7 +297,19 @@ class ProcessData:
                 self._emergency.begin(RPDO_TIMEOUT, struct.pack("<H", pdo.index), pdo.index)
 
     def _pack(self, pdo: Pdo) -> bytes:
-        return pdo.layout.pack(*[read() for read in pdo.readers])
+        data = pdo.layout.pack(*[read() for read in pdo.readers])
+        return self._claimed(pdo, data) if self._dictionary.claims else data
+
+    def _claimed(self, pdo: Pdo, data: bytes) -> bytes:
+        """The data with what objects read as by a fault, cut or filled up to their size."""
+        result, end = bytearray(data), 0
+        for key in pdo.keys:
+            assert key is not None  # a TPDO has no dummies
+            start, end = end, end + self._dictionary.variables[key].type.size
+            if key in self._dictionary.claims:
+                claimed = self._dictionary.claims[key][: end - start]
+                result[start:end] = claimed.ljust(end - start, b"\0")
+        return bytes(result)
 
     @property
     def next_timer(self) -> float | None:

@@ -29,8 +29,12 @@ class FaultEffects:
         """Refuse what cannot be.
 
         Raises:
-            FaultError: for a bus or a servo that does not exist.
+            FaultError: for a bus or a servo that does not exist, and bytes that are not hexadecimal.
         """
+        try:
+            bytes.fromhex(fault.parameters.get("data", ""))
+        except ValueError as error:
+            raise FaultError(f"{fault.kind}: data must be bytes in hexadecimal") from error
         number = fault.parameters["bus"]
         if number > len(self._lines):
             raise FaultError(f"{fault.kind}: there is no bus {number}, only {len(self._lines)}")

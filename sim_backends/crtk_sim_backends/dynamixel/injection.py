@@ -95,6 +95,11 @@ def _stuff(servo: Servo, parameters: Parameters) -> None:
     servo.stuffing = stuffing_values(parameters["seed"])
 
 
+def _claim(servo: Servo, parameters: Parameters) -> None:
+    data = bytes.fromhex(parameters["data"])
+    servo.claims = {parameters["address"] + n: byte for n, byte in enumerate(data)}
+
+
 def _set(name: str, value: Callable[[Parameters], object]) -> Callable[[Servo, Parameters], None]:
     return lambda servo, parameters: setattr(servo, name, value(parameters))
 
@@ -149,6 +154,7 @@ BEGIN: Final[Mapping[str, Callable[[Servo, Parameters], None]]] = {
     "voltage": _voltage,
     "power_off": _power_off,
     "stuffing": _stuff,
+    "claim": _claim,
 }
 """What the kinds that happen to servos do when they begin."""
 
@@ -159,6 +165,7 @@ END: Final[Mapping[str, Callable[[Servo, Parameters], None]]] = {
     "voltage": _reset_voltage,
     "power_off": _power_on,
     "stuffing": _set("stuffing", lambda p: None),
+    "claim": _set("claims", lambda p: {}),
 }
 """What they do when they are cleared; kinds that are not here cannot be."""
 
@@ -261,6 +268,12 @@ KINDS: Final[Mapping[str, FaultKind]] = {
             "stuffing",
             "it claims to measure current, velocity and position that need byte stuffing",
             seed=Parameter(int, 0),
+        ),
+        _servo_kind(
+            "claim",
+            "its memory from an address on reads as these bytes (hexadecimal), whatever it holds",
+            address=Parameter(int, minimum=0, maximum=65535),
+            data=Parameter(str),
         ),
     )
 }

@@ -51,6 +51,7 @@ class Servo(ABC):
         self.supply = model.supply
         self.temperature = AMBIENT
         self.heat_source: float | None = None  # °C that something outside forces on it
+        self.claims: dict[int, int] = {}  # bytes that read otherwise than they are, by address
         self.stuffing: Iterator[tuple[int, int, int]] | None = None  # what it claims to measure
         self.silent_until = -math.inf
         self.reboots = 0
@@ -97,6 +98,10 @@ class Servo(ABC):
         end = address + length
         self.refresh(time, address, end)
         data = self.memory[address:end]
+        if self.claims:
+            for n in range(length):
+                data[n] = self._told(self._resolve(address + n))
+            return Error.NONE, bytes(data)
         if not self._reaches_indirect(address, end):
             return Error.NONE, bytes(data)
         for block in self.table.blocks:
@@ -106,6 +111,9 @@ class Servo(ABC):
                 ):
                     data[n - address] = self.memory[self._resolve(n)]
         return Error.NONE, bytes(data)
+
+    def _told(self, address: int) -> int:
+        return self.claims.get(address, self.memory[address])
 
     def _reaches_indirect(self, start: int, end: int) -> bool:
         return end > self.table.indirect_from and any(
