@@ -185,6 +185,15 @@ def test_sdo_abort(sim, master):
     assert master.sdo(1, "4041600000000000").startswith("4b")
 
 
+def test_an_object_that_is_claimed_to_be_something_else(sim, master):
+    sim.control.inject("claim", node=1, index=0x6041, data="ffee")
+    assert master.sdo(1, "4041600000000000") == "4b 41 60 00 ff ee 00 00"
+    master.send(0, "0101")
+    assert master.wait(0x181) == b"\xff\xee"  # TPDO 1 as it is mapped after a reset
+    sim.control.clear("claim")
+    assert master.wait(0x181) == b"\x50\x02"
+
+
 @pytest.mark.parametrize("index", [0x1017, 0x1016, 0x6007])
 def test_ignored_writes(sim, master, index):
     sim.control.inject("ignored_writes", node=1, index=index)
@@ -278,6 +287,7 @@ def test_every_kind_of_fault_is_tested_here():
         ("fault", {"error": "over_curent"}, "did you mean 'over_current'"),
         ("fault", {"vendor": "xyz"}, "hexadecimal"),
         ("sdo_abort", {"node": 1}, "index"),
+        ("claim", {"node": 1, "index": 0x6041, "data": "x"}, "data must be bytes in hexadecimal"),
     ],
 )
 def test_wrong_faults_are_refused(sim, kind, parameters, message):

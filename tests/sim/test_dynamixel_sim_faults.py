@@ -343,6 +343,18 @@ def test_a_timeline_with_events(tmp_path: Path) -> None:
         wait_until(lambda: wire.ask(read(2, HARDWARE_ERROR, 1), 12)[0].data == b"\x20")
 
 
+def test_memory_that_is_claimed_to_be_something_else(sim: RunningSim, wire: Wire) -> None:
+    true = wire.ask(read(2, HARDWARE_ERROR - 2, 4), 15)[0].data
+    wire.ask(write(2, 168, HARDWARE_ERROR.to_bytes(2, "little")), 11)  # indirect data 1
+    sim.control.inject("claim", id=2, address=HARDWARE_ERROR, data="ff")
+    claimed = true[:2] + b"\xff" + true[3:]
+    assert wire.ask(read(2, HARDWARE_ERROR - 2, 4), 15)[0].data == claimed
+    assert wire.ask(read(2, 224, 1), 12)[0].data == b"\xff"
+    assert wire.ask(read(1, HARDWARE_ERROR, 1), 12)[0].data == b"\x00"
+    sim.control.clear("claim")
+    assert wire.ask(read(2, HARDWARE_ERROR - 2, 4), 15)[0].data == true
+
+
 @pytest.mark.parametrize(
     ("kind", "parameters", "reason"),
     [
@@ -354,6 +366,7 @@ def test_a_timeline_with_events(tmp_path: Path) -> None:
         ("silent", {"chain": "stall"}, "did you mean 'stalls'"),
         ("overload", {"duration": 1.0}, "unknown parameter"),
         ("voltage", {}, "needs the parameter 'volts'"),
+        ("claim", {"address": 70, "data": "x"}, "data must be bytes in hexadecimal"),
     ],
 )
 def test_unknown_kinds_and_wrong_parameters(
