@@ -97,7 +97,7 @@ def bench() -> Iterator[DynamixelBench]:
         yield bench
 
 
-@settings(max_examples=60, **CHEAP)
+@settings(max_examples=40, **CHEAP)
 @given(claim=claims(IN_CYCLES), servo=st.integers(1, 2))
 def test_what_a_servo_claims_while_it_holds_moves_nothing(
     bench: DynamixelBench, claim: tuple[int, str], servo: int
