@@ -138,6 +138,8 @@ ALL = (REST, *STREAMS, *ONCE)
 STANDING = frozenset({REST, "free"})
 """In which nothing moves by itself."""
 MOVES = frozenset({"move_jp", "move_cp"})
+EFFORTS = frozenset({"servo_jf", "servo_cf"})
+"""In which a joint goes on as long as nobody looks."""
 
 
 class Activity:

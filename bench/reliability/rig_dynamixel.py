@@ -146,6 +146,15 @@ class DynamixelRig(Rig):
         """See the base class."""
         return np.array([0.0, 0.3, -0.5, 0.0, 0.4, 0.0])
 
+    def by_hand(self) -> None:
+        """A servo without an effort stays where it coasted to; what its own limits exclude, it refuses."""
+        assert self.sim is not None
+        limits = self.engine.capabilities.limits
+        for id, (at, limit) in enumerate(zip(self.joints(), limits, strict=True), 1):
+            if not limit.lower <= at <= limit.upper:
+                angle = float(np.clip(at, limit.lower, limit.upper))
+                self.sim.control.call("place", id=id, angle=angle)
+
     def joints(self) -> np.ndarray:
         """See the base class."""
         return np.array(self._told("angle"))
