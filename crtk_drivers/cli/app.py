@@ -17,6 +17,7 @@ import typer
 
 from crtk_drivers import plugins
 from crtk_drivers.cli.check_command import CheckGroup
+from crtk_drivers.cli.client_commands import add_to as add_client_commands
 from crtk_drivers.cli.device_command import build as build_device
 from crtk_drivers.cli.list_command import list_plugins, list_simulators
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
@@ -28,7 +29,6 @@ from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra, PluginErro
 
 _USAGE_ERRORS = (ConfigError, PluginError, MissingExtra)
 _TOOLS = "Tools"
-_TOOL_NAMES = ("list", "schema", "check", "policy", "sim")
 
 
 class DeviceGroup(PluginGroup):
@@ -75,6 +75,11 @@ def _allow_only(names: str | None) -> None:
         os.environ[plugins.ONLY] = names
 
 
+def _is_tool(name: str | None) -> bool:
+    own = [command.name for command in app.registered_commands]
+    return name in (*own, *(group.name for group in app.registered_groups))
+
+
 @app.callback(
     epilog="[dim]First steps:[/dim]  crtk-driver list   ·   crtk-driver loopback --ns /demo   ·   "
     "crtk-driver ur --sim --ns /ur5"
@@ -100,7 +105,7 @@ def _root(
     ] = False,
 ) -> None:
     """Bring robots, servos, drives and sensors up as CRTK devices, on ROS 2, with or without hardware."""
-    if context.obj.ros_args and context.invoked_subcommand in _TOOL_NAMES:
+    if context.obj.ros_args and _is_tool(context.invoked_subcommand):
         raise ConfigError(
             "is for running a device",
             where="--ros-args",
@@ -146,6 +151,7 @@ def _check() -> None:
     """Check that a device, or its simulator, is ready to run."""
 
 
+add_client_commands(app)
 app.add_typer(check_app, name="check", rich_help_panel=_TOOLS)
 app.add_typer(policy_app, name="policy", rich_help_panel=_TOOLS)
 app.add_typer(sim_app, name="sim", rich_help_panel=_TOOLS)

@@ -23,7 +23,7 @@ LIVE_PERIOD: Final = 0.25
 LOG_PERIOD: Final = 3600.0
 """Seconds after which a log tells the status although it is what it was."""
 
-_STATE_STYLES = {
+STATE_STYLES = {
     OperatingState.ENABLED: "bold green",
     OperatingState.PAUSED: "bold yellow",
     OperatingState.DISABLED: "bold",
@@ -50,7 +50,7 @@ def _headline(name: str, status: Status) -> Text:
     return Text.assemble(
         (name, "bold cyan"),
         "  ",
-        (status.state, _STATE_STYLES[status.state]),
+        (status.state, STATE_STYLES[status.state]),
         (" busy" if status.is_busy else "", "cyan"),
         ("" if status.is_homed else " not homed", "yellow"),
     )

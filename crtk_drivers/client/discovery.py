@@ -179,7 +179,7 @@ class Catalogue:
             )
 
     def _nobody(self, timeout: float) -> ConnectionFailed:
-        others = sorted(devices(self._link.topics()))
+        others = sorted(devices(self._link))
         seen = f"CRTK devices are at: {', '.join(others)}." if others else "There is none at all."
         return ConnectionFailed(
             f"no CRTK device in the namespace {self.namespace} within {timeout:g} s",
@@ -188,10 +188,10 @@ class Catalogue:
         )
 
 
-def devices(topics: Iterable[str]) -> set[str]:
-    """Return the namespaces in which there is an operating state."""
+def devices(link: Link) -> set[str]:
+    """Return the namespaces in which an operating state is published."""
     return {
         topic.removesuffix("/operating_state") or "/"
-        for topic in topics
-        if topic.endswith("/operating_state")
+        for topic in link.topics()
+        if topic.endswith("/operating_state") and link.publishers(topic)
     }

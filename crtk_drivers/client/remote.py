@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -229,6 +230,49 @@ class RemoteDevice(DeviceFront):
 
         inbox.add_listener(listen)
         return lambda: inbox.remove_listener(listen)
+
+    # ------------------------------------------------------------------------------- beyond CRTK
+
+    def on_message(self, topic: str, callback: Callable[[Any], Any]) -> Callable[[], None]:
+        """Call `callback(message)` with each ROS message of any topic; return what ends that. See `on`.
+
+        Args:
+            topic: a CRTK name, another name in this namespace, or a full name: ``/diagnostics``.
+            callback: must return soon.
+
+        Raises:
+            ConnectionFailed: nobody publishes it.
+            ConfigError: its type is not known here.
+        """
+        inbox = self._space.published(topic)
+
+        def listen(received: Received) -> None:
+            callback(received.message)
+
+        inbox.add_listener(listen)
+        return lambda: inbox.remove_listener(listen)
+
+    def call(
+        self,
+        service: str,
+        fields: Mapping[str, Any] = MappingProxyType({}),
+        timeout: float = SERVICE_TIMEOUT,
+    ) -> Any:
+        """Call any service, and return the answer as plain data.
+
+        Args:
+            service: a name in this namespace, or a full one.
+            fields: of the request; those of inner messages in a mapping.
+            timeout: in seconds.
+
+        Raises:
+            ConnectionFailed: nobody serves it; says what is served.
+            ConfigError: there is no such field, or its type is not known here.
+            DataTimeout: no answer in time.
+        """
+        from crtk_drivers.ros.plain import plain
+
+        return plain(self._space.service(service).call_plain(timeout, fields))
 
     # --------------------------------------------------------------------------------- commands
 

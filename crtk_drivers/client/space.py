@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from crtk_drivers.client.discovery import Catalogue, Feature
+from crtk_drivers.client.discovery import POLL, SETTLE, Catalogue, Feature
 from crtk_drivers.client.status import StatusTracker
 from crtk_drivers.commands import COMMANDS, Direction, Kind, Payload
 from crtk_drivers.errors import ConnectionFailed
 
 if TYPE_CHECKING:
-    from crtk_drivers.ros.link import Endpoint, Link
+    from crtk_drivers.ros.link import Caller, Endpoint, Inbox, Link
 
 PARTS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
@@ -25,6 +27,8 @@ PARTS: Mapping[str, tuple[str, str]] = MappingProxyType(
     }
 )
 """``measured_jp`` is the position of ``measured_js``."""
+
+_OF_ANY_NODE = ("rcl_interfaces", "type_description_interfaces")
 
 
 class NotOffered(Exception):
@@ -173,6 +177,73 @@ class Space:
             remedy=f"Is the driver running? It offers now: {', '.join(self.features()) or 'nothing'}.",
         )
 
+    # ---------------------------------------------------------------------------------- beyond CRTK
+
+    def published(self, name: str) -> Inbox:
+        """Return the subscription of any topic: a CRTK name, another one in here, or a full name.
+
+        Raises:
+            ConnectionFailed: nobody publishes it; says what is published here.
+            ConfigError: its type is not known here.
+        """
+        from crtk_drivers.ros.plain import message_class
+
+        feature = self.features().get(name)
+        if feature is not None and feature.command.direction is Direction.PUBLISHED:
+            inbox: Inbox = self.connected(name)
+            return inbox
+        link, topic = self.link, self._full(name)
+        ros_type = self._type_of(
+            topic, "publishes", link.topics, lambda each: link.publishers(each) > 0
+        )
+        return link.inbox(topic, message_class(ros_type))
+
+    def service(self, name: str) -> Caller:
+        """Return the client of any service: a CRTK name, another one in here, or a full name.
+
+        Raises:
+            ConnectionFailed: nobody serves it; says what is served here.
+            ConfigError: its type is not known here.
+        """
+        from crtk_drivers.ros.plain import message_class
+
+        feature = self.features().get(name)
+        is_query = feature is not None and feature.command.direction is Direction.SERVICE
+        service = feature.topic if feature is not None and is_query else self._full(name)
+        ros_type = self._type_of(service, "serves", self.link.services, lambda each: True)
+        return self.link.caller(service, message_class(ros_type))
+
+    def _full(self, name: str) -> str:
+        return name if name.startswith("/") else f"{self.catalogue.prefix}{name}"
+
+    def _type_of(
+        self,
+        name: str,
+        verb: str,
+        types_of_all: Callable[[], Mapping[str, list[str]]],
+        is_there: Callable[[str], bool],
+    ) -> str:
+        # With a manifest all of the device is there; what is not in it may belong to somebody else.
+        limit = min(SETTLE, self.timeout) if self.catalogue.manifest else self.timeout
+        deadline = time.monotonic() + limit
+        while True:
+            types = types_of_all()
+            if name in types and is_there(name):
+                return types[name][0]
+            if time.monotonic() >= deadline:
+                break
+            time.sleep(POLL)
+        here = [
+            topic.removeprefix(self.catalogue.prefix)
+            for topic, (ros_type, *_) in types.items()
+            if topic.startswith(self.catalogue.prefix)
+            and ros_type.partition("/")[0] not in _OF_ANY_NODE
+            and is_there(topic)
+        ]
+        raise ConnectionFailed(
+            f"nobody {verb} {name}", where=self.namespace, remedy=_instead(name, here)
+        )
+
     # ------------------------------------------------------------------------------ operating state
 
     def status(self) -> StatusTracker:
@@ -213,3 +284,13 @@ class Space:
     def _is_alone(self, name: str) -> bool:
         endpoint = self.endpoints.get(name)
         return endpoint is not None and self.link.publishers(endpoint.topic) <= 1
+
+
+def _instead(name: str, names: list[str]) -> str:
+    """Return what may have been meant, and what there is: names, and how many are below others."""
+    nearest = get_close_matches(name.rpartition("/")[2], names, 1)
+    meant = f"Did you mean {nearest[0]}? " if nearest else ""
+    own = sorted(each for each in names if "/" not in each)
+    below = Counter(each.partition("/")[0] for each in names if "/" in each)
+    listed = [*own, *(f"{count} in {space}/" for space, count in sorted(below.items()))]
+    return f"{meant}There is: {', '.join(listed) or 'nothing at all'}."

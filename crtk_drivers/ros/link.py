@@ -13,7 +13,7 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -41,6 +41,7 @@ from crtk_drivers.ros import qos
 from crtk_drivers.ros.executors import SPIN_PERIOD, make_executor
 from crtk_drivers.ros.manifest import type_name
 from crtk_drivers.ros.messages import TYPES, fill, pose_of, set_pose, set_stamp, stamp_ns, value_of
+from crtk_drivers.ros.plain import fill_plain
 from crtk_drivers.samples import Matrix, Pose, Value, Vector, vector
 from crtk_drivers.state import OperatingState, Status
 
@@ -259,6 +260,18 @@ class Caller:
             ConnectionFailed: nobody serves it.
             DataTimeout: no answer in `timeout` s.
         """
+        request: Any = self._type.Request()  # type: ignore[attr-defined]
+        for name, value in fields.items():
+            setattr(request, name, value)
+        return self._ask(request, timeout)
+
+    def call_plain(self, timeout: float, fields: Mapping[str, Any]) -> Any:
+        """Return the answer to a request with fields as plain data; see `call` and `fill_plain`."""
+        request: Any = self._type.Request()  # type: ignore[attr-defined]
+        fill_plain(request, fields)
+        return self._ask(request, timeout)
+
+    def _ask(self, request: Any, timeout: float) -> Any:
         may_wait(f"calling {self.topic}")
         deadline = time.monotonic() + timeout
         if not wait_connected([self], deadline):
@@ -266,9 +279,6 @@ class Caller:
                 f"nobody serves {self.topic}", remedy="Is the driver running, in this ROS domain?"
             )
         answered = threading.Event()
-        request: Any = self._type.Request()  # type: ignore[attr-defined]
-        for name, value in fields.items():
-            setattr(request, name, value)
         future = self._client.call_async(request)
         future.add_done_callback(lambda _: answered.set())
         if not answered.wait(max(0.0, deadline - time.monotonic())):

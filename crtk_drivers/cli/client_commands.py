@@ -1,0 +1,226 @@
+"""The commands that use a running CRTK device over ROS 2, whoever made it: `add_to` puts them on the app.
+
+They are a small client on `crtk_drivers.client`, for a terminal: `ros2` is not needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Final
+
+import typer
+
+from crtk_drivers.cli.reaching import (
+    FIND_TIMEOUT,
+    Namespace,
+    Timeout,
+    held_when_interrupted,
+    need,
+    prepare,
+    reached,
+)
+from crtk_drivers.cli.terminal import ERR, OUT, plain
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.state import StateCommand
+
+PANEL: Final = "Use a device that runs, of any maker"
+_NUMBERS: Final = {"ignore_unknown_options": True}
+"""So that ``-1.3`` is a value; what begins with two dashes is refused by `_no_options`."""
+
+_STATE_COMMANDS: Final = (
+    (StateCommand.ENABLE, "Power a device up, so that it accepts motion commands."),
+    (StateCommand.DISABLE, "Power a device down."),
+    (StateCommand.HOME, "Find the reference positions. It may move; Ctrl-C holds it."),
+    (StateCommand.UNHOME, "Forget the reference positions."),
+    (StateCommand.PAUSE, "Stop a device, with its power on."),
+    (StateCommand.RESUME, "Go on after a pause."),
+)
+_STOPS: Final = (
+    ("hold", "Stop a device, in any state, and stay there."),
+    ("free", "Let a device go, so that it can be moved by hand."),
+)
+
+Child = Annotated[
+    str,
+    typer.Option("--child", metavar="NAME", help="A part of the device: jaw, gripper."),
+]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Put the commands on an app."""
+    app.command("state", rich_help_panel=PANEL)(_state)
+    for command, summary in _STATE_COMMANDS:
+        app.command(command.value, rich_help_panel=PANEL, help=_help(command.value, summary))(
+            _state_command(command)
+        )
+    for name, summary in _STOPS:
+        app.command(name, rich_help_panel=PANEL, help=_help(name, summary))(_plain_command(name))
+    app.command("move", rich_help_panel=PANEL, context_settings=_NUMBERS)(_move)
+    app.command("echo", rich_help_panel=PANEL)(_echo)
+    app.command("call", rich_help_panel=PANEL, context_settings=_NUMBERS)(_call)
+
+
+def _no_options(values: list[str] | None) -> list[str]:
+    """Return the values, among which there may be no option that was misspelt."""
+    for value in values or ():
+        if value.startswith("--"):
+            raise ConfigError("no such option", where=value, remedy="See --help.")
+    return values or []
+
+
+def _help(name: str, summary: str) -> str:
+    return f"{summary}\n\nExample:\n\n    crtk-driver {name} /ur5"
+
+
+def _state(
+    namespace: Annotated[
+        str,
+        typer.Argument(metavar="[NAMESPACE]", help="Of the device; all devices without it."),
+    ] = "",
+    timeout: Timeout = FIND_TIMEOUT,
+) -> None:
+    """Show how a device is, why, and where it stands; without NAMESPACE, which devices there are.
+
+    Examples:
+
+        crtk-driver state
+        crtk-driver state /ur5
+    """
+    from crtk_drivers.cli.state_view import print_all, print_device
+
+    if not namespace:
+        prepare()
+        raise typer.Exit(print_all())
+    with reached(namespace, timeout) as device:
+        raise typer.Exit(print_device(device))
+
+
+def _state_command(command: StateCommand) -> Callable[..., None]:
+    def run(namespace: Namespace, timeout: Timeout = FIND_TIMEOUT) -> None:
+        from crtk_drivers.cli.state_view import status_words
+
+        with reached(namespace, timeout) as device:
+            carry_out: Callable[[], None] = getattr(device, command.value)
+            with ERR.status(f"{command} {plain(device.namespace)} ..."):
+                if command is StateCommand.HOME:
+                    with held_when_interrupted(device):
+                        carry_out()
+                else:
+                    carry_out()
+            OUT.print(
+                f"{plain(device.namespace)}  ", status_words(device.operating_state()), sep=""
+            )
+
+    return run
+
+
+def _plain_command(name: str) -> Callable[..., None]:
+    def run(namespace: Namespace, timeout: Timeout = FIND_TIMEOUT, child: Child = "") -> None:
+        with reached(namespace, timeout, child) as device:
+            need(device, name)
+            getattr(device, name)()
+            OUT.print(f"{plain(device.namespace)}  {name} sent, and not refused")
+
+    return run
+
+
+def _move(
+    namespace: Namespace,
+    values: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="VALUES...",
+            help="One number for each joint, in rad or m; or joint=number for some; or, with "
+            "--pose, x y z in m and a quaternion x y z w if the tool shall turn.",
+            show_default=False,
+            callback=_no_options,
+        ),
+    ],
+    pose: Annotated[
+        bool, typer.Option("--pose", help="The tool goes to a pose in the base frame.")
+    ] = False,
+    relative: Annotated[
+        bool, typer.Option("--relative", help="The values are added to where it is.")
+    ] = False,
+    degrees: Annotated[bool, typer.Option("--degrees", help="Joint values are degrees.")] = False,
+    child: Child = "",
+    timeout: Timeout = FIND_TIMEOUT,
+) -> None:
+    """Move an ENABLED device, show the progress, and say where it is then. Ctrl-C holds it.
+
+    Examples:
+
+        crtk-driver move /ur5 0.3 -1.3 1.4 -1.6 -1.57 0
+        crtk-driver move /ur5 --degrees wrist_3_joint=90
+        crtk-driver move /ur5 --pose --relative 0 0 0.05
+    """
+    from crtk_drivers.cli.move_command import move
+
+    with reached(namespace, timeout, child) as device:
+        raise typer.Exit(move(device, values, pose=pose, relative=relative, degrees=degrees))
+
+
+def _echo(
+    namespace: Namespace,
+    topic: Annotated[
+        str,
+        typer.Argument(
+            metavar="TOPIC",
+            help="measured_js, operating_state, refusals, state/..., or a full name.",
+            show_default=False,
+        ),
+    ],
+    once: Annotated[bool, typer.Option("--once", help="End after the first value.")] = False,
+    rate: Annotated[
+        float | None,
+        typer.Option("--rate", metavar="HZ", min=0.001, help="Print at most so many in a second."),
+    ] = None,
+    timeout: Timeout = FIND_TIMEOUT,
+) -> None:
+    """Print what a device tells on a topic, as YAML; after Ctrl-C, how many values came in a second.
+
+    Examples:
+
+        crtk-driver echo /ur5 measured_js --once
+        crtk-driver echo /ur5 measured_cp --rate 2
+        crtk-driver echo /ur5 refusals
+    """
+    from crtk_drivers.cli.echo_command import echo
+
+    with reached(namespace, timeout) as device:
+        raise typer.Exit(echo(device, topic, once, rate, timeout))
+
+
+def _call(
+    namespace: Namespace,
+    service: Annotated[
+        str,
+        typer.Argument(
+            metavar="SERVICE",
+            help="forward_kinematics, or what the page of the device names.",
+            show_default=False,
+        ),
+    ],
+    arguments: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[ARGUMENTS...]",
+            help="Fields of the request: field=value. Of forward_kinematics the joints; of "
+            "inverse_kinematics x y z and a quaternion x y z w, then joints to start from.",
+            show_default=False,
+            callback=_no_options,
+        ),
+    ] = None,
+    timeout: Timeout = FIND_TIMEOUT,
+) -> None:
+    """Call a service of a device, print its answer as YAML, and end with 1 if that is a refusal.
+
+    Examples:
+
+        crtk-driver call /ft bias
+        crtk-driver call /ur5 forward_kinematics 0.3 -1.3 1.4 -1.6 -1.57 0
+    """
+    from crtk_drivers.cli.echo_command import call
+
+    with reached(namespace, timeout) as device:
+        raise typer.Exit(call(device, service, arguments or [], timeout))

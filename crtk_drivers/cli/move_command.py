@@ -1,0 +1,193 @@
+"""``crtk-driver move``: take a running device to joint positions or a pose, and hold it at Ctrl-C."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from crtk_drivers.cli.echo_command import number
+from crtk_drivers.cli.reaching import held_when_interrupted, need
+from crtk_drivers.cli.state_view import print_position
+from crtk_drivers.cli.terminal import ERR, OUT, plain
+from crtk_drivers.client import RemoteDevice
+from crtk_drivers.client.moves import START_TIMEOUT
+from crtk_drivers.errors import (
+    CommandRefused,
+    ConfigError,
+    CrtkError,
+    DataTimeout,
+    MotionAborted,
+    Reason,
+)
+from crtk_drivers.geometry import quaternion_product, unit
+from crtk_drivers.moves import Move
+from crtk_drivers.samples import JointState, Pose, vector
+from crtk_drivers.state import OperatingState
+
+LOOK_PERIOD = 0.1
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Where to go, by which command, and how far that is from here."""
+
+    command: str
+    value: Any
+    to_go: Callable[[], str]
+
+
+def move(
+    device: RemoteDevice, values: Sequence[str], *, pose: bool, relative: bool, degrees: bool
+) -> int:
+    """Move, show the progress on a terminal, print where it ended, and return 0.
+
+    Args:
+        device: to move.
+        values: numbers, or ``joint=number``.
+        pose: they are x y z, and a quaternion x y z w if the tool shall turn.
+        relative: they are added to the setpoint.
+        degrees: joint values are degrees.
+
+    Raises:
+        CommandRefused: the device is not enabled, or does not accept this.
+        ConfigError: the values are no goal for this device.
+        MotionAborted, ConnectionLost: it ended elsewhere.
+        typer.Exit: after an interrupt; the device holds.
+    """
+    need(device, "move_cp" if pose else "move_jp")
+    _require_enabled(device)
+    goal = (_pose_goal if pose else _joint_goal)(device, values, relative, degrees)
+    with held_when_interrupted(device), ERR.status(f"{goal.command} ...") as shown:
+        began = time.monotonic()
+        handle: Move = getattr(device, goal.command)(goal.value)
+        while not handle.wait(LOOK_PERIOD):
+            passed = time.monotonic() - began
+            if passed > START_TIMEOUT and not handle.wait(0.0, is_busy=True):
+                raise MotionAborted(
+                    f"{goal.command} was sent {passed:.0f} s ago, and the device was never busy",
+                    where=device.namespace,
+                )
+            shown.update(f"{goal.command}  {passed:.1f} s  {plain(goal.to_go())}")
+    OUT.print(f"[green]reached[/] in {time.monotonic() - began:.1f} s")
+    print_position(device)
+    return 0
+
+
+def _require_enabled(device: RemoteDevice) -> None:
+    status = device.operating_state()
+    if status.state is not OperatingState.ENABLED:
+        raise CommandRefused(
+            "move",
+            Reason.NOT_ENABLED,
+            f"the device is {status.state}",
+            where=device.namespace,
+            remedy=f"Look at it, then: crtk-driver enable {device.namespace}",
+        )
+
+
+def _here(device: RemoteDevice, kind: str) -> Any:
+    """Return the setpoint, or what is measured where there is none now."""
+    for name in (f"setpoint_{kind}", f"measured_{kind}"):
+        if name in device.crtk_commands:
+            try:
+                return getattr(device, name)()
+            except DataTimeout:
+                continue
+    raise DataTimeout(
+        "tells neither setpoint nor what it measures",
+        where=device.namespace,
+        remedy=f"See: crtk-driver state {device.namespace}",
+    )
+
+
+def _joint_goal(device: RemoteDevice, values: Sequence[str], relative: bool, degrees: bool) -> Goal:
+    here: JointState = _here(device, "js")
+    names = here.name or tuple(str(index + 1) for index in range(here.position.size))
+    named = [text.partition("=") for text in values]
+    if any(equals for _, equals, _ in named):
+        joints = {name: number(value) if equals else None for name, equals, value in named}
+        goal = _by_name(device, here, names, joints, relative, degrees)
+    elif len(values) == len(names):
+        goal = np.array([number(text) for text in values])
+        goal = np.radians(goal) if degrees else goal
+        goal = here.position + goal if relative else goal
+    else:
+        raise ConfigError(
+            f"{len(values)} values for {len(names)} joints",
+            where=device.namespace,
+            remedy=f"Give one for each of {', '.join(names)}, or some as joint=value.",
+        )
+
+    def to_go() -> str:
+        try:
+            left = float(np.max(np.abs(goal - device.measured_js().position)))
+        except CrtkError:
+            return "position unknown"
+        return f"{left:.3f} rad or m to go"
+
+    return Goal("move_jp", goal, to_go)
+
+
+def _by_name(
+    device: RemoteDevice,
+    here: JointState,
+    names: Sequence[str],
+    joints: dict[str, float | None],
+    relative: bool,
+    degrees: bool,
+) -> Any:
+    goal = np.array(here.position)
+    for name, value in joints.items():
+        if value is None or name not in names:
+            what = "has no value: give joint=value for all" if value is None else "no such joint"
+            raise ConfigError(
+                what, where=f"{device.namespace} {name}", remedy=f"Joints: {', '.join(names)}."
+            )
+        index = names.index(name)
+        value = np.radians(value) if degrees else value
+        goal[index] = goal[index] + value if relative else value
+    return goal
+
+
+def _pose_goal(device: RemoteDevice, values: Sequence[str], relative: bool, degrees: bool) -> Goal:
+    numbers = [number(text) for text in values]
+    if degrees or len(numbers) not in (3, 7):
+        what = "--degrees is for joints" if degrees else f"{len(numbers)} numbers are no pose"
+        raise ConfigError(
+            what,
+            where=f"{device.namespace} --pose",
+            remedy="Give x y z in m, and a quaternion x y z w if the tool shall turn.",
+        )
+    here: Pose = _here(device, "cp")
+    position, orientation = vector(numbers[:3]), here.orientation
+    if len(numbers) == 7:
+        orientation = _unit_quaternion(device, numbers[3:])
+        if relative:
+            orientation = quaternion_product(orientation, here.orientation)
+    if relative:
+        position = here.position + position
+    goal = Pose(position, orientation, here.frame_id)
+
+    def to_go() -> str:
+        try:
+            left = float(np.linalg.norm(goal.position - device.measured_cp().position))
+        except CrtkError:
+            return "position unknown"
+        return f"{1e3 * left:.0f} mm to go"
+
+    return Goal("move_cp", goal, to_go)
+
+
+def _unit_quaternion(device: RemoteDevice, numbers: list[float]) -> Any:
+    quaternion = vector(numbers)
+    if abs(float(np.linalg.norm(quaternion)) - 1.0) > 1e-2:
+        raise ConfigError(
+            "the last four numbers are no unit quaternion",
+            where=f"{device.namespace} --pose",
+            remedy="x y z w, and the sum of their squares is 1; 0 0 0 1 does not turn.",
+        )
+    return unit(quaternion)

@@ -1,0 +1,146 @@
+"""``crtk-driver state``: how a running device is, why, where it stands, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from crtk_drivers.cli.list_command import short_names
+from crtk_drivers.cli.status_line import STATE_STYLES
+from crtk_drivers.cli.terminal import ERR, OUT
+from crtk_drivers.client import RemoteDevice
+from crtk_drivers.client.survey import reason, survey
+from crtk_drivers.errors import CrtkError
+from crtk_drivers.samples import JointState, Pose
+from crtk_drivers.state import OperatingState, Status
+
+REASON_TIME = 2.0
+"""Seconds to wait for a report on /diagnostics, of which a driver makes one a second."""
+
+_NEXT: Mapping[OperatingState, str] = {
+    OperatingState.DISABLED: "crtk-driver enable {0}",
+    OperatingState.ENABLED: "crtk-driver move {0} ...   or   crtk-driver disable {0}",
+    OperatingState.PAUSED: "crtk-driver resume {0}",
+    OperatingState.FAULT: "remove the cause, then: crtk-driver enable {0}",
+}
+
+
+def print_all() -> int:
+    """Print which devices there are, and return 1 if there are none."""
+    with ERR.status("looking for CRTK devices ..."):
+        found = survey()
+    if not found:
+        ERR.print("There is no CRTK device.")
+        ERR.print(
+            "  Is a driver running, and are ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE the same "
+            "on both sides? Without one: crtk-driver ur --ns /ur5 --sim",
+            soft_wrap=True,
+        )
+        return 1
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 3, 0, 0))
+    for namespace, status in found.items():
+        table.add_row(
+            Text(namespace, "bold cyan"),
+            Text("silent", "red") if status is None else status_words(status),
+        )
+    OUT.print(table)
+    return 0
+
+
+def print_device(device: RemoteDevice) -> int:
+    """Print all that is known of a device now, and return 0."""
+    status = device.operating_state()
+    about: Mapping[str, Any] = device.manifest.get("device", {})
+    heading = Text(device.namespace, "bold cyan")
+    if about:
+        heading.append(f"  {about['name']} {about['address']}", "dim")
+    OUT.print(heading, soft_wrap=True)
+    OUT.print(status_words(status))
+    why = _reason(device, status)
+    if why:
+        OUT.print(Text("reason: ").append(why, "red"), soft_wrap=True)
+    OUT.print(Text(f"next: {_NEXT[status.state].format(device.namespace)}", "dim"), soft_wrap=True)
+    OUT.print()
+    print_position(device)
+    OUT.print(Text("\noffers: ", "dim").append(short_names(device.crtk_commands)))
+    return 0
+
+
+def status_words(status: Status) -> Text:
+    """Return the operating state with what is unusual about it."""
+    return Text.assemble(
+        (status.state, STATE_STYLES[status.state]),
+        ("  homed" if status.is_homed else "  not homed", "" if status.is_homed else "yellow"),
+        ("  busy" if status.is_busy else "", "cyan"),
+    )
+
+
+def _reason(device: RemoteDevice, status: Status) -> str:
+    if not device.manifest:  # another maker's, which tells nothing of the kind
+        return ""
+    try:
+        said = reason(device, REASON_TIME)
+    except CrtkError:
+        return ""
+    return "" if said == status.state else said
+
+
+def print_position(device: RemoteDevice) -> None:
+    """Print where joints and tool are; says so where that is not known."""
+    offered = device.crtk_commands
+    if "measured_js" in offered:
+        _print_joints(device, offered)
+    if "measured_cp" in offered:
+        try:
+            pose = device.measured_cp()
+        except CrtkError as error:
+            OUT.print(Text(f"tool: {error.message}", "yellow"))
+        else:
+            OUT.print(Text(f"tool  {pose_words(pose)}"))
+
+
+def _print_joints(device: RemoteDevice, offered: Mapping[str, Any]) -> None:
+    try:
+        measured: JointState = device.measured_js()
+    except CrtkError as error:
+        OUT.print(Text(f"joints: {error.message}", "yellow"))
+        return
+    limits = {joint["name"]: joint for joint in device.manifest.get("joints", ())}
+    setpoint = _setpoint(device) if "setpoint_js" in offered else None
+    table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="dim")
+    table.add_column("joint", overflow="fold")
+    for heading in ("measured (rad, m)", "setpoint", "range"):
+        table.add_column(heading, justify="right", overflow="fold")
+    for index, position in enumerate(measured.position.tolist()):
+        name = measured.name[index] if measured.name else str(index + 1)
+        limit = limits.get(name)
+        table.add_row(
+            Text(name),
+            f"{position:.4f}",
+            "" if setpoint is None else f"{setpoint.position[index]:.4f}",
+            "" if limit is None else f"{_bound(limit['lower'])} .. {_bound(limit['upper'])}",
+        )
+    OUT.print(table)
+
+
+def _bound(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
+
+
+def _setpoint(device: RemoteDevice) -> JointState | None:
+    try:
+        setpoint: JointState = device.setpoint_js()
+    except CrtkError:
+        return None
+    return setpoint
+
+
+def pose_words(pose: Pose) -> str:
+    """Return a pose in m with its quaternion x, y, z, w, as `move --pose` takes it."""
+    position = " ".join(f"{value:.4f}" for value in pose.position)
+    orientation = " ".join(f"{value:.4f}" for value in pose.orientation)
+    frame = f"  in {pose.frame_id}" if pose.frame_id else ""
+    return f"{position} m  {orientation}{frame}"
