@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import typer
@@ -20,11 +21,13 @@ from crtk_drivers.cli.options import (
     setting_options,
 )
 from crtk_drivers.cli.status_line import StatusLine
-from crtk_drivers.cli.terminal import ERR, sentence
+from crtk_drivers.cli.terminal import ERR, program, sentence
 from crtk_drivers.config import load
 from crtk_drivers.plugins import DevicePlugin, Tool
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace
+
+logger = logging.getLogger(__name__)
 
 _TOOL_PREFIX = "tool_"
 
@@ -109,6 +112,7 @@ def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequenc
     namespace = checked_namespace(given["ns"])
     launch = launch_of(plugin, given)
     environment.check()
+    reach = environment.reach()
     environment.share_no_memory()
     from crtk_drivers.ros import serving  # rclpy is loaded here and no earlier
 
@@ -118,4 +122,34 @@ def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequenc
     with StatusLine(
         ERR, f"{engine.name} {namespace}", lambda: (engine.status, engine.health()), live=live
     ) as line:
-        return serving.run(session, namespace, ros_args, config=launch.node, idle=line.update)
+
+        def served(where: str) -> None:
+            line.name = f"{engine.name} {where}"
+            logger.info("%s", _what_next(where, engine.commands))
+            if reach:
+                logger.warning(
+                    "%s can be commanded %s, without a password. To stay on this machine: "
+                    "export %s=LOCALHOST",
+                    where,
+                    reach,
+                    environment.RANGE,
+                )
+
+        return serving.run(
+            session,
+            namespace,
+            ros_args,
+            config=launch.node,
+            served=served,
+            idle=line.update,
+        )
+
+
+def _what_next(namespace: str, commands: Collection[str]) -> str:
+    """Return what a newcomer can do with the device, as commands for another terminal."""
+    told = next((name for name in commands if name.startswith("measured_")), "operating_state")
+    use = [f"echo {namespace} {told}"]
+    if "move_jp" in commands:
+        use = [f"enable {namespace}", "move --help"]
+    steps = [f"{program()} {step}" for step in (f"state {namespace}", *use)]
+    return f"in another terminal: {'   '.join(steps)}"

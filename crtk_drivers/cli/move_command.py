@@ -12,7 +12,7 @@ import numpy as np
 from crtk_drivers.cli.echo_command import number
 from crtk_drivers.cli.reaching import held_when_interrupted, need
 from crtk_drivers.cli.state_view import print_position
-from crtk_drivers.cli.terminal import ERR, OUT, plain
+from crtk_drivers.cli.terminal import ERR, OUT, plain, program
 from crtk_drivers.client import RemoteDevice
 from crtk_drivers.client.moves import START_TIMEOUT
 from crtk_drivers.errors import (
@@ -85,7 +85,7 @@ def _require_enabled(device: RemoteDevice) -> None:
             Reason.NOT_ENABLED,
             f"the device is {status.state}",
             where=device.namespace,
-            remedy=f"Look at it, then: crtk-driver enable {device.namespace}",
+            remedy=f"Look at it, then: {program()} enable {device.namespace}",
         )
 
 
@@ -100,7 +100,7 @@ def _here(device: RemoteDevice, kind: str) -> Any:
     raise DataTimeout(
         "tells neither setpoint nor what it measures",
         where=device.namespace,
-        remedy=f"See: crtk-driver state {device.namespace}",
+        remedy=f"See: {program()} state {device.namespace}",
     )
 
 

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from crtk_drivers.cli.list_command import short_names
 from crtk_drivers.cli.status_line import STATE_STYLES
-from crtk_drivers.cli.terminal import ERR, OUT
+from crtk_drivers.cli.terminal import ERR, OUT, program
 from crtk_drivers.client import RemoteDevice
 from crtk_drivers.client.survey import reason, survey
 from crtk_drivers.errors import CrtkError
@@ -21,10 +21,10 @@ REASON_TIME = 2.0
 """Seconds to wait for a report on /diagnostics, of which a driver makes one a second."""
 
 _NEXT: Mapping[OperatingState, str] = {
-    OperatingState.DISABLED: "crtk-driver enable {0}",
-    OperatingState.ENABLED: "crtk-driver move {0} ...   or   crtk-driver disable {0}",
-    OperatingState.PAUSED: "crtk-driver resume {0}",
-    OperatingState.FAULT: "remove the cause, then: crtk-driver enable {0}",
+    OperatingState.DISABLED: "{1} enable {0}",
+    OperatingState.ENABLED: "{1} move --help, or {1} disable {0}",
+    OperatingState.PAUSED: "{1} resume {0}",
+    OperatingState.FAULT: "remove the cause, then {1} enable {0}",
 }
 
 
@@ -36,7 +36,7 @@ def print_all() -> int:
         ERR.print("There is no CRTK device.")
         ERR.print(
             "  Is a driver running, and are ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE the same "
-            "on both sides? Without one: crtk-driver ur --ns /ur5 --sim",
+            f"on both sides? Without one: {program()} ur --ns /ur5 --sim",
             soft_wrap=True,
         )
         return 1
@@ -62,7 +62,10 @@ def print_device(device: RemoteDevice) -> int:
     why = _reason(device, status)
     if why:
         OUT.print(Text("reason: ").append(why, "red"), soft_wrap=True)
-    OUT.print(Text(f"next: {_NEXT[status.state].format(device.namespace)}", "dim"), soft_wrap=True)
+    OUT.print(
+        Text(f"next: {_NEXT[status.state].format(device.namespace, program())}", "dim"),
+        soft_wrap=True,
+    )
     OUT.print()
     print_position(device)
     OUT.print(Text("\noffers: ", "dim").append(short_names(device.crtk_commands)))

@@ -87,7 +87,7 @@ class StatusLine:
     Args:
         console: a terminal, or anything else: then a log record when the state or its reason changes,
             and every `LOG_PERIOD` with the figures.
-        name: of the device.
+        name: of the device; may be changed.
         read: returns status and health.
         clock: monotonic seconds.
     """
@@ -101,7 +101,7 @@ class StatusLine:
         live: bool,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._name = name
+        self.name = name
         self._read = read
         self._clock = clock
         self._due = 0.0
@@ -121,14 +121,14 @@ class StatusLine:
         new = (status.state, status.is_homed, kind_of(status.cause))
         if new != self._told:
             self._told, self._due = new, now + LOG_PERIOD
-            begin = _headline(self._name, replace(status, is_busy=False)).plain
+            begin = _headline(self.name, replace(status, is_busy=False)).plain
             logger.info("%s", f"{begin}  {status.cause}".rstrip())
         elif now >= self._due:
             self._due = now + LOG_PERIOD
-            logger.info("%s", status_text(self._name, status, health).plain)
+            logger.info("%s", status_text(self.name, status, health).plain)
 
     def _line(self) -> Text:
-        line = status_text(self._name, *self._read(), self._console.width)
+        line = status_text(self.name, *self._read(), self._console.width)
         line.no_wrap = True
         line.overflow = "ellipsis"
         return line

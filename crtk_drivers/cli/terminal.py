@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
@@ -21,6 +23,11 @@ def print_error(error: CrtkError) -> None:
     ERR.print(line, soft_wrap=True)
     if error.remedy:
         ERR.print(Text.assemble(("  hint: ", "bold green"), error.remedy), soft_wrap=True)
+
+
+def program() -> str:
+    """Return how the user started this program, as the beginning of a command to try next."""
+    return "uv run crtk-driver" if "UV_RUN_RECURSION_DEPTH" in os.environ else "crtk-driver"
 
 
 def plain(text: str) -> str:

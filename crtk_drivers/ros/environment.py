@@ -26,6 +26,10 @@ RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """The names of Fast DDS 2 and 3 for one thing."""
+DOMAIN = "ROS_DOMAIN_ID"
+LAST_DOMAIN = 232
+"""The ports of one above it would be above 65535."""
+STATIC_PEERS = "ROS_STATIC_PEERS"
 LOOPBACK = Path(__file__).with_name("loopback.xml")
 
 
@@ -36,6 +40,7 @@ def check() -> None:
         MissingExtra: a library is missing.
         ConfigError: the environment asks for what cannot work.
     """
+    _check_domain()
     for library in LIBRARIES:
         if find_spec(library) is None:
             raise _missing(library)
@@ -56,6 +61,33 @@ def check() -> None:
         )
 
 
+def _check_domain() -> None:
+    text = os.environ.get(DOMAIN, "")
+    if text and not (text.isascii() and text.isdigit() and int(text) <= LAST_DOMAIN):
+        raise ConfigError(
+            f"{text!r} is not a ROS domain",
+            where=DOMAIN,
+            remedy=f"A whole number from 0 to {LAST_DOMAIN}, the same for all that shall meet; or "
+            f"`unset {DOMAIN}`, which is 0.",
+        )
+
+
+def reach() -> str:
+    """Return from where other ROS processes can reach this one, in words.
+
+    Empty if from this machine only, or if a file, a discovery server or a keystore decides that.
+    """
+    secured = ("ROS_SECURITY_ENABLE", "true"), ("ROS_SECURITY_STRATEGY", "Enforce")
+    if all(os.environ.get(name) == value for name, value in secured):
+        return ""
+    if any(os.environ.get(name) for name in (*PROFILES, "CYCLONEDDS_URI", "ROS_DISCOVERY_SERVER")):
+        return ""
+    if os.environ.get("ROS_LOCALHOST_ONLY") == "1" or os.environ.get(RANGE) in ("LOCALHOST", "OFF"):
+        peers = os.environ.get(STATIC_PEERS, "")
+        return f"from {peers} ({STATIC_PEERS})" if peers else ""
+    return f"from anywhere in the local network ({RANGE} is {os.environ.get(RANGE) or 'not set'})"
+
+
 def share_no_memory() -> None:
     """Let this process and its children talk to other ROS processes over UDP, unless told how.
 
@@ -63,7 +95,7 @@ def share_no_memory() -> None:
     killed while it holds one stops or crashes those that it talked to, as docs/ros_interface.md shows. A
     driver must survive the death of its clients. Only rmw_fastrtps is concerned; no other reads what is set.
     """
-    said = (TRANSPORTS, *PROFILES, "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS")
+    said = (TRANSPORTS, *PROFILES, "ROS_LOCALHOST_ONLY", STATIC_PEERS)
     rmw = os.environ.get("RMW_IMPLEMENTATION") or WHEELS_RMW
     if any(os.environ.get(name) for name in said) or not rmw.startswith("rmw_fastrtps"):
         return

@@ -142,6 +142,7 @@ def run(
     ros_args: Sequence[str] = (),
     *,
     config: NodeConfig | None = None,
+    served: Callable[[str], None] | None = None,
     idle: Callable[[], None] | None = None,
 ) -> int:
     """Serve a session on ROS 2 until SIGINT or SIGTERM; return the exit code.
@@ -154,6 +155,7 @@ def run(
         namespace: checked by `crtk_drivers.ros.names.checked_namespace`.
         ros_args: see `Serving`.
         config: initial values of the node's parameters.
+        served: called once with the namespace in which the device is, after remapping.
         idle: called about ten times a second, for a status line.
 
     Raises:
@@ -167,6 +169,8 @@ def run(
             session.close()
             raise
         serving.start()
+        if served is not None:
+            served(serving.driver.node.get_namespace())
         _leave_out_of_collections()
         code = 0
         try:

@@ -85,6 +85,7 @@ def test_it_runs_until_a_signal(start: Start, end: signal.Signals) -> None:
     process = start("loopback", "--ns", "/demo", "--log-format", "json", "--rate", "50")
     records = wait_for(process, "DISABLED")
     assert records[-1]["message"] == "loopback /demo  DISABLED"
+    assert "crtk-driver state /demo   crtk-driver enable /demo" in records[0]["message"]
     process.send_signal(end)
     assert process.wait(10) == 0
     assert process.stderr is not None
@@ -113,10 +114,32 @@ def test_ros_arguments_reach_the_node(start: Start) -> None:
     assert "Traceback" not in text
 
 
-def test_it_shares_no_memory_with_others(start: Start) -> None:
+def test_it_shares_no_memory_with_others_and_tells_its_remapped_namespace(start: Start) -> None:
     said = {RANGE: "LOCALHOST", **dict.fromkeys(PROFILES, "")}
-    process = start("loopback", "--ns", "/apart", "--log-format", "json", **said)
-    wait_for(process, "DISABLED")
+    remapped = ("--ros-args", "-r", "__ns:=/elsewhere")
+    process = start("loopback", "--ns", "/apart", "--log-format", "json", *remapped, **said)
+    records = wait_for(process, "DISABLED")
+    assert "state /elsewhere" in records[0]["message"]
+    assert records[-1]["message"].startswith("loopback /elsewhere  DISABLED")
     mapped = Path(f"/proc/{process.pid}/maps").read_text()
     assert "libfastrtps" in mapped, "it runs on Fast DDS"
     assert "/dev/shm/fastrtps" not in mapped
+
+
+@pytest.mark.parametrize("module", ["pydantic", "typer", "rclpy"])
+def test_ctrl_c_while_it_starts_ends_it_without_a_traceback(
+    start: Start, tmp_path: Path, module: str
+) -> None:
+    interrupting = f"""
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+"""
+    (tmp_path / "sitecustomize.py").write_text(interrupting)
+    process = start("loopback", "--ns", "/demo")
+    _, text = process.communicate(timeout=20)
+    assert (process.returncode, text) == (130, "")

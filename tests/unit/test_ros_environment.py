@@ -6,6 +6,7 @@ import os
 
 import pytest
 
+from crtk_drivers.errors import ConfigError
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.environment import LOOPBACK, PROFILES, RANGE, TRANSPORTS
 
@@ -51,3 +52,45 @@ def test_only_what_the_user_left_open_is_decided(
 
 def test_the_profile_is_there() -> None:
     assert "127.0.0.1" in LOOPBACK.read_text()
+
+
+@pytest.fixture
+def nothing_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in SAID:
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.mark.usefixtures("nothing_said")
+@pytest.mark.parametrize("domain", ["abc", "300", "-1", "1.5", " 7", "²"])
+def test_a_domain_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch, domain: str) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    with pytest.raises(ConfigError, match=r"is not a ROS domain.* 0 to 232"):
+        environment.check()
+
+
+@pytest.mark.usefixtures("nothing_said")
+@pytest.mark.parametrize(
+    ("said", "reach"),
+    [
+        ({}, "from anywhere in the local network (ROS_AUTOMATIC_DISCOVERY_RANGE is not set)"),
+        (
+            {RANGE: "SUBNET"},
+            "from anywhere in the local network (ROS_AUTOMATIC_DISCOVERY_RANGE is SUBNET)",
+        ),
+        ({RANGE: "LOCALHOST"}, ""),
+        ({RANGE: "OFF"}, ""),
+        (
+            {RANGE: "LOCALHOST", "ROS_STATIC_PEERS": "192.0.2.7"},
+            "from 192.0.2.7 (ROS_STATIC_PEERS)",
+        ),
+        ({"ROS_LOCALHOST_ONLY": "1"}, ""),
+        ({PROFILES[0]: "/etc/mine.xml"}, ""),
+        ({"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}, ""),
+    ],
+)
+def test_who_can_reach_a_driver_is_known(
+    monkeypatch: pytest.MonkeyPatch, said: dict[str, str], reach: str
+) -> None:
+    for name, value in said.items():
+        monkeypatch.setenv(name, value)
+    assert environment.reach() == reach
