@@ -1,53 +1,55 @@
-"""Run the README's first command and wait, as its reader would, for the simulated arm to appear.
+"""Do what the README says under "Start", word for word, in an environment without `ros2`.
 
-Fails unless joint states come from /ur5/measured_js within 60 s and Ctrl-C then ends the command
-with exit code 0.
+Its first command runs a simulated arm; the commands for another terminal follow one after the other, and each
+must end with exit code 0. Ctrl-C then ends the first with exit code 0. Run in the root of the repository.
 """
 
 import os
+import re
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
-import rclpy
-from sensor_msgs.msg import JointState
-
-COMMAND = ["uv", "run", "crtk-driver", "ur", "--ns", "/ur5", "--sim"]
+BLOCK = re.compile(r"^```sh\n(?P<commands>.*?)^```$", re.MULTILINE | re.DOTALL)
+INSTALL = "pip install uv && "  # whoever runs this has uv
 
 
-def first_joint_state(process: subprocess.Popen[bytes], timeout: float) -> JointState:
-    """Return the first joint state, in rad, of the command that runs as `process`."""
-    received: list[JointState] = []
+def commands() -> tuple[list[str], list[list[str]]]:
+    """Return the first command, and those for another terminal."""
+    start = Path("README.md").read_text().partition("## Start")[2].partition("\n## ")[0]
+    first, _tests, others = (block["commands"] for block in BLOCK.finditer(start))
+    assert first.startswith(INSTALL), first
+    return shlex.split(first.removeprefix(INSTALL)), list(map(shlex.split, others.splitlines()))
 
-    def receive(state: JointState) -> None:
-        if state.header.stamp.sec:  # 0: not valid, the arm is not connected yet
-            received.append(state)
 
-    rclpy.init()
-    node = rclpy.create_node("first_command")
-    node.create_subscription(JointState, "/ur5/measured_js", receive, 10)
+def wait_for_device(process: "subprocess.Popen[bytes]", look: list[str], timeout: float) -> None:
+    """Wait until `look` finds the device of `process`: a reader would see that it is there."""
     deadline = time.monotonic() + timeout
-    while not received:
+    while subprocess.run(look, capture_output=True).returncode != 0:
         if process.poll() is not None:
-            sys.exit(f"{COMMAND} ended by itself, exit code {process.returncode}")
+            sys.exit(f"{process.args} ended by itself, exit code {process.returncode}")
         if time.monotonic() > deadline:
-            sys.exit(f"{COMMAND} published no joint state within {timeout:.0f} s")
-        rclpy.spin_once(node, timeout_sec=0.1)
-    node.destroy_node()
-    rclpy.shutdown()
-    return received[0]
+            sys.exit(f"{look} found no device within {timeout:.0f} s")
 
 
 def main() -> None:
-    """Start the command, see its arm, interrupt it."""
+    """Start the first command, follow the others, interrupt it."""
+    if shutil.which("ros2"):
+        sys.exit("ros2 is installed here: this is for an environment without it")
     begin = time.monotonic()
+    first, others = commands()
     # A session of its own, so that nothing of it outlives a failure.
-    process = subprocess.Popen(COMMAND, start_new_session=True)
+    process = subprocess.Popen(first, start_new_session=True)
     try:
-        state = first_joint_state(process, timeout=60)
-        joints = dict(zip(state.name, state.position, strict=True))
-        print(f"first joint state after {time.monotonic() - begin:.1f} s: {joints}")
+        wait_for_device(process, others[0], timeout=60)
+        print(f"the device is there after {time.monotonic() - begin:.1f} s", flush=True)
+        for command in others:
+            print(f"$ {shlex.join(command)}", flush=True)
+            subprocess.run(command, check=True, timeout=40)
         # To uv alone, which passes it on: the driver gets one, as it does at a terminal.
         process.send_signal(signal.SIGINT)
         code = process.wait(timeout=10)
@@ -56,7 +58,7 @@ def main() -> None:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
     if code != 0:
-        sys.exit(f"{COMMAND} answered Ctrl-C with exit code {code}")
+        sys.exit(f"{first} answered Ctrl-C with exit code {code}")
 
 
 main()
