@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import (
     Annotated,
     Any,
+    ClassVar,
     Literal,
     Self,
     TypeVar,
@@ -210,6 +211,17 @@ class KinematicsConfig(Settings):
 class DeviceConfig(Settings):
     """The keys that every device has; a driver adds its own in a subclass."""
 
+    HEADINGS: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "Connection": ("name", "open_timeout", "sample_timeout"),
+        "Streams of commands": (
+            "stream_timeout",
+            "interpolate_timeout",
+            "on_stream_timeout",
+            "mode_switch_dwell",
+        ),
+        "Moves, free drive": ("move_cp", "on_client_gone", "free_timeout"),
+    }
+
     name: str = Field(
         default="",
         max_length=64,
@@ -323,6 +335,10 @@ class Layer:
     source: str
     places: Mapping[Key, str] = field(default_factory=dict)
 
+    def has(self, key: Key) -> bool:
+        """Whether `key` was written."""
+        return _holds(self.values, key)
+
     def place(self, key: Key) -> str:
         """Return where `key`, or the table that holds it, was written."""
         for length in range(len(key), 0, -1):
@@ -409,6 +425,9 @@ def load(model: type[Config], *layers: Layer) -> Config:
         if issubclass(model, BaseModel)
         else [_unknown_key(model, (key,), layers) for key in merged if key not in names]
     )
+    problems += [
+        _flag_as_number(model, key, layers) for key in _flags(merged) if _counts(model, key)
+    ]
     try:
         made = TypeAdapter(model).validate_python(merged)
     except ValidationError as error:
@@ -430,6 +449,31 @@ def _merged(below: Values, above: Values) -> dict[str, Any]:
         both = isinstance(present, Mapping) and isinstance(value, Mapping)
         merged[key] = _merged(present, value) if both else value  # type: ignore[arg-type]
     return merged
+
+
+def _flags(values: Any, key: Key = ()) -> Iterator[Key]:
+    """Yield the keys that hold true or false."""
+    if isinstance(values, bool):
+        yield key
+    elif isinstance(values, Mapping):
+        for name, value in values.items():
+            yield from _flags(value, (*key, name))
+    elif isinstance(values, list | tuple):
+        for index, value in enumerate(values):
+            yield from _flags(value, (*key, index))
+
+
+def _counts(model: type, key: Key) -> bool:
+    """Whether a key takes a number: pydantic would take true for 1."""
+    return annotation_of(model, key) in (int, float)
+
+
+def _flag_as_number(model: type, key: Key, layers: Sequence[Layer]) -> ConfigError:
+    return ConfigError(
+        f"{dotted(key)}: must be a number, not true or false",
+        where=_place(layers, key),
+        remedy=description_of(model, key),
+    )
 
 
 _MISSING = frozenset({"missing", "missing_argument", "missing_keyword_only_argument"})

@@ -30,6 +30,19 @@ def setting_names(model: Any) -> tuple[str, ...]:
     return ()
 
 
+def heading_of(model: type, name: str) -> str:
+    """Return the heading under which a key stands in a help page; empty if it has none.
+
+    A configuration class groups its keys by ``HEADINGS``, a mapping of headings to names of keys; one that
+    it is derived from may have one of its own.
+    """
+    for each in model.__mro__:
+        for heading, names in vars(each).get("HEADINGS", {}).items():
+            if name in names:
+                return str(heading)
+    return ""
+
+
 def annotation_of(model: Any, key: Key) -> Any:
     """Return the type that `key` has in `model`; None if there is no such key.
 

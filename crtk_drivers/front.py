@@ -25,6 +25,7 @@ from crtk_drivers import plugins
 from crtk_drivers.arbiter import Client
 from crtk_drivers.capabilities import missing_for
 from crtk_drivers.commands import Command, Direction, Kind, Level, Payload, find, is_name
+from crtk_drivers.config import from_values
 from crtk_drivers.device import READINGS, Reading
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import (
@@ -419,6 +420,8 @@ def connect(
         ConnectionFailed: not connected in time; everything is closed again.
     """
     plugin = plugins.device(device)
+    if sim:
+        plugin.check_simulated(from_values(values))
     settings = plugin.load_config(config, values)
     session = open_session(device, settings, sim=sim, sim_options=sim_options)
     arm = LocalDevice(session)

@@ -28,9 +28,9 @@ from typing import Any, Final
 
 from crtk_drivers.capabilities import offered
 from crtk_drivers.commands import Command
-from crtk_drivers.config import DeviceConfig, Settings, from_file, from_values, load
+from crtk_drivers.config import DeviceConfig, Layer, Settings, from_file, from_values, load
 from crtk_drivers.device import Device
-from crtk_drivers.errors import MissingExtra, PluginError
+from crtk_drivers.errors import ConfigError, MissingExtra, PluginError
 from crtk_drivers.placed import PlacedDevice
 from crtk_drivers.sims import RunningSim, SimPlugin
 
@@ -89,6 +89,8 @@ class DevicePlugin:
             as an address; not called for a simulator.
         sim: name of its simulator; None if it has none.
         extra: the extra of its distribution that brings its libraries; empty if it needs none.
+        addresses: the keys that say where real hardware is: ``host``, ``bus.channel``; given beside a
+            simulator they are refused.
         sim_config: the configuration that points at a running simulator.
         sim_options: the options of the simulator that suit a configuration (model, ...).
         tools: commands for people, to look at hardware, scan a bus, calibrate, ...
@@ -101,6 +103,7 @@ class DevicePlugin:
     create: Callable[[Any], Device]
     sim: str | None = None
     extra: str = ""
+    addresses: tuple[str, ...] = ()
     check_real: Callable[[Any], None] = _nothing
     sim_config: Callable[[Any, RunningSim], Any] = _same_config
     sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
@@ -121,6 +124,24 @@ class DevicePlugin:
         if config.base is not None:
             device = PlacedDevice(device, replace(config.base.pose, frame_id=config.base.frame_id))
         return device
+
+    def check_simulated(self, layer: Layer) -> None:
+        """Make sure that nobody asks for a simulator and for real hardware in one breath.
+
+        A file is no such layer: what is written for the hardware may be rehearsed with a simulator.
+
+        Raises:
+            ConfigError: the layer has one of the `addresses`.
+        """
+        for address in self.addresses:
+            key = tuple(address.split("."))
+            if layer.has(key):
+                raise ConfigError(
+                    f"{address} is where real hardware is, and a simulator was asked for, which "
+                    "has an address of its own",
+                    where=layer.place(key),
+                    remedy="Leave out one of the two.",
+                )
 
     def load_config(
         self, config: Mapping[str, Any] | str | Path | None, values: Mapping[str, Any]

@@ -19,6 +19,7 @@ from crtk_drivers import plugins
 from crtk_drivers.cli.check_command import CheckGroup
 from crtk_drivers.cli.client_commands import add_to as add_client_commands
 from crtk_drivers.cli.device_command import build as build_device
+from crtk_drivers.cli.help_pages import HelpfulCommand
 from crtk_drivers.cli.list_command import list_plugins, list_simulators
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.policy_command import PolicyGroup
@@ -113,7 +114,7 @@ def _root(
         )
 
 
-@app.command("list", rich_help_panel=_TOOLS)
+@app.command("list", rich_help_panel=_TOOLS, cls=HelpfulCommand)
 def _list(
     name: Annotated[str | None, typer.Argument(help="Show all that is known of one.")] = None,
 ) -> None:
@@ -121,7 +122,7 @@ def _list(
     raise typer.Exit(list_plugins(name))
 
 
-@app.command("schema", rich_help_panel=_TOOLS)
+@app.command("schema", rich_help_panel=_TOOLS, cls=HelpfulCommand)
 def _schema(
     name: Annotated[str, typer.Argument(help="Of the device.")],
     markdown: Annotated[bool, typer.Option("--markdown", help="As tables for people.")] = False,
@@ -135,7 +136,7 @@ def _sim() -> None:
     """Run a simulator alone, for any client."""
 
 
-@sim_app.command("list", rich_help_panel=_TOOLS)
+@sim_app.command("list", rich_help_panel=_TOOLS, cls=HelpfulCommand)
 def _sim_list() -> None:
     """List the simulators."""
     list_simulators()

@@ -10,6 +10,7 @@ from typing import Annotated, Final
 
 import typer
 
+from crtk_drivers.cli.help_pages import HelpfulCommand
 from crtk_drivers.cli.reaching import (
     FIND_TIMEOUT,
     Namespace,
@@ -48,16 +49,21 @@ Child = Annotated[
 
 def add_to(app: typer.Typer) -> None:
     """Put the commands on an app."""
-    app.command("state", rich_help_panel=PANEL)(_state)
+    app.command("state", cls=HelpfulCommand, rich_help_panel=PANEL)(_state)
     for command, summary in _STATE_COMMANDS:
-        app.command(command.value, rich_help_panel=PANEL, help=_help(command.value, summary))(
-            _state_command(command)
-        )
+        app.command(
+            command.value,
+            cls=HelpfulCommand,
+            rich_help_panel=PANEL,
+            help=_help(command.value, summary),
+        )(_state_command(command))
     for name, summary in _STOPS:
-        app.command(name, rich_help_panel=PANEL, help=_help(name, summary))(_plain_command(name))
-    app.command("move", rich_help_panel=PANEL, context_settings=_NUMBERS)(_move)
-    app.command("echo", rich_help_panel=PANEL)(_echo)
-    app.command("call", rich_help_panel=PANEL, context_settings=_NUMBERS)(_call)
+        app.command(name, cls=HelpfulCommand, rich_help_panel=PANEL, help=_help(name, summary))(
+            _plain_command(name)
+        )
+    app.command("move", cls=HelpfulCommand, rich_help_panel=PANEL, context_settings=_NUMBERS)(_move)
+    app.command("echo", cls=HelpfulCommand, rich_help_panel=PANEL)(_echo)
+    app.command("call", cls=HelpfulCommand, rich_help_panel=PANEL, context_settings=_NUMBERS)(_call)
 
 
 def _no_options(values: list[str] | None) -> list[str]:
@@ -75,7 +81,7 @@ def _help(name: str, summary: str) -> str:
 def _state(
     namespace: Annotated[
         str,
-        typer.Argument(metavar="[NAMESPACE]", help="Of the device; all devices without it."),
+        typer.Argument(metavar="NAMESPACE", help="Of the device; all devices without it."),
     ] = "",
     timeout: Timeout = FIND_TIMEOUT,
 ) -> None:
@@ -204,7 +210,7 @@ def _call(
     arguments: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[ARGUMENTS...]",
+            metavar="ARGUMENTS...",
             help="Fields of the request: field=value. Of forward_kinematics the joints; of "
             "inverse_kinematics x y z and a quaternion x y z w, then joints to start from.",
             show_default=False,

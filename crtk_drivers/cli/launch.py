@@ -9,7 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crtk_drivers import plugins
-from crtk_drivers.cli.options import FLAG, Parameters, given_settings, option, setting_options
+from crtk_drivers.cli.options import (
+    SETTING_PREFIX,
+    Parameters,
+    given_settings,
+    option,
+    setting_options,
+)
 from crtk_drivers.config import (
     DeviceConfig,
     Layer,
@@ -19,7 +25,7 @@ from crtk_drivers.config import (
     load,
     with_node,
 )
-from crtk_drivers.config_keys import setting_names
+from crtk_drivers.config_keys import heading_of, setting_names
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DevicePlugin
 
@@ -79,7 +85,6 @@ def launch_options(plugin: DevicePlugin) -> Parameters:
             bool,
             False,
             "--sim",
-            metavar=FLAG,
             help="Start a simulator and connect to that: no hardware is needed.",
         )
     ]
@@ -128,10 +133,13 @@ def launch_options(plugin: DevicePlugin) -> Parameters:
     own_panel = f"Settings of {plugin.name}"
     settings = setting_options(
         plugin.config,
-        lambda name: "Common settings" if name in common else own_panel,
+        lambda name: (
+            heading_of(plugin.config, name) or ("Common settings" if name in common else own_panel)
+        ),
         _RESERVED,
     )
-    own_first = sorted(settings, key=lambda each: each.default.rich_help_panel != own_panel)
+    shared = {f"{SETTING_PREFIX}{name}" for name in common}
+    own_first = sorted(settings, key=lambda each: each.name in shared)
     has_sim = plugin.sim is not None
     return [
         *(simulator if has_sim else ()),
@@ -148,11 +156,12 @@ def launch_of(plugin: DevicePlugin, given: Mapping[str, Any]) -> Launch:
         ConfigError: with every mistake in it.
     """
     model = with_node(plugin.config)
-    layers: list[Layer] = [from_file(given["config"])] if given["config"] else []
-    layers.append(given_settings(plugin.config, given))
-    layers.append(from_assignments(model, given["assignments"]))
-    config: Any = load(model, *layers)
     sim = bool(given.get("sim"))
+    typed = [given_settings(plugin.config, given), from_assignments(model, given["assignments"])]
+    for layer in typed if sim else ():
+        plugin.check_simulated(layer)
+    files: list[Layer] = [from_file(given["config"])] if given["config"] else []
+    config: Any = load(model, *files, *typed)
     return Launch(plugin, config, config.node, sim, _sim_options(plugin, sim, given))
 
 

@@ -18,6 +18,7 @@ import typer
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup
 from crtk_drivers.cli.terminal import plain, sentence
 from crtk_drivers.config import Layer, typed_value
 from crtk_drivers.config_keys import annotation_of, choices_of, description_of, setting_names
@@ -25,11 +26,8 @@ from crtk_drivers.ros.names import suggestion
 
 Parameters = Sequence[inspect.Parameter]
 
-_PREFIX = "setting_"
+SETTING_PREFIX = "setting_"
 """Before the parameter of a setting: a device may have a key with the name of one of our options."""
-
-FLAG = " "
-"""Metavar of a flag: it takes no value, and typer would call that ``<bool>``."""
 
 _METAVARS: Mapping[type, str] = types.MappingProxyType(
     {float: "NUMBER", int: "INTEGER", str: "TEXT", Path: "FILE"}
@@ -142,7 +140,7 @@ def setting_options(
     model: type,
     panel_of: Callable[[str], str],
     reserved: Collection[str] = (),
-    prefix: str = _PREFIX,
+    prefix: str = SETTING_PREFIX,
     positional: Sequence[str] = (),
 ) -> Parameters:
     """Return one option for each scalar key of `model` that is not `reserved` for another option.
@@ -166,7 +164,7 @@ def setting_options(
                 None,
                 names,
                 help=setting.help,
-                metavar=FLAG if is_flag else setting.metavar,
+                metavar=None if is_flag else setting.metavar,
                 rich_help_panel=panel_of(setting.name),
             )
         )
@@ -185,7 +183,7 @@ def _argument(prefix: str, setting: Setting) -> inspect.Parameter:
     )
 
 
-def given_settings(model: type, given: Mapping[str, Any], prefix: str = _PREFIX) -> Layer:
+def given_settings(model: type, given: Mapping[str, Any], prefix: str = SETTING_PREFIX) -> Layer:
     """Return the layer of the settings that were given as options of their own.
 
     Args:
@@ -219,7 +217,7 @@ def make_command(
 
     app = typer.Typer(add_completion=False, rich_markup_mode="rich")
     function = _function(run, parameters)
-    app.command(name=name, help=help, rich_help_panel=panel)(function)
+    app.command(name=name, help=help, rich_help_panel=panel, cls=HelpfulCommand)(function)
     return typer.main.get_command(app)
 
 
@@ -245,8 +243,8 @@ def make_group(
     """Return a click group that is a command by itself, as of `make_command`, and has commands below it."""
     app = typer.Typer(
         name=name,
+        cls=HelpfulGroup,
         help=help,
-        rich_help_panel=panel,
         invoke_without_command=True,
         add_completion=False,
         rich_markup_mode="rich",
@@ -257,8 +255,12 @@ def make_group(
 
     app.callback()(_function(itself, parameters, ends=False))
     for each in commands:
-        app.command(name=each.name, help=each.help)(_function(each.run, each.parameters))
-    return typer.main.get_command(app)
+        app.command(name=each.name, help=each.help, cls=HelpfulCommand)(
+            _function(each.run, each.parameters)
+        )
+    group: Any = typer.main.get_command(app)
+    group.rich_help_panel = panel  # typer keeps that of a command only
+    return group
 
 
 def _function(

@@ -12,8 +12,8 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import typer
-from typer.core import TyperGroup
 
+from crtk_drivers.cli.help_pages import HelpfulGroup
 from crtk_drivers.cli.options import make_command
 from crtk_drivers.cli.terminal import plain
 from crtk_drivers.plugins import PluginEntry
@@ -36,7 +36,7 @@ class Source:
     panel: str
 
 
-class PluginGroup(TyperGroup):
+class PluginGroup(HelpfulGroup):
     """Subclass it with the source of its plugins."""
 
     source: ClassVar[Source]

@@ -16,6 +16,7 @@ from crtk_drivers import plugins, sims
 from crtk_drivers.cli.options import given_settings, make_command, setting_options
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import ERR, plain, sentence
+from crtk_drivers.config_keys import heading_of
 from crtk_drivers.errors import ConnectionLost
 from crtk_drivers.sims import RunningSim, SimPlugin
 
@@ -24,7 +25,10 @@ _POLL = 0.2
 
 def build(plugin: SimPlugin, panel: str) -> Any:
     """Return the command of a simulator."""
-    parameters = setting_options(plugin.Config, lambda _: f"Options of the {plugin.name} simulator")
+    parameters = setting_options(
+        plugin.Config,
+        lambda name: heading_of(plugin.Config, name) or f"Options of the {plugin.name} simulator",
+    )
 
     def run(context: typer.Context, **given: Any) -> int:
         return run_simulator(plugin, given)

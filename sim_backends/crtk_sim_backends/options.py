@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import ipaddress
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 from crtk_sim_backends.faults import unknown
 from crtk_sim_backends.process import AUTO
@@ -85,9 +85,15 @@ def _check_loopback(host: str) -> None:
 class Options:
     """What every simulator can be told.
 
+    ``HEADINGS``, here and in subclasses, groups the options in help pages.
+
     Raises:
         ConfigError: from the constructor, naming the option and what can be given instead.
     """
+
+    HEADINGS: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "Where and how it runs": ("host", "control_port", "faults", "realtime")
+    }
 
     host: str = option(
         AUTO, "loopback address to listen on; 'auto' finds a free one in 127.0.0.0/8"

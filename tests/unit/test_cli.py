@@ -10,16 +10,21 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
 from rich.console import Console
 
+import crtk_drivers
 from crtk_drivers import config_reference, plugins
 from crtk_drivers.cli import main
-from crtk_drivers.cli.app import split_arguments
+from crtk_drivers.cli.app import app, split_arguments
 from crtk_drivers.cli.list_command import short_names
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
 from crtk_drivers.cli.status_line import StatusLine, status_text
+from crtk_drivers.config_keys import setting_names
+from crtk_drivers.errors import ConfigError
 from crtk_drivers.health import Health
 from crtk_drivers.state import OperatingState, Status
 
@@ -28,6 +33,7 @@ ENTRY_POINTS = """
 loopback = crtk_drivers.testing.loopback:PLUGIN
 deaf = deaf_device:PLUGIN
 tooled = tooled_device:PLUGIN
+simulated = tooled_device:SIMULATED
 bad = no_such_module:PLUGIN
 [crtk_drivers.sims]
 ur = crtk_sim_backends.ur:SIM
@@ -49,6 +55,8 @@ def info(config, options):
 PLUGIN = DevicePlugin("tooled", "has a tool", LoopbackConfig, LoopbackDevice,
                       tools=(Tool("info", "tells what it is.", info, Options),
                              Tool("again", "the same", info, Options, arguments=("count",))))
+SIMULATED = DevicePlugin("simulated", "has a simulator", LoopbackConfig, LoopbackDevice, sim="ur",
+                         addresses=("address", "limits.max_step"))
 """
 
 DEAF = """
@@ -106,6 +114,61 @@ def test_every_scalar_key_of_a_device_is_an_option(capsys: Capture) -> None:
     assert "Longest time to connect, in s. [default: 5]" in text
     assert "hold|pause|fault" in text
     assert "--sim " not in text
+
+
+@pytest.mark.parametrize("width", ["80", "40"])
+def test_no_name_in_a_help_page_is_cut(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch, width: str
+) -> None:
+    monkeypatch.setenv("COLUMNS", width)
+    root = click_app()
+    for path, command in pages(root):
+        assert main([*path, "--help"]) == 0
+        text = capsys.readouterr().out
+        assert "…" not in text, path
+        names = [name for param in command.params for name in (*param.opts, *param.secondary_opts)]
+        for name in names:
+            assert re.search(rf"{re.escape(name)}\b", text, re.IGNORECASE), (path, name)
+        for line in text.splitlines():
+            assert len(line) <= max(int(width), 70), (path, line)
+
+
+def click_app() -> Any:
+    return typer.main.get_command(app)
+
+
+def pages(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """All commands with a help page."""
+    yield path, command
+    context = command.make_context(
+        "crtk-driver", [], obj=split_arguments([]), resilient_parsing=True
+    )
+    for name in command.list_commands(context) if hasattr(command, "list_commands") else ():
+        if name not in ("bad", "again"):
+            yield from pages(command.get_command(context, name), (*path, name))
+
+
+def test_settings_stand_under_headings(capsys: Capture) -> None:
+    assert main(["tooled", "--help"]) == 0
+    text = capsys.readouterr().out
+    own, streams = text.index("Settings of tooled:"), text.index("Streams of commands:")
+    assert own < text.index("--address") < streams < text.index("--stream-timeout")
+    assert main(["sim", "ur", "--help"]) == 0
+    text = capsys.readouterr().out
+    assert text.index("Safety limits:") < text.index("--tool-force-limit")
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    assert text.index("Devices:") < text.index("tooled") < text.index("Tools:")
+
+
+def test_every_key_under_a_heading_exists() -> None:
+    for group in (plugins.devices(), plugins.sims()):
+        for entry in group.values():
+            if entry.error is None:
+                model = getattr(entry.plugin, "config", None) or entry.plugin.Config
+                for each in model.__mro__:
+                    for names in vars(each).get("HEADINGS", {}).values():
+                        assert set(names) <= set(setting_names(model)), each
 
 
 def test_list(capsys: Capture) -> None:
@@ -190,6 +253,21 @@ def test_a_run_is_refused_before_anything_starts(
     capsys: Capture, arguments: list[str], message: str
 ) -> None:
     assert message in refusal(capsys, "loopback", *arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "where"),
+    [
+        (["--address", "there"], "--address: address is where"),
+        (["--set", "limits.max_step=1"], "--set limits.max_step=1: limits.max_step is where"),
+    ],
+)
+def test_real_hardware_and_a_simulator_at_once_are_refused(
+    capsys: Capture, arguments: list[str], where: str
+) -> None:
+    assert where in refusal(capsys, "simulated", "--sim", *arguments)
+    with pytest.raises(ConfigError, match="a simulator was asked for"):
+        crtk_drivers.connect("simulated", sim=True, address="there")
 
 
 def test_a_file_of_settings_is_overridden_by_options(tmp_path: Path, capsys: Capture) -> None:

@@ -57,6 +57,19 @@ def refusal(path: Path, *assignments: str, model: type = ArmConfig) -> str:
     return str(caught.value).replace(f"{path.parent}{os.sep}", "")
 
 
+@pytest.mark.parametrize("key", ["open_timeout", "limits.max_step", "axes.a.lower"])
+def test_a_flag_is_no_number(key: str) -> None:
+    given = from_assignments(ArmConfig, [f"{key}=true", "axes.a.upper=1.0"])
+    with pytest.raises(ConfigError, match=rf"{key}: must be a number, not true or false"):
+        load(ArmConfig, given)
+
+
+def test_a_flag_in_a_list_is_no_number() -> None:
+    steps = from_values({"steps": [{"lower": 0.0, "upper": True}]})
+    with pytest.raises(ConfigError, match=r"steps\[0\].upper: must be a number"):
+        load(ArmConfig, steps)
+
+
 def test_later_layers_override_earlier_ones(write: Write) -> None:
     path = write("host: from-file\nrate: 100\nlimits:\n  max_step: 0.2\n  clamp_servo: no\n")
     config = load(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -89,6 +90,26 @@ class ToolConfig(Settings):
 
 class NetFtConfig(DeviceConfig):
     """An ATI NetFT sensor, or one that speaks its protocol."""
+
+    HEADINGS: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "Sensor": ("host", "profile", "mode", "rate", "low_pass", "on_saturation", "alarm"),
+        "Network": (
+            "transport",
+            "rdt_port",
+            "tcp_port",
+            "http_port",
+            "http",
+            "http_timeout",
+            "page_period",
+            "receive_buffer",
+        ),
+        "Frames and the arm that carries it": (
+            "frame_id",
+            "measuring_frame_id",
+            "arm",
+            "orientation_timeout",
+        ),
+    }
 
     host: str = Field(default="", max_length=253, description="Address or name of the sensor.")
     profile: Literal["auto", "netbox", "axia", "schunk", "onrobot"] = Field(

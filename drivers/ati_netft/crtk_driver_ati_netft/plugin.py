@@ -40,6 +40,7 @@ PLUGIN = DevicePlugin(
     create=NetFtDevice,
     sim="netft",
     extra="ati-netft",
+    addresses=("host", "rdt_port", "tcp_port", "http_port"),
     check_real=_require_host,
     sim_config=_at_sim,
     sim_options=_sim_options,

@@ -107,6 +107,7 @@ PLUGIN = DevicePlugin(
     create=_create,
     sim="canopen",
     extra="canopen",
+    addresses=("bus.interface", "bus.channel"),
     check_real=_require_joints,
     sim_config=_at_sim,
     sim_options=_sim_options,

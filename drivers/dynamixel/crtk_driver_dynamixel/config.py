@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -391,6 +391,23 @@ class GripperConfig(ServoConfig):
 
 class DynamixelConfig(DeviceConfig):
     """A chain of DYNAMIXEL servos: an arm, a gripper, or both."""
+
+    HEADINGS: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "Arm": ("arm", "calibration", "turns", "disable", "on_close", "on_servo_fault"),
+        "Bus": (
+            "port",
+            "baud",
+            "rate",
+            "latency_budget",
+            "watchdog",
+            "silent_timeout",
+            "slow_interval",
+            "fast_read",
+            "return_delay",
+            "status_return_level",
+            "write_eeprom",
+        ),
+    }
 
     arm: str = Field(
         default="",

@@ -94,6 +94,7 @@ PLUGIN = DevicePlugin(
     create=_create,
     sim="dynamixel",
     extra="dynamixel",
+    addresses=("port",),
     check_real=_require_chain,
     sim_config=_at_sim,
     sim_options=_sim_options,

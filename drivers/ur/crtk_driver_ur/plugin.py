@@ -63,6 +63,7 @@ PLUGIN = DevicePlugin(
     config=UrConfig,
     create=_create,
     sim="ur",
+    addresses=("host",),
     check_real=_require_host,
     sim_config=_at_sim,
     sim_options=_sim_options,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
-from typing import Final
+from typing import ClassVar, Final
 
 from crtk_sim_backends.options import (
     ConfigError,
@@ -65,6 +66,46 @@ class SimConfig(Options):
     Raises:
         ConfigError: from the constructor, naming the option and what can be given instead.
     """
+
+    HEADINGS: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "Controller and arm": (
+            "model",
+            "version",
+            "serial_number",
+            "calibration",
+            "boot_seconds",
+            "powered_on",
+            "remote",
+            "programs",
+            "speed",
+            "contact",
+        ),
+        "Further servers": (
+            "modbus",
+            "modbus_port",
+            "robot_api",
+            "robot_api_port",
+            "view",
+            "web",
+            "web_port",
+        ),
+        "Tool": ("tool_communication", "tool_device", "wiring"),
+        "Recordings": (
+            "record",
+            "record_variables",
+            "record_rate",
+            "replay",
+            "replay_loop",
+            "trace_size",
+        ),
+        "Safety limits": (
+            "tool_speed_limit",
+            "tool_force_limit",
+            "power_limit",
+            "momentum_limit",
+            "position_limit",
+        ),
+    }
 
     model: str = option("ur5e", "arm to simulate", tuple(MODELS))
     version: str = option(
