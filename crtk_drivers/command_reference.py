@@ -50,7 +50,7 @@ def _lines(commands: Sequence[Command]) -> Iterator[str]:
                 " ".join(f"`{_shown(each)}`" for each in row if (each.space is space) is wanted)
                 for space, wanted in ((Space.CARTESIAN, False), (Space.CARTESIAN, True))
             )
-            yield f"| {title} | {joint} | {cartesian or '–'} |\n"
+            yield f"| {title} | {joint} | {cartesian} |\n"
 
 
 def _shown(command: Command) -> str:
