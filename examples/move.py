@@ -1,7 +1,7 @@
 """Move an arm in joint space and in Cartesian space: absolute, relative, slower, in the tool's own axes.
 
 python examples/move.py                # a simulated UR5e in this process
-python examples/move.py /ur5           # whatever runs in that ROS 2 namespace
+python examples/move.py /ur5           # whatever runs in that ROS 2 namespace, with up to six joints
 """
 
 import sys
@@ -23,10 +23,16 @@ with open_arm() as arm:
     arm.enable()
     start = arm.setpoint_jp()
 
-    arm.move_jr(np.radians([15, 0, 0, 0, 0, 0])).wait()
+    # Elbow and wrist bent too: a stretched arm is at a singularity, where no straight line begins.
+    arm.move_jr(np.radians([15, -15, 30, 0, 30, 0])[: start.size]).wait()
     print(
         "joint 1 at", np.degrees(arm.setpoint_jp()[0] - start[0]).round(2), "degrees from the start"
     )
+
+    if "move_cp" not in arm.crtk_commands:
+        sys.exit(
+            "no move_cp here: this device has no kinematics; the key `kinematics` gives it some"
+        )
 
     pose = arm.setpoint_cp()
     arm.trajectory_j.set_ratio(0.5)  # half the speed from now on
