@@ -120,7 +120,7 @@ class Ral:
         self.shared: _Shared = _Shared(node_name, node) if parent is None else parent.shared
         self._node = self.shared.node
         self.link = self.shared.link
-        self._children: dict[str, Ral] = {}
+        self._children: list[Ral] = []
         self._endpoints: list[Any] = []
 
     @staticmethod
@@ -143,16 +143,10 @@ class Ral:
         return self._namespace
 
     def create_child(self, child_namespace: str) -> Ral:
-        """Return a layer for a sub-namespace, with the same node.
-
-        Raises:
-            RuntimeError: there is one already.
-        """
-        if child_namespace in self._children:
-            raise RuntimeError(f"{self._namespace} has a child {child_namespace!r} already")
+        """Return a layer for a sub-namespace, with the same node; a further one if there is one already."""
         namespace = f"{self._namespace}/{child_namespace.strip('/')}"
         child = type(self)(self._node_name, namespace, parent=self)
-        self._children[child_namespace] = child
+        self._children.append(child)
         return child
 
     # ------------------------------------------------------------------------------------- spinning
@@ -278,7 +272,7 @@ class Ral:
     def all_endpoints(self) -> list[Any]:
         """Return what was made with this layer and its children."""
         endpoints = list(self._endpoints)
-        for child in self._children.values():
+        for child in self._children:
             endpoints += child.all_endpoints()
         return endpoints
 
