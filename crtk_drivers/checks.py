@@ -73,9 +73,14 @@ _NOTHING = (Pose(_ZERO, vector((0.0, 0.0, 0.0, 1.0))), Twist(_ZERO, _ZERO), Wren
 
 
 class CommandCheck:
-    """The checks of one device's commands."""
+    """The checks of one device's commands.
+
+    Attributes:
+        told_frame: gives the name of a frame as it is told to whoever sends commands.
+    """
 
     def __init__(self, capabilities: Capabilities, policy: LimitPolicy, where: str) -> None:
+        self.told_frame: Callable[[str], str] = str
         self._joints = capabilities.joints
         self._index = {name: i for i, name in enumerate(capabilities.joints)}
         self._base_frame = capabilities.base_frame
@@ -194,7 +199,7 @@ class CommandCheck:
                 command,
                 Reason.WRONG_FRAME,
                 f"frame_id {_shown(value.frame_id)} is not known here",
-                f"Give it in {frame!r}, or leave frame_id empty.",
+                f"Give it in {self.told_frame(frame)!r}, or leave frame_id empty.",
             )
 
     def _check_numbers(self, command: Command, values: Vector, field: str) -> None:

@@ -237,6 +237,10 @@ class Engine:
         age = self._feedback.sample_age(self._clock())
         return self._health.snapshot(age, self.device.counters, self.device.notes)
 
+    def tell_frames(self, told: Callable[[str], str]) -> None:
+        """Name frames in refusals as `told` does: to clients on ROS they carry a prefix."""
+        self._check.told_frame = told
+
     def forward_kinematics(self, joints: Vector) -> Pose:
         """Return the tool pose (base frame) of a joint position (n,).
 

@@ -39,6 +39,7 @@ class CommandTopics:
     def __init__(self, node: UnlockedNode, engine: Engine, frames: Frames) -> None:
         self._engine = engine
         self._frames = frames
+        engine.tell_frames(frames.outgoing)
         self._failures = Throttle(FAILURE_INTERVAL)
         self.senders = Senders(node)
         self.subscriptions: dict[str, Subscription] = {}

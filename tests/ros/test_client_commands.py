@@ -14,12 +14,14 @@ import pytest
 import yaml
 from client_rig import Far, far_device
 from geometry_msgs.msg import TwistStamped
+from ros_client import TIMEOUT
 from ros_rig import until
 
 from crtk_drivers.cli import main, reaching
 from crtk_drivers.client import RemoteDevice
 from crtk_drivers.device import Condition
 from crtk_drivers.errors import CommandRefused
+from crtk_drivers.samples import Pose
 from crtk_drivers.state import OperatingState
 
 pytestmark = pytest.mark.ros
@@ -232,6 +234,13 @@ def test_call(far: Far, run: Run) -> None:
         code, _, err = run("call", NAMESPACE, *arguments)
         assert code == 2
         assert message in err
+
+
+def test_a_frame_is_named_as_on_its_topic(far: Far) -> None:
+    far.arm.enable()
+    pose = far.arm.measured_cp()
+    with pytest.raises(CommandRefused, match=f"Give it in '{pose.frame_id}'"):
+        far.arm.move_cp(Pose(pose.position, pose.orientation, "world")).wait(TIMEOUT)
 
 
 def test_nobody_there_says_who_is(far: Far, run_far: Run) -> None:
