@@ -335,9 +335,12 @@ class Layer:
     source: str
     places: Mapping[Key, str] = field(default_factory=dict)
 
-    def has(self, key: Key) -> bool:
-        """Whether `key` was written."""
-        return _holds(self.values, key)
+    def says(self, key: Key) -> bool:
+        """Whether `key` was given a value that is not empty."""
+        values: Any = self.values
+        for part in key:
+            values = values.get(part) if isinstance(values, Mapping) else None
+        return values not in (None, "")
 
     def place(self, key: Key) -> str:
         """Return where `key`, or the table that holds it, was written."""

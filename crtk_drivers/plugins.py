@@ -135,7 +135,7 @@ class DevicePlugin:
         """
         for address in self.addresses:
             key = tuple(address.split("."))
-            if layer.has(key):
+            if layer.says(key):
                 raise ConfigError(
                     f"{address} is where real hardware is, and a simulator was asked for, which "
                     "has an address of its own",

@@ -23,6 +23,7 @@ from crtk_drivers.cli.app import app, split_arguments
 from crtk_drivers.cli.list_command import short_names
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
 from crtk_drivers.cli.status_line import StatusLine, status_text
+from crtk_drivers.config import from_values
 from crtk_drivers.config_keys import setting_names
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.health import Health
@@ -268,6 +269,10 @@ def test_real_hardware_and_a_simulator_at_once_are_refused(
     assert where in refusal(capsys, "simulated", "--sim", *arguments)
     with pytest.raises(ConfigError, match="a simulator was asked for"):
         crtk_drivers.connect("simulated", sim=True, address="there")
+
+
+def test_an_empty_address_asks_for_no_hardware() -> None:
+    plugins.device("simulated").check_simulated(from_values({"address": "", "limits": {}}))
 
 
 def test_a_file_of_settings_is_overridden_by_options(tmp_path: Path, capsys: Capture) -> None:
