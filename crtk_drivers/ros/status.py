@@ -12,6 +12,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from dataclasses import replace
 
 from crtk_msgs.msg import OperatingState as OperatingStateMessage
 from rclpy.node import Node
@@ -48,7 +49,7 @@ class StatusTopic:
         """Tell it as soon as possible. Any thread."""
         with self._lock:
             pending = self._pending
-            if len(pending) > 1 and _same_pulse(pending[-2][0], pending[-1][0], status):
+            if _is_second_pulse([*(told for told, _ in pending), status]):
                 pending.pop()
                 pending.pop()
             pending.append((status, stamp.wall_ns))
@@ -91,5 +92,13 @@ class StatusTopic:
         self.publisher.publish(self._message)
 
 
-def _same_pulse(first: Status, second: Status, third: Status) -> bool:
-    return first == third and (first.state, first.is_homed) == (second.state, second.is_homed)
+def _is_second_pulse(untold: list[Status]) -> bool:
+    """Whether the last two are a pulse as the two before, so that one of them is enough.
+
+    Both halves of the first must be untold: who waits since then has not seen them.
+    """
+    if len(untold) < 4:
+        return False
+    first, between, second, last = untold[-4:]
+    is_pulse = first.is_busy and replace(first, is_busy=False) == between
+    return is_pulse and (first, between) == (second, last)

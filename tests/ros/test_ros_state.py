@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
 from crtk_msgs.srv import QueryForwardKinematics, QueryInverseKinematics, TriggerOperatingState
 from rcl_interfaces.srv import DescribeParameters
+from rclpy.context import Context
 from ros_client import RosClient, stamp_ns
 from ros_rig import Rig, rig_of, serve, until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
+from crtk_drivers.ros.publishing import PublishingThread
+from crtk_drivers.ros.status import StatusTopic
+from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import Stamp
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.testing.loopback import LoopbackConfig
@@ -37,6 +42,33 @@ def test_stamps_increase_although_the_clock_jumps_back(rig: Rig) -> None:
     rig.serving.driver._listener.status_changed(status, hour_ago)
     inbox.wait(lambda m: m.state == "PAUSED", since)
     assert all(a < b for a, b in pairwise(rig.client.state_stamps))
+
+
+def told_in_two_parts(topic: StatusTopic, statuses: list[Status]) -> list[bool]:
+    """Announce all, the first of which is published at once; return what is told of busy after that."""
+    told: list[Status] = []
+    topic._send = lambda status, stamp_ns: told.append(status)  # type: ignore[method-assign]
+    topic.announce(statuses[0], Stamp.now())
+    topic._publish()
+    for status in statuses[1:]:
+        topic.announce(status, Stamp.now())
+    topic._publish()
+    return [status.is_busy for status in told[1:]]
+
+
+def test_pulses_are_thinned_out_and_none_is_lost_that_somebody_waits_for() -> None:
+    """A short move after a refused one: its client saw half of the pulse before, and waits for another."""
+    idle = Status(OperatingState.ENABLED, True, False, "")
+    busy = replace(idle, is_busy=True)
+    with Context() as context:
+        node = UnlockedNode("pulses", context=context, enable_rosout=False)
+        for statuses, expected in (
+            ([busy, idle, busy, idle], [False, True, False]),
+            ([idle, busy, idle, busy, idle], [True, False]),
+        ):
+            topic = StatusTopic(node, PublishingThread("pulses"), idle)
+            assert told_in_two_parts(topic, statuses) == expected
+        node.destroy_node()
 
 
 def test_every_transition(rig: Rig) -> None:
