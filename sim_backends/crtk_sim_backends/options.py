@@ -105,11 +105,14 @@ class Options:
     realtime: bool = option(
         False, "run with real-time priority (SCHED_FIFO) when the system permits it"
     )
+    web: bool = option(False, "serve a page for a browser that shows it live")
+    web_port: int = option(8000, "port of that page; 0: any free one")
 
     def __post_init__(self) -> None:
         if self.host != AUTO:
             _check_loopback(self.host)
         check_port("control_port", self.control_port)
+        check_port("web_port", self.web_port)
         check_file("faults", self.faults)
 
     def replace(self, **changes: Any) -> Self:

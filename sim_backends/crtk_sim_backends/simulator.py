@@ -6,11 +6,13 @@ import logging
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from crtk_sim_backends import command_line, process
 from crtk_sim_backends.control import ControlError
 from crtk_sim_backends.options import ConfigError, Options
+from crtk_sim_backends.page import address_of
 from crtk_sim_backends.process import Readiness, RunningSim, SimStartError
 
 __all__ = ["Server", "Simulator"]
@@ -77,6 +79,17 @@ class Simulator(ABC, Generic[ConfigT, ServerT]):
         """Where it can be reached, as :class:`RunningSim` has it: `host`, `ports`, perhaps more."""
         return {"host": server.host, "ports": server.ports}
 
+    @contextmanager
+    def _page(self, config: ConfigT, server: ServerT) -> Iterator[RunningSim | None]:
+        """Serve the page from a process of its own, if the options want it."""
+        if not config.web:
+            yield None
+            return
+        control = f"{server.host}:{server.ports['control']}"
+        module = "crtk_sim_backends.page"
+        with process.spawn(module, [control, f"--port={config.web_port}"]) as page:
+            yield page
+
     def spawn(self, config: ConfigT | None = None, **changes: Any) -> RunningSim:
         """Start it in a process of its own and return when it can be reached.
 
@@ -112,10 +125,17 @@ class Simulator(ABC, Generic[ConfigT, ServerT]):
         chosen = config or self.Config()
         server = self.serve(chosen, ready.parent_fd)
         try:
-            with command_line.stopped_by_signals(server.stop):
-                ready.tell(**self.places(server))
+            with command_line.stopped_by_signals(server.stop), self._page(chosen, server) as page:
+                places = self.places(server)
+                if page is not None:
+                    where = f"page: {address_of(page.host, page.ports['web'])}"
+                    places["ports"] = {**places["ports"], **page.ports}
+                    places["hints"] = [*places.get("hints", ()), where]
+                ready.tell(**places)
                 for line in self.describe(server):
                     report(line)
+                if page is not None:
+                    report(where)
                 if chosen.faults:
                     report(f"faults from {chosen.faults}")
                 report("stop it with Ctrl-C")

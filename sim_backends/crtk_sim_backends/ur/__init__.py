@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from crtk_sim_backends.options import ConfigError
 from crtk_sim_backends.process import RunningSim, SimStartError
@@ -38,16 +38,7 @@ class UrSimulator(Simulator[SimConfig, "UrServer"]):
         version = ".".join(map(str, config.software[:3]))
         state = "running" if config.powered_on else "powered off"
         yield f"simulated {config.robot.title}, software {version}, {state}, at {server.host}"
-        yield from self._hints(server)
         yield "ports: " + ", ".join(f"{name} {port}" for name, port in sorted(server.ports.items()))
-
-    def places(self, server: UrServer) -> dict[str, Any]:
-        """Where it can be reached; the page of the 3-D view as a hint."""
-        return {**super().places(server), "hints": list(self._hints(server))}
-
-    def _hints(self, server: UrServer) -> Iterator[str]:
-        if "web" in server.ports:
-            yield f"3-D view: http://{server.host}:{server.ports['web']}/"
 
 
 SIM: Final = UrSimulator()

@@ -155,8 +155,6 @@ class SimConfig(Options):
     replay: str = option("", "recording to publish instead, for clients that only listen")
     replay_loop: bool = option(False, "begin the recording anew at its end")
     view: bool = option(False, "show joints, modes and program in the terminal")
-    web: bool = option(False, "serve a page with a 3-D view for a browser")
-    web_port: int = option(8000, "port of that page; 0: any free one")
     trace_size: int = option(5000, "how many received input packages the trace keeps")
     contact: str = option(
         "",
@@ -205,7 +203,6 @@ class SimConfig(Options):
         if self.robot.is_cb3 and (self.tool_device or self.tool_communication):
             raise ConfigError("tool_device: a CB3 arm has no serial line to the tool")
         _ = self.wires
-        check_port("web_port", self.web_port)
         check_file("replay", self.replay)
         if self.replay and (self.modbus or self.tool_communication or self.tool_device):
             raise ConfigError(

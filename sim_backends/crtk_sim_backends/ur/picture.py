@@ -17,6 +17,7 @@ from crtk_sim_backends.ur.pace import Pace, Statistics
 _OUTPUTS = (
     "actual_q",
     "actual_qd",
+    "target_q",
     "actual_current",
     "actual_TCP_pose",
     "actual_TCP_force",

@@ -31,7 +31,7 @@ from crtk_sim_backends.process import (
     spawn,
     use_realtime_priority,
 )
-from crtk_sim_backends.ur import picture, realtime
+from crtk_sim_backends.ur import picture, realtime, scene
 from crtk_sim_backends.ur.config import SimConfig
 from crtk_sim_backends.ur.controller import Controller
 from crtk_sim_backends.ur.dashboard import GREETING, DashboardSession, Robot
@@ -174,13 +174,8 @@ class UrServer:
         )
 
     def _start_watchers(self) -> None:
-        """Start the programs that show what happens; each has a process of its own."""
+        """Start the program that shows what happens in the terminal, in a process of its own."""
         control = f"{self.host}:{self.ports[CONTROL]}"
-        if self.config.web:
-            arguments = [control, f"--port={self.config.web_port}"]
-            page = spawn(f"{__package__}.web", arguments)
-            self._watchers.append(page)
-            self.ports |= page.ports
         if self.config.view:
             self._watchers.append(spawn(f"{__package__}.view", [control]))
 
@@ -427,6 +422,8 @@ class UrServer:
                         "status": self.status,
                         "arm": lambda: picture.arm(self.config, self.host),
                         "picture": self._picture,
+                        "scene": lambda: scene.scene(self.config, self.host),
+                        "live": lambda: scene.live(self.controller.model, self._picture()),
                         "outputs": self._outputs,
                         "trace": self._trace_after,
                     },

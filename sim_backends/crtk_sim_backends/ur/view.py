@@ -26,7 +26,7 @@ from rich.text import Text
 from crtk_sim_backends.command_line import stopped_by_signals
 from crtk_sim_backends.control import ControlError
 from crtk_sim_backends.process import Readiness
-from crtk_sim_backends.ur.watching import NICENESS, Found, Life, address, pictures
+from crtk_sim_backends.watching import NICENESS, Found, Life, address, pictures
 
 JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 PERIOD: Final = 0.1
@@ -207,7 +207,8 @@ def watch(control: tuple[str, int], life: Life, output: TextIO) -> None:
     if screen and life.wait(_FIRST):
         return
     with _screen() if screen else _lines(output) as show:
-        for arm, found in pictures(control, PERIOD if screen else LINE_PERIOD, life.wait):
+        period = PERIOD if screen else LINE_PERIOD
+        for arm, found in pictures(control, ("arm", "picture"), period, life.wait):
             show(arm, found)
 
 

@@ -13,7 +13,7 @@ ANSWER_TIMEOUT: Final = 1.0
 """Seconds after which a simulator that does not answer is told to hang."""
 
 NICENESS: Final = 5
-"""Of such programs: the controller comes first."""
+"""Of such programs: the simulator comes first."""
 
 _POLL: Final = 0.1  # s after which a signal is noticed
 
@@ -33,30 +33,35 @@ def address(text: str) -> tuple[str, int]:
 
 
 def pictures(
-    control: tuple[str, int], period: float, wait: Callable[[float], bool]
+    control: tuple[str, int],
+    requests: tuple[str, str],
+    period: float,
+    wait: Callable[[float], bool],
 ) -> Iterator[tuple[Found, Found | None]]:
-    """Yield what the arm is, and its picture: None while the simulator does not answer.
+    """Yield what does not change, and what does: None while the simulator does not answer.
 
     Args:
         control: host and port of the control socket.
+        requests: that are answered with what does not change, and with what does.
         period: s from one picture to the next.
         wait: waits for a time, s; True when that was the last one.
 
     Raises:
         ControlError: there is no simulator any more.
     """
-    arm: Found | None = None
+    once, each_time = requests
+    fixed: Found | None = None
     while True:
         with ControlClient(*control, timeout=ANSWER_TIMEOUT) as client:
             try:
-                arm = client.call("arm")
+                fixed = client.call(once)
                 while True:
-                    yield arm, client.call("picture")
+                    yield fixed, client.call(each_time)
                     if wait(period):
                         return
             except ControlError:  # it hangs, or has ended: the next connection tells which
-                if arm is not None:
-                    yield arm, None
+                if fixed is not None:
+                    yield fixed, None
         if wait(period):
             return
 

@@ -1,11 +1,10 @@
-"""The page with the 3-D view: its server, its kinematics, and the page in a real browser."""
+"""The page of the simulated controller: its server, its kinematics, and the page in a real browser."""
 
 import contextlib
 import http.client
 import itertools
 import json
 import math
-import os
 import random
 import shutil
 import socket
@@ -15,14 +14,19 @@ from pathlib import Path
 import pytest
 from ur_clients import wait_until
 
+from bench.browser import BROWSER, Browser
+from crtk_sim_backends.control import token
+from crtk_sim_backends.page import server
 from crtk_sim_backends.process import SimStartError
-from crtk_sim_backends.ur import SIM, web
-from crtk_sim_backends.ur.kinematics import Kinematics, to_pose, to_transform
-from crtk_sim_backends.ur.models import ALPHA, MODELS
+from crtk_sim_backends.ur import SIM
+from crtk_sim_backends.ur.calibration import calibrated, kinematics_of
+from crtk_sim_backends.ur.kinematics import to_pose, to_transform
+from crtk_sim_backends.ur.models import MODELS
+from crtk_sim_backends.ur.scene import _joint, chain
 
 PATIENCE = 20.0
-PAGE = Path(web.__file__).with_name("page")
-JSON = {"Content-Type": "application/json"}
+PAGE = Path(server.__file__).with_name("files")
+JSON = {"Content-Type": "application/json", "Authorization": f"Bearer {token()}"}
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +52,7 @@ def post(sim, path, request):
 # --------------------------------------------------------------------------------------------- server
 
 
-@pytest.mark.parametrize("path", ["/", "/arm.js", "/view.js"])
+@pytest.mark.parametrize("path", ["/", "/arm.js", "/chain.js", "/solids.js", "/view.js"])
 def test_the_files_of_the_page_are_served_and_load_nothing_from_elsewhere(sim, path):
     status, body = ask(sim, path)
     assert status == 200
@@ -57,13 +61,13 @@ def test_the_files_of_the_page_are_served_and_load_nothing_from_elsewhere(sim, p
     assert b"https://" not in body
 
 
-def test_the_arm_is_told_with_its_kinematic_table(sim):
-    status, body = ask(sim, "/arm.json")
+def test_the_arm_is_told_with_its_kinematic_chain(sim):
+    status, body = ask(sim, "/scene.json")
     found = json.loads(body)
     assert status == 200
     assert found["title"] == "UR10e"
-    assert (found["a"], found["d"]) == (list(MODELS["ur10e"].a), list(MODELS["ur10e"].d))
-    assert found["alpha"] == list(ALPHA)
+    assert found["chain"] == json.loads(json.dumps(chain(MODELS["ur10e"])))
+    assert "Late: begun more than 1 ms after its time" in found["notes"]["periods"]
 
 
 def test_what_is_unknown_is_refused(sim):
@@ -99,14 +103,54 @@ def test_pictures_come_one_after_the_other(sim):
         assert events.answer.status == 200
         assert events.answer.getheader("Content-Type") == "text/event-stream"
         first, second = events.next(), events.next()
-    assert first["actual_q"] == sim.control.outputs("actual_q")["actual_q"]
-    assert first["robot_mode"] == "RUNNING"
-    assert second["time"] > first["time"]
+    assert first["q"] == sim.control.outputs("actual_q")["actual_q"]
+    assert ["robot", "RUNNING", "good"] in first["sections"]["State"]
+    assert second["sections"]["Simulator"] != first["sections"]["Simulator"], "time goes on"
+
+
+def test_the_joints_come_with_their_limits_and_goals(sim):
+    with Events(sim) as events:
+        (joints,) = events.next()["gauges"]
+    assert (joints["unit"], joints["rate"]) == ("deg", "deg/s")
+    assert [each["name"] for each in joints["gauges"]][:2] == ["base", "shoulder"]
+    q = sim.control.outputs("actual_q")["actual_q"]
+    for each, angle in zip(joints["gauges"], q, strict=True):
+        assert (each["low"], each["high"]) == pytest.approx((-360, 360))
+        assert each["value"] == pytest.approx(math.degrees(angle))
+        assert each["goal"] == pytest.approx(math.degrees(angle), abs=0.1)
+
+
+def test_a_joint_without_limits_has_none():
+    found = dict.fromkeys(("actual_q", "target_q", "actual_qd"), [0.0] * 6)
+    assert [_joint(MODELS["ur3e"], found, index)["high"] for index in (4, 5)] == [360.0, None]
+
+
+def test_what_is_not_finite_is_null_and_json_for_every_browser():
+    found = {"q": [1.0, math.nan], "gauges": [{"value": -math.inf}], "name": "nan", "goal": None}
+    text = server.json_of(found).decode()
+    assert text == '{"q": [1.0, null], "gauges": [{"value": null}], "name": "nan", "goal": null}'
+
+
+@pytest.mark.parametrize(
+    "given", [None, "Bearer", "Bearer guess", f"Basic {token()}", "Bearer \xe4"]
+)
+@pytest.mark.parametrize("path", ["/inject", "/clear"])
+def test_without_the_token_a_page_changes_nothing(sim, path, given):
+    headers = {"Content-Type": "application/json"}
+    if given is not None:
+        headers["Authorization"] = given
+    status, body = ask(sim, path, b'{"kind": "stall", "parameters": {}}', **headers)
+    assert status == 401
+    assert b"token" in body
+    assert sim.control.status()["faults"] == []
 
 
 def test_faults_begin_and_end_from_the_page(sim):
     assert post(sim, "/inject", {"kind": "safeguard_stop", "parameters": {}}) == (200, b"{}")
     assert sim.control.status()["safety_mode"] == "SAFEGUARD_STOP"
+    assert post(sim, "/clear", {"kind": "reduced_mode"}) == (200, b"{}")
+    assert sim.control.status()["safety_mode"] == "SAFEGUARD_STOP"
+    assert post(sim, "/clear", {"kind": "safeguard"})[0] == 400
     assert post(sim, "/clear", {}) == (200, b"{}")
     assert sim.control.status()["safety_mode"] == "NORMAL"
 
@@ -121,7 +165,7 @@ def test_faults_begin_and_end_from_the_page(sim):
         (b"{", JSON, 400, b"expected JSON"),
         (b"[" * 60_000, JSON, 400, b"expected JSON"),
         (b" " * 70_000, JSON, 400, b"expected JSON"),
-        (b"{}", {"Content-Type": "text/plain"}, 415, b"expected application/json"),
+        (b"{}", {**JSON, "Content-Type": "text/plain"}, 415, b"expected application/json"),
         (b"{}", {**JSON, "Host": "evil.example"}, 421, b"another name"),
     ],
 )
@@ -139,7 +183,7 @@ def test_another_name_gets_no_pictures_either(sim):
 def test_a_ninth_browser_is_refused_and_a_place_becomes_free_again():
     with SIM.spawn(web=True, web_port=0) as own:
         with contextlib.ExitStack() as stack:
-            for _ in range(web.WATCHERS):
+            for _ in range(server.WATCHERS):
                 stack.enter_context(Events(own)).next()
             assert ask(own, "/events") == (503, b"8 browsers watch already")
 
@@ -174,7 +218,7 @@ def test_a_port_in_use_is_refused_and_everything_is_closed():
 @pytest.mark.parametrize("end", ["stop", "kill"])
 def test_the_page_ends_with_the_simulator(end):
     with SIM.spawn(web=True, web_port=0) as own:
-        assert own.hints == (f"3-D view: http://{own.host}:{own.ports['web']}/",)
+        assert own.hints == (f"page: http://{own.host}:{own.ports['web']}/#{token()}",)
         getattr(own, end)()
 
     def refused():
@@ -191,12 +235,11 @@ def test_the_page_ends_with_the_simulator(end):
 
 NODE = shutil.which("node")
 CHECK = """
-import {{ flange, compose, fromPose, frames, shape }} from "{path}";
+import {{ flange, compose, fromPose, shape }} from "{path}";
 import {{ readFileSync }} from "node:fs";
-const found = JSON.parse(readFileSync(0)).map(({{ arm, q, tool }}) => ({{
-  tip: compose(flange(arm, q), fromPose(tool)),
-  shape: shape(arm, q, fromPose(tool)),
-  frames: frames(arm, q),
+const found = JSON.parse(readFileSync(0)).map(({{ chain, q, tool }}) => ({{
+  tip: compose(flange(chain, q), fromPose(tool)),
+  shape: shape(chain, q, fromPose(tool)),
 }}));
 console.log(JSON.stringify(found));
 """
@@ -209,22 +252,24 @@ def computed(tmp_path_factory):
         pytest.skip("needs node, which runs the page's kinematics")
     generator = random.Random(5)
     cases = []
-    for model in MODELS.values():
+    arms = []
+    own = calibrated(MODELS["ur5e"], 3.0, 7)
+    for model in [*MODELS.values(), own]:
         for _ in range(20):
             q = [generator.uniform(-2 * math.pi, 2 * math.pi) for _ in range(6)]
             tool = [generator.uniform(-0.3, 0.3) for _ in range(6)]
+            arms.append(model)
             cases.append(
                 {
-                    "model": model.name,
-                    "arm": {"a": model.a, "d": model.d, "alpha": ALPHA},
+                    "chain": chain(model),
                     "q": q,
                     "tool": tool if generator.random() > 0.2 else [0.0] * 6,
                 }
             )
     folder = tmp_path_factory.mktemp("page")
-    shutil.copy(PAGE / "arm.js", folder / "arm.mjs")
+    shutil.copy(PAGE / "chain.js", folder / "chain.mjs")
     script = folder / "check.mjs"
-    script.write_text(CHECK.format(path="./arm.mjs"))
+    script.write_text(CHECK.format(path="./chain.mjs"))
     done = subprocess.run(
         [NODE, str(script)],
         input=json.dumps(cases),
@@ -234,137 +279,30 @@ def computed(tmp_path_factory):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    return list(zip(cases, json.loads(done.stdout), strict=True))
+    return list(zip(arms, cases, json.loads(done.stdout), strict=True))
 
 
 def test_the_pages_forward_kinematics_are_the_simulators(computed):
-    for case, found in computed:
-        kinematics = Kinematics(MODELS[case["model"]])
-        expected = kinematics.forward(case["q"], to_transform(case["tool"]))
+    for model, case, found in computed:
+        expected = kinematics_of(model).forward(case["q"], to_transform(case["tool"]))
         t = found["tip"]
         rotation_and_place = [*t[0:3], *t[4:7], *t[8:11], t[3], t[7], t[11]]
         assert to_pose(tuple(rotation_and_place)) == pytest.approx(expected, abs=1e-9)
 
 
 def test_the_links_are_one_chain_from_the_base_to_the_tcp(computed):
-    for _, found in computed:
-        links = [each for each in found["shape"] if each["part"] != "joint"]
+    for _, _, found in computed:
+        links = [each for each in found["shape"] if each["part"] in ("link", "tool")]
         assert links[0]["from"] == [0, 0, 0]
         for before, after in itertools.pairwise(links):
             assert math.dist(before["to"], after["from"]) < 1e-3
         tip = [found["tip"][i] for i in (3, 7, 11)]
         assert math.dist(links[-1]["to"], tip) < 1e-3
         assert sum(each["part"] == "joint" for each in found["shape"]) == 6
+        assert sum(each["part"] == "base" for each in found["shape"]) == 1
 
 
 # -------------------------------------------------------------------------------------------- browser
-
-BROWSER = os.environ.get("CRTK_BROWSER") or next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))),
-    None,
-)
-
-
-class Browser:
-    """Chromium without a window, over the two pipes of its DevTools protocol."""
-
-    def __init__(self, profile):
-        to_browser, self._requests = os.pipe()
-        self._answers, from_browser = os.pipe()
-        flags = [
-            "--headless=new",
-            "--remote-debugging-pipe",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-dev-shm-usage",
-            "--disable-background-networking",
-            "--no-first-run",
-            f"--user-data-dir={profile}",
-            "about:blank",
-        ]
-        # The protocol is on the file descriptors 3 and 4.
-        command = f'exec "$0" "$@" 3<&{to_browser} 4>&{from_browser}'
-        self._log = open(Path(profile) / "browser.log", "w+")  # noqa: SIM115 - closed below
-        self._process = subprocess.Popen(
-            ["bash", "-c", command, BROWSER, *flags],
-            pass_fds=(to_browser, from_browser),
-            stdout=self._log,
-            stderr=self._log,
-        )
-        os.close(to_browser)
-        os.close(from_browser)
-        self._buffer = b""
-        self._count = 0
-        self._session = None
-        self.problems = []
-        (target,) = (
-            each for each in self.call("Target.getTargets")["targetInfos"] if each["type"] == "page"
-        )
-        attached = self.call("Target.attachToTarget", targetId=target["targetId"], flatten=True)
-        self._session = attached["sessionId"]
-        for domain in ("Page", "Runtime", "Log", "Network"):
-            self.call(f"{domain}.enable")
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=960,
-            height=600,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
-
-    def call(self, method, **parameters):
-        """Do a request of the protocol and return its result."""
-        self._count += 1
-        request = {"id": self._count, "method": method, "params": parameters}
-        if self._session:
-            request["sessionId"] = self._session
-        os.write(self._requests, json.dumps(request).encode() + b"\0")
-        while True:
-            message = self._read()
-            if message.get("id") == self._count:
-                assert "error" not in message, message
-                return message["result"]
-            self._note(message)
-
-    def _read(self):
-        while b"\0" not in self._buffer:
-            piece = os.read(self._answers, 1 << 16)
-            assert piece, f"the browser has ended: {Path(self._log.name).read_text()[-2000:]}"
-            self._buffer += piece
-        message, _, self._buffer = self._buffer.partition(b"\0")
-        return json.loads(message)
-
-    def _note(self, message):
-        parameters = message.get("params", {})
-        match message["method"]:
-            case "Runtime.exceptionThrown":
-                self.problems.append(parameters["exceptionDetails"])
-            case "Log.entryAdded" if parameters["entry"]["level"] == "error":
-                self.problems.append(parameters["entry"])
-
-    def run(self, script):
-        """Return the value of a JavaScript expression, awaited."""
-        found = self.call(
-            "Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True
-        )
-        assert "exceptionDetails" not in found, found
-        return found["result"].get("value")
-
-    def until(self, script):
-        """Wait until an expression is true, and return its value."""
-        return wait_until(lambda: self.run(script), PATIENCE, 0.05)
-
-    def close(self):
-        with contextlib.suppress(OSError):
-            self.call("Browser.close")
-        for fd in (self._requests, self._answers):
-            os.close(fd)
-        try:
-            self._process.wait(PATIENCE)
-        finally:
-            self._process.kill()
-            self._process.wait()
-            self._log.close()
 
 
 @pytest.fixture(scope="module")
@@ -379,8 +317,8 @@ def browser(tmp_path_factory):
 @pytest.fixture
 def shown(browser, sim):
     browser.problems.clear()
-    browser.call("Page.navigate", url=f"http://{sim.host}:{sim.ports['web']}/")
-    browser.until("document.getElementById('link')?.textContent === 'live'")
+    (page,) = sim.hints
+    browser.open(page.removeprefix("page: "))
     yield browser
     assert browser.problems == []
 
@@ -401,29 +339,33 @@ INK = """(() => {
 
 
 def test_the_page_shows_the_arm_and_its_state_in_a_browser(shown, sim):
-    assert text(shown, "title") == f"UR10e 5.12.4 at {sim.host}"
-    shown.until("document.getElementById('robot_mode').textContent === 'RUNNING'")
-    assert text(shown, "q1") == "-89.95"
-    assert text(shown, "safety_mode") == "NORMAL"
+    assert text(shown, "title") == "UR10e"
+    assert text(shown, "detail") == f"simulated, software 5.12.4, at {sim.host}"
+    shown.until("document.getElementById('row-robot')?.textContent === 'RUNNING'")
+    assert text(shown, "gauge-0-1-value") == "-89.95"
+    assert (text(shown, "gauge-0-1-low"), text(shown, "gauge-0-1-high")) == ("-360", "360")
+    assert text(shown, "row-safety") == "NORMAL"
     ink, _ = shown.until(f"(() => {{ const found = {INK}; return found[0] > 5000 && found; }})()")
     assert ink > 5000, "pixels that are drawn on"
+    assert shown.run("location.hash") == "", "the token does not stay in the address"
 
 
 def test_the_browsers_kinematics_meet_the_controllers_pose(shown, sim):
     outputs = sim.control.outputs("actual_q", "actual_TCP_pose")
     t = shown.run(
-        "Promise.all([import('/arm.js'), fetch('/arm.json').then(r => r.json())])"
-        f".then(([m, arm]) => m.flange(arm, {outputs['actual_q']}))"
+        "Promise.all([import('/chain.js'), fetch('/scene.json').then(r => r.json())])"
+        f".then(([m, {{ chain }}]) => m.flange(chain, {outputs['actual_q']}))"
     )
     assert [t[3], t[7], t[11]] == pytest.approx(outputs["actual_TCP_pose"][:3], abs=1e-9)
 
 
 def test_the_picture_moves_with_the_arm_and_with_the_mouse(shown, sim):
+    shown.until(f"{INK}[0] > 5000")
     _, before = shown.run(INK)
     with socket.create_connection((sim.host, 30001)) as script:
         script.sendall(b"movej([0.8, -1.2, 1.2, -1.5, -1.5, 0.5], a=5, v=2)\n")
-        shown.until("Number(document.getElementById('q0').textContent) > 45")
-    shown.until("Math.abs(Number(document.getElementById('qd0').textContent)) < 0.01")
+        shown.until("Number(document.getElementById('gauge-0-0-value').textContent) > 45")
+    shown.until("Math.abs(Number(document.getElementById('gauge-0-0-rate').textContent)) < 0.01")
     _, after = shown.run(INK)
     assert after != before
     for kind, x in (("mousePressed", 200), ("mouseMoved", 320), ("mouseReleased", 320)):
@@ -439,17 +381,47 @@ def test_the_picture_moves_with_the_arm_and_with_the_mouse(shown, sim):
     wait_until(lambda: shown.run(INK)[1] != after, PATIENCE)
 
 
-def test_a_button_lets_a_fault_begin_and_another_ends_it(shown, sim):
-    press = "[...document.querySelectorAll('button')].find(b => b.textContent === '{}').click()"
-    shown.run(press.format("safeguard stop"))
-    shown.until("document.getElementById('safety_mode').textContent === 'SAFEGUARD_STOP'")
-    assert sim.control.status()["safety_mode"] == "SAFEGUARD_STOP"
-    shown.run(press.format("end all faults"))
-    shown.until("document.getElementById('safety_mode').textContent === 'NORMAL'")
+WITHIN = """[...document.querySelectorAll("#buttons button")].every((each) => {
+  const { top, bottom, left, right } = each.getBoundingClientRect();
+  return top >= 0 && left >= 0 && bottom <= innerHeight && right <= innerWidth;
+})"""
+
+
+@pytest.mark.parametrize(("width", "height"), [(800, 600), (1280, 800), (390, 844)])
+def test_the_buttons_and_the_whole_arm_are_in_sight(shown, width, height):
+    shown.resize(width, height)
+    try:
+        assert shown.run("innerWidth") == width, "as wide as the screen, phones too"
+        shown.until(WITHIN)
+        assert shown.run("document.documentElement.scrollWidth") <= width
+        shown.until("document.getElementById('picture').getBoundingClientRect().width > 300")
+    finally:
+        shown.resize(960, 600)
+
+
+PRESS = "[...document.querySelectorAll('button')].find(b => b.textContent === '{}').click()"
+
+
+def test_a_button_lets_a_fault_begin_and_again_ends_it_and_another_ends_them_all(shown, sim):
+    for end in ("safeguard stop", "end all faults"):
+        shown.run(PRESS.format("safeguard stop"))
+        shown.until("document.getElementById('row-safety').textContent === 'SAFEGUARD_STOP'")
+        assert sim.control.status()["safety_mode"] == "SAFEGUARD_STOP"
+        shown.until("document.querySelector('[data-kind=safeguard_stop]').ariaPressed === 'true'")
+        shown.run(PRESS.format(end))
+        shown.until("document.getElementById('row-safety').textContent === 'NORMAL'")
+        shown.until("document.querySelector('[data-kind=safeguard_stop]').ariaPressed === 'false'")
+
+
+def test_a_page_that_was_opened_without_the_token_only_looks(browser, sim):
+    browser.run("location.protocol === 'http:' && sessionStorage.clear()")
+    browser.open(f"http://{sim.host}:{sim.ports['web']}/")
+    browser.until("document.querySelectorAll('button').length > 3")
+    assert browser.run("[...document.querySelectorAll('button')].every((each) => each.disabled)")
+    assert "by the address that the simulator told" in text(browser, "answer")
 
 
 def test_the_page_says_when_the_simulator_has_ended(browser):
     with SIM.spawn(web=True, web_port=0) as own:
-        browser.call("Page.navigate", url=f"http://{own.host}:{own.ports['web']}/")
-        browser.until("document.getElementById('link')?.textContent === 'live'")
+        browser.open(f"http://{own.host}:{own.ports['web']}/")
     browser.until("document.getElementById('link').textContent === 'no connection'")

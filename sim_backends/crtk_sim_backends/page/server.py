@@ -1,18 +1,22 @@
-"""The page of a simulated controller: an HTTP server on its loopback address, in a process of its own.
+"""The server of a simulator's page: on its loopback address, in a process of its own.
 
-``python -m crtk_sim_backends.ur.web 127.0.0.2:40001 --port 8000`` serves the one with that control port; the
-simulator's option `web` starts it. The files are in ``page/``; the picture comes as server-sent events. The
-simulator is asked for pictures only while a browser shows them.
+``python -m crtk_sim_backends.page 127.0.0.2:40001 --port 8000`` serves that of the simulator with that
+control port; the simulator's option `web` starts it. The files are in ``files/``; what changes comes as
+server-sent events. The simulator is asked for it only while a browser shows it.
 
-Only requests that name this server's own address are answered, and only JSON is taken: no page of somebody
-else that is open in the same browser can reach it.
+Only requests that name this server's own address are answered: no page of somebody else that is open in the
+same browser can read it. What changes the simulator needs the token of its control socket as well, which is
+in the fragment of the address that the simulator tells (:func:`crtk_sim_backends.page.address_of`), and so
+in no request for the page and in no log.
 """
 
 from __future__ import annotations
 
 import argparse
+import hmac
 import json
 import logging
+import math
 import os
 import sys
 import threading
@@ -25,10 +29,13 @@ from importlib import resources
 from typing import Any, Final
 
 from crtk_sim_backends.command_line import stopped_by_signals
-from crtk_sim_backends.control import ControlClient, ControlError
+from crtk_sim_backends.control import ControlClient, ControlError, token
+from crtk_sim_backends.page import address_of
 from crtk_sim_backends.process import Readiness, SimStartError, listen
-from crtk_sim_backends.ur.watching import NICENESS, Life, address, pictures
+from crtk_sim_backends.watching import NICENESS, Life, address, pictures
 
+REQUESTS: Final = ("scene", "live")
+"""On the control socket: what does not change, and what does."""
 PERIOD: Final = 1 / 30
 """Seconds from one picture to the next."""
 HTTP_PORT: Final = 80
@@ -42,6 +49,8 @@ _POLL: Final = 0.1  # s
 _READ_TIMEOUT: Final = 10.0  # s
 _FILES: Final = {
     "/": ("index.html", "text/html; charset=utf-8"),
+    "/chain.js": ("chain.js", "text/javascript; charset=utf-8"),
+    "/solids.js": ("solids.js", "text/javascript; charset=utf-8"),
     "/arm.js": ("arm.js", "text/javascript; charset=utf-8"),
     "/view.js": ("view.js", "text/javascript; charset=utf-8"),
 }
@@ -57,7 +66,23 @@ log = logging.getLogger(__name__)
 @cache
 def page(name: str) -> bytes:
     """Return a file of the page."""
-    return resources.files(__package__).joinpath("page", name).read_bytes()
+    return resources.files(__package__).joinpath("files", name).read_bytes()
+
+
+def json_of(value: Any) -> bytes:
+    """Return JSON that every browser reads: what is not finite, as a fault may have it, is null."""
+    try:
+        return json.dumps(value, allow_nan=False).encode()
+    except ValueError:
+        return json.dumps(_finite(value)).encode()
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {name: _finite(each) for name, each in value.items()}
+    return [_finite(each) for each in value] if isinstance(value, list) else value
 
 
 class PageServer(ThreadingHTTPServer):
@@ -78,6 +103,7 @@ class PageServer(ThreadingHTTPServer):
         self.server_address = self.socket.getsockname()
         self.timeout = _POLL
         self.control = control
+        self.secret = token()
         self.life = life
         self.watchers = threading.BoundedSemaphore(WATCHERS)
 
@@ -109,7 +135,7 @@ class _Request(BaseHTTPRequestHandler):
     timeout = _READ_TIMEOUT
 
     def do_GET(self) -> None:
-        """Answer with a file, the arm, or pictures without end."""
+        """Answer with a file, what does not change, or what does without end."""
         self._answer(self._get)
 
     def do_POST(self) -> None:
@@ -137,9 +163,9 @@ class _Request(BaseHTTPRequestHandler):
         if self.path in _FILES:
             name, kind = _FILES[self.path]
             self._send(page(name), kind)
-        elif self.path == "/arm.json":
+        elif self.path == "/scene.json":
             with ControlClient(*self.server.control) as control:
-                self._send(json.dumps(control.call("arm")).encode(), "application/json")
+                self._send(json_of(control.call("scene")), "application/json")
         elif self.path == "/events":
             self._send_events()
         else:
@@ -161,8 +187,8 @@ class _Request(BaseHTTPRequestHandler):
             raise _Refused(HTTPStatus.SERVICE_UNAVAILABLE, f"{WATCHERS} browsers watch already")
         try:
             self._begin("text/event-stream")
-            for _, found in pictures(self.server.control, PERIOD, self._wait):
-                self.wfile.write(b"data: " + json.dumps(found).encode() + b"\n\n")
+            for _, live in pictures(self.server.control, REQUESTS, PERIOD, self._wait):
+                self.wfile.write(b"data: " + json_of(live) + b"\n\n")
         except ControlError as error:
             log.info("the pictures end: %s", error)
         finally:
@@ -173,18 +199,28 @@ class _Request(BaseHTTPRequestHandler):
         return self.server.life.over
 
     def _post(self) -> None:
+        self._check_token()
         request = self._read_request()
         with ControlClient(*self.server.control) as control:
             try:
                 if self.path == "/inject":
                     control.call("inject", **request)
                 elif self.path == "/clear":
-                    control.clear()
+                    control.call("clear", **request)
                 else:
                     raise _Refused(HTTPStatus.NOT_FOUND, f"there is no {self.path}")
             except ControlError as error:
                 raise _Refused(HTTPStatus.BAD_REQUEST, str(error)) from error
         self._send(b"{}", "application/json")
+
+    def _check_token(self) -> None:
+        kind, _, given = self.headers.get("Authorization", "").partition(" ")
+        given_token = given.encode("utf-8", "surrogatepass")
+        if kind != "Bearer" or not hmac.compare_digest(given_token, self.server.secret.encode()):
+            raise _Refused(
+                HTTPStatus.UNAUTHORIZED,
+                "nothing is changed without the simulator's token: open the page by the address that it told",
+            )
 
     def _read_request(self) -> dict[str, Any]:
         if self.headers.get_content_type() != "application/json":
@@ -203,8 +239,8 @@ class _Request(BaseHTTPRequestHandler):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve the page of the simulator that the command line names; 1 when the port cannot be bound."""
-    parser = argparse.ArgumentParser(prog="python -m crtk_sim_backends.ur.web")
-    parser.description = "A 3-D view of a simulated UR controller in the browser."
+    parser = argparse.ArgumentParser(prog="python -m crtk_sim_backends.page")
+    parser.description = "The page of a simulator for the browser."
     parser.add_argument("control", type=address, help="its control socket, HOST:PORT")
     parser.add_argument("--port", type=int, default=0, help="port of the page; 0: any free one")
     for pipe in ("--ready-fd", "--parent-fd"):
@@ -217,7 +253,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     host = given.control[0]
     try:
         server = PageServer(host, given.port, given.control, life)
-    except SimStartError as error:
+    except (ControlError, SimStartError) as error:
         readiness.tell(error=str(error))
         if given.parent_fd is None:
             sys.stderr.write(f"{error}\n")
@@ -226,11 +262,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         port = server.server_address[1]
         readiness.tell(host=host, ports={"web": port})
         if given.parent_fd is None:
-            sys.stdout.write(f"http://{host}:{port}/\n")
+            sys.stdout.write(f"{address_of(host, port)}\n")
             sys.stdout.flush()
         server.serve()
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,185 @@
+// The page of a simulator: what it told to show (scene.json), what it tells all the time (events), its faults.
+
+import { ArmPicture } from "./arm.js";
+
+const NEAR = 0.03; // of a range, from its end: where a value is marked
+const $ = (id) => document.getElementById(id);
+const slug = (text) => text.toLowerCase().replace(/[^a-z0-9]+/g, "-");
+
+let scene = null;
+let picture = null;
+let shown = ""; // names of the rows and gauges that are there
+
+function make(kind, { parent, ...properties } = {}) {
+  const made = Object.assign(document.createElement(kind), properties);
+  parent?.append(made);
+  return made;
+}
+
+function set(id, text, level = "") {
+  const element = $(id);
+  if (element.textContent !== text) element.textContent = text;
+  if (element.dataset.level !== level) element.dataset.level = level;
+}
+
+const number = (value, digits) => (value === null ? "not finite" : value.toFixed(digits));
+const end = (value) => (value === null ? "no limit" : `${+value.toFixed(1)}`);
+
+// What is there, made anew only when it changes
+
+function makeGauge(parent, id, { name }) {
+  const row = make("div", { parent, className: "gauge" });
+  make("span", { parent: row, className: "name", textContent: name });
+  const scale = make("div", { parent: row, className: "scale" });
+  const track = make("div", { parent: scale, className: "track" });
+  make("i", { parent: track, className: "zero", id: `${id}-zero` });
+  make("i", { parent: track, className: "goal", id: `${id}-goal` });
+  make("i", { parent: track, className: "mark", id: `${id}-mark` });
+  make("small", { parent: scale, id: `${id}-low` });
+  make("small", { parent: scale, id: `${id}-state`, className: "state" });
+  make("small", { parent: scale, id: `${id}-high` });
+  make("span", { parent: row, className: "value", id: `${id}-value` });
+  make("span", { parent: row, className: "rate", id: `${id}-rate` });
+}
+
+function makeAll({ gauges, sections }) {
+  const groups = gauges.map(({ title, unit, rate, gauges: each }, g) => {
+    const section = make("section", { className: "gauges" });
+    const heading = make("h2", { parent: section, textContent: title });
+    make("span", { parent: heading, textContent: rate ? `${unit}, ${rate}` : unit });
+    each.forEach((gauge, i) => makeGauge(section, `gauge-${g}-${i}`, gauge));
+    return section;
+  });
+  const tables = Object.entries(sections).map(([title, rows]) => {
+    const section = make("section", { className: "rows", id: `section-${slug(title)}` });
+    make("h2", { parent: section, textContent: title });
+    const list = make("dl", { parent: section });
+    for (const [name] of rows) {
+      const row = make("div", { parent: list });
+      make("dt", { parent: row, textContent: name });
+      make("dd", { parent: row, id: `row-${slug(name)}` });
+      if (scene.notes[name]) make("p", { parent: row, textContent: scene.notes[name] });
+    }
+    return section;
+  });
+  const [state, ...others] = tables;
+  if (picture) $("panels").replaceChildren(state, ...groups, ...others);
+  else {
+    $("large").replaceChildren(...groups);
+    $("panels").replaceChildren(...tables);
+  }
+}
+
+// What changes
+
+function place(element, share) {
+  element.hidden = share === null;
+  if (share !== null) element.style.left = `${100 * Math.max(0, Math.min(1, share))}%`;
+}
+
+function tellGauge(id, { low, high, value, goal = null, rate, state }, digits) {
+  const [from, to] = [low ?? -360, high ?? 360];
+  const share = (at) => (at === null ? null : (at - from) / (to - from));
+  const limited = low !== null || high !== null;
+  const at = share(value);
+  const close = limited && at !== null && Math.min(at, 1 - at) < NEAR;
+  place($(`${id}-mark`), at);
+  place($(`${id}-goal`), share(goal));
+  place($(`${id}-zero`), from < 0 && to > 0 ? share(0) : null);
+  $(`${id}-mark`).dataset.level = close ? "bad" : "";
+  set(`${id}-low`, end(low));
+  set(`${id}-high`, end(high));
+  set(`${id}-state`, state?.[0] ?? "", state?.[1] ?? "");
+  set(`${id}-value`, number(value, digits), close || value === null ? "bad" : "");
+  set(`${id}-rate`, rate === undefined ? "" : number(rate, 1));
+}
+
+function tell(live) {
+  const names = JSON.stringify([
+    live.gauges.map(({ title, gauges }) => [title, gauges.map(({ name }) => name)]),
+    Object.entries(live.sections).map(([title, rows]) => [title, rows.map(([name]) => name)]),
+  ]);
+  if (names !== shown) makeAll(live);
+  shown = names;
+  live.gauges.forEach(({ gauges, digits }, g) =>
+    gauges.forEach((gauge, i) => tellGauge(`gauge-${g}-${i}`, gauge, digits)),
+  );
+  for (const rows of Object.values(live.sections)) {
+    for (const [name, text, level] of rows) set(`row-${slug(name)}`, text, level);
+  }
+  for (const each of document.querySelectorAll("#buttons [data-kind]")) {
+    each.ariaPressed = String(live.faults.includes(each.dataset.kind));
+  }
+  if (picture && live.q.every((value) => value !== null)) picture.show(live.q, live.tool);
+}
+
+function connected(text, level) {
+  set("link", text, level);
+}
+
+function listen() {
+  const events = new EventSource("/events");
+  events.onmessage = ({ data }) => {
+    const live = JSON.parse(data);
+    if (live) {
+      connected("live", "good");
+      tell(live);
+    } else connected("it does not answer: it hangs", "bad");
+  };
+  events.onerror = () => connected("no connection", "bad");
+}
+
+// Faults: with the token that is in the address the simulator told; it stays in this tab
+
+function takeToken() {
+  if (location.hash.length > 1) {
+    sessionStorage.setItem("token", location.hash.slice(1));
+    history.replaceState(null, "", location.pathname);
+  }
+  return sessionStorage.getItem("token");
+}
+
+async function ask(path, request) {
+  const answer = await fetch(path, {
+    method: "POST",
+    headers: { "Content-Type": "application/json", Authorization: `Bearer ${takeToken()}` },
+    body: JSON.stringify(request),
+  });
+  $("answer").textContent = answer.ok ? "" : await answer.text();
+}
+
+function makeButtons() {
+  const known = takeToken() !== null;
+  const add = (text, act, kind) => {
+    const made = make("button", { parent: $("buttons"), textContent: text, disabled: !known });
+    if (kind) made.dataset.kind = kind;
+    made.onclick = () => act(made);
+  };
+  for (const { text, kind, parameters } of scene.buttons) {
+    add(
+      text,
+      ({ ariaPressed }) =>
+        ariaPressed === "true" ? ask("/clear", { kind }) : ask("/inject", { kind, parameters }),
+      kind,
+    );
+  }
+  add("end all faults", () => ask("/clear", {}));
+  if (!known) $("answer").textContent = "To let faults begin, open the page by the address that the simulator told.";
+}
+
+async function begin() {
+  scene = await (await fetch("/scene.json")).json();
+  document.title = `${scene.title} at ${scene.host}`;
+  $("title").textContent = scene.title;
+  $("detail").textContent = `simulated, ${scene.detail}, at ${scene.host}`;
+  $("picture").hidden = !scene.chain;
+  $("large").hidden = Boolean(scene.chain);
+  if (scene.chain) {
+    picture = new ArmPicture($("picture"), scene.chain);
+    new ResizeObserver(() => picture.redraw()).observe($("picture"));
+  }
+  makeButtons();
+  listen();
+}
+
+begin();
