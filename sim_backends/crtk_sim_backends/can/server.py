@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from crtk_sim_backends.can import frames
+from crtk_sim_backends.can import frames, scene
 from crtk_sim_backends.can.candump import LogError, LogWriter, parse_frame
 from crtk_sim_backends.can.config import NONE, SimConfig
 from crtk_sim_backends.can.control_door import ControlDoor
@@ -25,6 +25,7 @@ from crtk_sim_backends.can.replay import Replay
 from crtk_sim_backends.control import Handlers
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import Fault, FaultError, KindTable, read_faults
+from crtk_sim_backends.page import Live, Scene
 from crtk_sim_backends.process import (
     AUTO,
     SimStartError,
@@ -160,6 +161,8 @@ class HubServer:
             "status": self.status,
             "send": self._send,
             "replay": self._start_replay,
+            "scene": self.scene,
+            "live": self.live,
             **({} if self._devices is None else self._devices.handlers),
         }
         self._control = ControlDoor(self.hub.loop, listener, handlers)
@@ -232,6 +235,15 @@ class HubServer:
         if self._replay is not None:
             self._replay.stop()
         self._replay = Replay(self.hub, Path(path), speed, lambda: self.event("replay_ended"))
+
+    def scene(self) -> Scene:
+        """What the page shows and does not change."""
+        return scene.scene(self.config, self.host)
+
+    def live(self) -> Live:
+        """What the page shows and changes."""
+        faults = [fault.kind for fault in self._faults.active]
+        return scene.live(self.hub.status(), faults, time.monotonic() - self._epoch)
 
     def status(self) -> dict[str, Any]:
         """Everything that a test or a person wants to know, ready for JSON."""

@@ -193,7 +193,7 @@ class BusDrives:
         Raises:
             FaultError: there is no such node or axis.
         """
-        return injection.chosen([each.drive for each in self._drives.values()], fault)
+        return injection.chosen(self.all, fault)
 
     def begin(self, fault: Fault) -> None:
         """Let a fault of the drives begin.
@@ -214,6 +214,11 @@ class BusDrives:
         for drive in drives:
             injection.apply(drive, fault, begin, time.monotonic())
             self._drives[drive.node_id].wake()
+
+    @property
+    def all(self) -> list[Drive]:
+        """The drives."""
+        return [each.drive for each in self._drives.values()]
 
     def status(self) -> Mapping[str, Any]:
         """State of each drive by node-ID."""

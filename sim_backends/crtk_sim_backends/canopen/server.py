@@ -7,11 +7,13 @@ from pathlib import Path
 from crtk_sim_backends.can import injection as bus
 from crtk_sim_backends.can.hub import Hub
 from crtk_sim_backends.can.server import HubServer
+from crtk_sim_backends.canopen import scene
 from crtk_sim_backends.canopen.config import SimConfig, drive_configs
 from crtk_sim_backends.canopen.drive import DriveConfig, eds_of
 from crtk_sim_backends.canopen.eds import PUBLISHED
 from crtk_sim_backends.canopen.node import BusDrives
 from crtk_sim_backends.faults import read_faults
+from crtk_sim_backends.page import Live, Scene
 from crtk_sim_backends.process import SimStartError
 
 
@@ -31,12 +33,23 @@ class DrivesServer(HubServer):
         self.drives = drive_configs(config)
         self.eds = _data_sheet(config)
 
+        self._options = config
+
         def devices(hub: Hub) -> BusDrives:
-            made = BusDrives(hub, self.drives)
-            _check_faults(config, made)
-            return made
+            self._made = BusDrives(hub, self.drives)
+            _check_faults(config, self._made)
+            return self._made
 
         super().__init__(config, parent_fd, devices)
+
+    def scene(self) -> Scene:
+        """See the base class."""
+        return scene.scene(self._options, self.host, list(self.drives))
+
+    def live(self) -> Live:
+        """Add the motors."""
+        found = super().live()
+        return {**found, "gauges": [scene.gauges(self._made.all), *found["gauges"]]}
 
 
 def _data_sheet(config: SimConfig) -> Path | None:

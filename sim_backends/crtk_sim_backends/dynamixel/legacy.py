@@ -83,6 +83,15 @@ class LegacyServo(Servo):
         units = self.model.units
         return angle / units.position + units.zero + self._turns
 
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """See the base class."""
+        if self._mode is not Mode.POSITION:
+            return None
+        units = self.model.units
+        low, high = self["cw_angle_limit"], self["ccw_angle_limit"]
+        return (low - units.zero) * units.position, (high - units.zero) * units.position
+
     # Measured values
 
     def refresh(self, time: float, start: int = 0, end: int = 65536) -> None:

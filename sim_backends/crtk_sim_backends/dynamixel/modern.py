@@ -263,6 +263,14 @@ class ModernServo(Servo):
             return -(2**31), 2**31 - 1
         return -_MULTI_TURN_LIMIT, _MULTI_TURN_LIMIT
 
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """See the base class."""
+        if self.mode is not Mode.POSITION:
+            return None
+        one, other = map(self._angle, self._goal_limits())
+        return min(one, other), max(one, other)
+
     def written(self, name: str, time: float) -> None:
         """See the base class."""
         effect = self._effects.get(name)

@@ -25,7 +25,7 @@ from typing import Any, Final
 
 from crtk_sim_backends import wire
 from crtk_sim_backends.control import ControlSession, token
-from crtk_sim_backends.dynamixel import wake_up
+from crtk_sim_backends.dynamixel import scene, wake_up
 from crtk_sim_backends.dynamixel.adapter import Adapter
 from crtk_sim_backends.dynamixel.bus import make_servos
 from crtk_sim_backends.dynamixel.config import SimConfig
@@ -38,6 +38,7 @@ from crtk_sim_backends.dynamixel.tcp import TcpDoor
 from crtk_sim_backends.dynamixel.tty import Tty
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import FaultError, check_fault, read_faults, unknown
+from crtk_sim_backends.page import Live
 from crtk_sim_backends.process import (
     SimStartError,
     bind_somewhere,
@@ -297,6 +298,8 @@ class DynamixelServer:
                 "trace": self._trace_after,
                 "place": self._place,
                 "write": self._write,
+                "scene": lambda: scene.scene(self.config, self.host),
+                "live": self._live,
             },
             self._secret,
         )
@@ -387,6 +390,11 @@ class DynamixelServer:
             for number, time_ns, bus, packet in self._trace
             if number > after
         ]
+
+    def _live(self) -> Live:
+        self._advance()
+        now = self._plant_time(time.monotonic())
+        return scene.live(self._lines, [fault.kind for fault in self._faults.active], now)
 
     def status(self) -> dict[str, Any]:
         """Everything that a test or a person wants to know, ready for JSON."""

@@ -329,6 +329,11 @@ class Servo(ABC):
         return self.error_bits
 
     @property
+    @abstractmethod
+    def limits(self) -> tuple[float, float] | None:
+        """Angles of the horn between which goals lie, rad; None in a mode without."""
+
+    @property
     def torque_enabled(self) -> bool:
         """Whether its motor is on."""
         return bool(self["torque_enable"])

@@ -23,7 +23,7 @@ from crtk_sim_backends import wire
 from crtk_sim_backends.control import token
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import Fault, FaultError, read_faults
-from crtk_sim_backends.netft import rdt, rdt_port
+from crtk_sim_backends.netft import rdt, rdt_port, scene
 from crtk_sim_backends.netft.box import Box
 from crtk_sim_backends.netft.config import HTTP_PORT, SimConfig
 from crtk_sim_backends.netft.hostile import Hostile
@@ -307,6 +307,8 @@ class NetFtServer:
                 "outputs": self._outputs,
                 "trace": self.box.trace,
                 "load": self._load,
+                "scene": lambda: scene.scene(self.box, self.host),
+                "live": lambda: scene.live(self.box, self.status()),
             },
             self._secret,
         )

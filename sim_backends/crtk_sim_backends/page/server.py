@@ -52,6 +52,7 @@ _FILES: Final = {
     "/chain.js": ("chain.js", "text/javascript; charset=utf-8"),
     "/solids.js": ("solids.js", "text/javascript; charset=utf-8"),
     "/arm.js": ("arm.js", "text/javascript; charset=utf-8"),
+    "/chart.js": ("chart.js", "text/javascript; charset=utf-8"),
     "/view.js": ("view.js", "text/javascript; charset=utf-8"),
 }
 _HEADERS: Final = {

@@ -1,13 +1,15 @@
 // The page of a simulator: what it told to show (scene.json), what it tells all the time (events), its faults.
 
 import { ArmPicture } from "./arm.js";
+import { Chart } from "./chart.js";
 
 const NEAR = 0.03; // of a range, from its end: where a value is marked
 const $ = (id) => document.getElementById(id);
 const slug = (text) => text.toLowerCase().replace(/[^a-z0-9]+/g, "-");
 
 let scene = null;
-let picture = null;
+let picture = null; // of the arm, or else
+let chart = null; // of the gauges
 let shown = ""; // names of the rows and gauges that are there
 
 function make(kind, { parent, ...properties } = {}) {
@@ -32,14 +34,15 @@ function makeGauge(parent, id, { name }) {
   make("span", { parent: row, className: "name", textContent: name });
   const scale = make("div", { parent: row, className: "scale" });
   const track = make("div", { parent: scale, className: "track" });
+  make("i", { parent: track, className: "fill", id: `${id}-fill` });
   make("i", { parent: track, className: "zero", id: `${id}-zero` });
   make("i", { parent: track, className: "goal", id: `${id}-goal` });
   make("i", { parent: track, className: "mark", id: `${id}-mark` });
   make("small", { parent: scale, id: `${id}-low` });
-  make("small", { parent: scale, id: `${id}-state`, className: "state" });
   make("small", { parent: scale, id: `${id}-high` });
   make("span", { parent: row, className: "value", id: `${id}-value` });
   make("span", { parent: row, className: "rate", id: `${id}-rate` });
+  make("small", { parent: row, className: "state", id: `${id}-state` });
 }
 
 function makeAll({ gauges, sections }) {
@@ -47,6 +50,8 @@ function makeAll({ gauges, sections }) {
     const section = make("section", { className: "gauges" });
     const heading = make("h2", { parent: section, textContent: title });
     make("span", { parent: heading, textContent: rate ? `${unit}, ${rate}` : unit });
+    const longest = Math.max(...each.map(({ name }) => name.length));
+    section.style.setProperty("--name", `${0.6 * longest + 0.6}em`);
     each.forEach((gauge, i) => makeGauge(section, `gauge-${g}-${i}`, gauge));
     return section;
   });
@@ -65,7 +70,7 @@ function makeAll({ gauges, sections }) {
   const [state, ...others] = tables;
   if (picture) $("panels").replaceChildren(state, ...groups, ...others);
   else {
-    $("large").replaceChildren(...groups);
+    $("gauges").replaceChildren(...groups);
     $("panels").replaceChildren(...tables);
   }
 }
@@ -82,10 +87,12 @@ function tellGauge(id, { low, high, value, goal = null, rate, state }, digits) {
   const share = (at) => (at === null ? null : (at - from) / (to - from));
   const limited = low !== null || high !== null;
   const at = share(value);
-  const close = limited && at !== null && Math.min(at, 1 - at) < NEAR;
+  const close = limited && at !== null && (1 - at < NEAR || (from < 0 && at < NEAR));
   place($(`${id}-mark`), at);
   place($(`${id}-goal`), share(goal));
   place($(`${id}-zero`), from < 0 && to > 0 ? share(0) : null);
+  const [left, right] = [Math.min(at, share(0)), Math.max(at, share(0))].map((x) => Math.max(0, Math.min(1, x)));
+  Object.assign($(`${id}-fill`).style, { left: `${100 * left}%`, width: `${100 * (right - left)}%` });
   $(`${id}-mark`).dataset.level = close ? "bad" : "";
   set(`${id}-low`, end(low));
   set(`${id}-high`, end(high));
@@ -110,6 +117,7 @@ function tell(live) {
   for (const each of document.querySelectorAll("#buttons [data-kind]")) {
     each.ariaPressed = String(live.faults.includes(each.dataset.kind));
   }
+  chart?.show(live.gauges);
   if (picture && live.q.every((value) => value !== null)) picture.show(live.q, live.tool);
 }
 
@@ -177,7 +185,7 @@ async function begin() {
   if (scene.chain) {
     picture = new ArmPicture($("picture"), scene.chain);
     new ResizeObserver(() => picture.redraw()).observe($("picture"));
-  }
+  } else chart = new Chart($("chart"));
   makeButtons();
   listen();
 }
