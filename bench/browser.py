@@ -13,6 +13,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 PATIENCE: Final = 20.0
 """Seconds for what a page takes its time for."""
 
@@ -32,6 +35,18 @@ _FLAGS: Final = (
     "--hide-scrollbars",
     "--no-first-run",
 )
+
+_DECODE: Final = """(async () => {
+  const file = Uint8Array.from(atob("%s"), (each) => each.charCodeAt(0));
+  const { width, height } = await createImageBitmap(new Blob([file]));
+  const canvas = new OffscreenCanvas(width, height);
+  const pen = canvas.getContext("2d");
+  pen.drawImage(await createImageBitmap(new Blob([file])), 0, 0);
+  const { data } = pen.getImageData(0, 0, width, height);
+  let text = "";
+  for (let i = 0; i < data.length; i += 8192) text += String.fromCharCode(...data.subarray(i, i + 8192));
+  return { width, height, data: btoa(text) };
+})()"""
 
 
 class Browser:
@@ -144,10 +159,12 @@ class Browser:
             time.sleep(0.05)
         return found
 
-    def picture(self) -> bytes:
-        """Return what it shows, as PNG."""
-        found = self.call("Page.captureScreenshot", format="png", optimizeForSpeed=False)
-        return base64.b64decode(found["data"])
+    def pixels(self) -> NDArray[np.uint8]:
+        """Return what it shows: (height, width, 3)."""
+        shot = self.call("Page.captureScreenshot", format="png", optimizeForSpeed=True)["data"]
+        found = self.run(_DECODE % shot)
+        rgba = np.frombuffer(base64.b64decode(found["data"]), np.uint8)
+        return rgba.reshape(found["height"], found["width"], 4)[:, :, :3]
 
     def close(self) -> None:
         """End it."""

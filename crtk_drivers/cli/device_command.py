@@ -21,11 +21,12 @@ from crtk_drivers.cli.options import (
     setting_options,
 )
 from crtk_drivers.cli.status_line import StatusLine
-from crtk_drivers.cli.terminal import ERR, program, sentence
+from crtk_drivers.cli.terminal import ERR, plain, program, sentence
 from crtk_drivers.config import load
 from crtk_drivers.plugins import DevicePlugin, Tool
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace
+from crtk_drivers.sims import RunningSim
 
 logger = logging.getLogger(__name__)
 
@@ -100,6 +101,13 @@ def _tool_command(plugin: DevicePlugin, tool: Tool) -> SubCommand:
     return SubCommand(tool.name, run, parameters, f"{sentence(tool.summary)} Starts no node.")
 
 
+def _tell_page(sim: RunningSim | None) -> None:
+    """Tell where the simulator shows itself, if it does: in no log, since the address lets faults begin."""
+    for hint in () if sim is None else getattr(sim, "hints", ()):
+        if hint.startswith("page: "):
+            ERR.print(plain(hint), soft_wrap=True)
+
+
 def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequence[str]) -> int:
     """Run the node until it is told to stop, and return its exit code.
 
@@ -117,6 +125,8 @@ def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequenc
     from crtk_drivers.ros import serving  # rclpy is loaded here and no earlier
 
     session = launch.open()
+    if log_format is LogFormat.TEXT:
+        _tell_page(session.sim)
     engine = session.engine
     live = ERR.is_terminal and log_format is LogFormat.TEXT
     with StatusLine(

@@ -1,0 +1,177 @@
+"""The pictures of the docs: ``python -m bench.screenshots`` takes them anew, of simulators that move.
+
+It needs Chromium. A name after the command takes that one alone; ``--to FOLDER``
+puts them elsewhere than into ``docs``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+import crtk_drivers
+from bench import png
+from bench.browser import BROWSER, NAMES, Browser
+from crtk_drivers.errors import CrtkError
+from crtk_sim_backends.can import SIM as CAN
+
+DOCS: Final = Path(__file__).parents[1] / "docs"
+LARGEST: Final = 120_000
+"""Bytes of a picture."""
+
+HOST: Final = "127.0.0.2"
+WATCHED: Final = 8.0
+"""Seconds of motion before the picture: what the charts show."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One picture: its file, what is shown, its size in pixels, options of the simulator."""
+
+    name: str
+    device: str
+    size: tuple[int, int]
+    options: Mapping[str, Any] = field(default_factory=dict)
+    swing: tuple[float, ...] = ()  # to both sides of where it starts; rad
+
+
+SHOTS: Final = (
+    Shot("ur_simulator", "ur", (1000, 600), swing=(0.9, 0.35, -0.5, 0.3, 0.4, 1.0)),
+    Shot(
+        "dynamixel_simulator",
+        "dynamixel",
+        (1000, 640),
+        {"link": "/tmp/arm"},
+        swing=(0.8, 0.4, -0.6, 0.7, 0.5, 1.0),
+    ),
+    Shot("canopen_simulator", "canopen", (1000, 640), swing=(0.6, -0.4, 0.5, -0.3, 0.7, -0.5)),
+    Shot(
+        "netft_simulator",
+        "ati-netft",
+        (1000, 560),
+        {
+            "load": "constant:fz=-20 + sine:axis=0,amplitude=15,frequency=0.3 + "
+            "sine:axis=4,amplitude=1,frequency=0.5"
+        },
+    ),
+    Shot("can_hub", "can", (1000, 420), {"bitrate": 500_000}),
+)
+
+
+@contextmanager
+def shown(shot: Shot) -> Iterator[str]:
+    """Let a simulator run and move, and yield the address of its page."""
+    options = {"web": True, "web_port": 0, "host": HOST, **shot.options}
+    if shot.device == "can":
+        with CAN.spawn(**options) as bus:
+            bus.control.inject("babbling", rate=800.0)
+            yield page_of(bus)
+        return
+    with crtk_drivers.connect(shot.device, sim=True, sim_options=options) as device:
+        device.enable()
+        with swinging(device, shot.swing):
+            yield page_of(device.sim)
+
+
+def page_of(sim: Any) -> str:
+    """Return the address of the page of a simulator."""
+    (address,) = (hint.removeprefix("page: ") for hint in sim.hints if hint.startswith("page: "))
+    return str(address)
+
+
+@contextmanager
+def swinging(device: Any, swing: Sequence[float]) -> Iterator[None]:
+    """Let an arm move to and fro meanwhile.
+
+    Raises:
+        RuntimeError: it has stopped.
+    """
+    over = threading.Event()
+    failures: list[Exception] = []
+
+    def swings() -> None:
+        start, way = device.setpoint_jp(), np.array(swing)
+        goals = [start + way, start + way * (1, -1, 1, 1, 1, 1), start - way]
+        while not over.is_set():
+            for goal in goals:
+                if over.is_set():
+                    return
+                try:
+                    device.move_jp(goal).wait()
+                except CrtkError as error:
+                    failures.append(error)
+                    return
+
+    if not len(swing):
+        yield
+        return
+    moving = threading.Thread(target=swings)
+    moving.start()
+    try:
+        yield
+    finally:
+        over.set()
+        moving.join()
+    if failures:
+        raise RuntimeError(f"it does not move in the picture: {failures[0]}") from failures[0]
+
+
+def take(shot: Shot, browser: Browser, folder: Path, watched: float = WATCHED) -> Path:
+    """Take one picture and return its file.
+
+    Raises:
+        ValueError: it is larger than a page should carry, or the page had errors.
+    """
+    with shown(shot) as address:
+        browser.resize(*shot.size)
+        browser.open(address)
+        time.sleep(watched)
+        pixels = browser.pixels()
+    data = png.encode(
+        pixels
+    )  # takes its time, in which a driver in this process would not be served
+    if browser.problems:
+        raise ValueError(f"{shot.name}: the page had errors: {browser.problems}")
+    if len(data) > LARGEST:
+        raise ValueError(
+            f"{shot.name}: {len(data)} bytes, of {LARGEST} at most: take a smaller one"
+        )
+    path = folder / f"{shot.name}.png"
+    path.write_bytes(data)
+    return path
+
+
+def main(arguments: Sequence[str] | None = None, tell: Callable[[str], object] = print) -> int:
+    """Take the pictures that are asked for, or all; 1 where there is no browser."""
+    parser = argparse.ArgumentParser(prog="python -m bench.screenshots")
+    parser.description = "Take the pictures of the docs anew."
+    names = [shot.name for shot in SHOTS]
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(names)}")
+    parser.add_argument("--to", type=Path, default=DOCS, help="folder (default: docs)")
+    given = parser.parse_args(arguments)
+    for name in given.names:
+        if name not in names:
+            parser.error(f"there is no picture {name}; there are {', '.join(names)}")
+    if BROWSER is None:
+        tell(f"no browser: install one of {', '.join(NAMES)}, or give its path in CRTK_BROWSER")
+        return 1
+    with tempfile.TemporaryDirectory() as profile, Browser(Path(profile)) as browser:
+        for shot in SHOTS:
+            if not given.names or shot.name in given.names:
+                path = take(shot, browser, given.to)
+                tell(f"{path}: {path.stat().st_size} bytes")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
