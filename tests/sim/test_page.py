@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from crtk_drivers.cli.device_command import _tell_page
 from crtk_sim_backends.can import SIM as CAN
 from crtk_sim_backends.canopen import SIM as CANOPEN
 from crtk_sim_backends.control import token
@@ -79,6 +80,16 @@ def test_it_is_told_where_the_page_is(sim: RunningSim) -> None:
     address = f"page: http://{sim.host}:{sim.ports['web']}/#{token()}"
     assert address in sim.hints
     assert ask(sim, "/")[0] == 200
+
+
+def test_a_driver_on_it_tells_that_address_too(
+    sim: RunningSim, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _tell_page(None)
+    assert capsys.readouterr().err == ""
+    _tell_page(sim)
+    told = capsys.readouterr().err
+    assert told == f"page: http://{sim.host}:{sim.ports['web']}/#{token()}\n"
 
 
 def test_the_scene_says_what_it_is(sim: RunningSim) -> None:
