@@ -387,6 +387,20 @@ WITHIN = """[...document.querySelectorAll("#buttons button")].every((each) => {
 })"""
 
 
+PLACE = """(async () => {
+  const [{ ArmPicture }, { fromPose, shape }] = await Promise.all([import("/arm.js"), import("/chain.js")]);
+  const { chain } = await (await fetch("/scene.json")).json();
+  const canvas = document.getElementById("picture");
+  const picture = new ArmPicture(canvas, chain);
+  const solids = shape(chain, [0, -1.57, 1.57, -1.57, -1.57, 0], fromPose([0, 0, 0.1, 0, 0, 0]));
+  picture.hold(solids);
+  const { project } = picture.view();
+  const ends = solids.flatMap(({ from, to }) => [project(from), project(to)]);
+  const [xs, ys] = [0, 1].map((k) => ends.map((end) => end[k] / [canvas.width, canvas.height][k]));
+  return [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
+})()"""
+
+
 @pytest.mark.parametrize(("width", "height"), [(800, 600), (1280, 800), (390, 844)])
 def test_the_buttons_and_the_whole_arm_are_in_sight(shown, width, height):
     shown.resize(width, height)
@@ -394,7 +408,15 @@ def test_the_buttons_and_the_whole_arm_are_in_sight(shown, width, height):
         assert shown.run("innerWidth") == width, "as wide as the screen, phones too"
         shown.until(WITHIN)
         assert shown.run("document.documentElement.scrollWidth") <= width
-        shown.until("document.getElementById('picture').getBoundingClientRect().width > 300")
+        shown.until(
+            "document.getElementById('picture').width === document.getElementById('picture').clientWidth"
+        )
+        left, right, top, bottom = shown.run(PLACE)
+        assert 0.0 < left < right < 1.0
+        assert 0.0 < top < bottom < 1.0
+        assert max(right - left, bottom - top) > 0.6, "it fills the picture"
+        assert (left + right) / 2 == pytest.approx(0.5, abs=0.1)
+        assert (top + bottom) / 2 == pytest.approx(0.5, abs=0.1)
     finally:
         shown.resize(960, 600)
 

@@ -13,8 +13,8 @@ from crtk_sim_backends.ur.pace import LATE
 
 JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 
-_GOOD: Final = frozenset({"RUNNING", "NORMAL", "PLAYING"})
-_BAD: Final = frozenset({"PROTECTIVE_STOP", "ROBOT_EMERGENCY_STOP", "VIOLATION", "FAULT"})
+GOOD: Final = frozenset({"RUNNING", "NORMAL", "PLAYING"})
+BAD: Final = frozenset({"PROTECTIVE_STOP", "ROBOT_EMERGENCY_STOP", "VIOLATION", "FAULT"})
 _IDENTITY: Final = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 _BUTTONS: Final = (
     button("protective stop", "protective_stop"),
@@ -126,7 +126,7 @@ def _joint(model: RobotModel, found: Mapping[str, Any], index: int) -> Gauge:
 
 
 def _mode(name: str, mode: str) -> Row:
-    return name, mode, "good" if mode in _GOOD else "bad" if mode in _BAD else "fair"
+    return name, mode, "good" if mode in GOOD else "bad" if mode in BAD else "fair"
 
 
 def _numbers(values: Any, digits: int) -> str:

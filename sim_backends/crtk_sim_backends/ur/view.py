@@ -26,9 +26,9 @@ from rich.text import Text
 from crtk_sim_backends.command_line import stopped_by_signals
 from crtk_sim_backends.control import ControlError
 from crtk_sim_backends.process import Readiness
+from crtk_sim_backends.ur.scene import BAD, GOOD, JOINTS
 from crtk_sim_backends.watching import NICENESS, Found, Life, address, pictures
 
-JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 PERIOD: Final = 0.1
 LINE_PERIOD: Final = 1.0
 """Seconds from one picture, and from one line, to the next."""
@@ -36,8 +36,6 @@ LINE_PERIOD: Final = 1.0
 _FIRST: Final = 0.5  # s for what else is told at the start, which stays above the picture
 _BAR: Final = 25  # characters
 _NEAR: Final = 0.95  # of a limit
-_GOOD: Final = frozenset({"RUNNING", "NORMAL", "PLAYING"})
-_BAD: Final = frozenset({"PROTECTIVE_STOP", "ROBOT_EMERGENCY_STOP", "VIOLATION", "FAULT"})
 
 Show = Callable[[Found, Found | None], None]
 
@@ -53,7 +51,7 @@ def bar(value: float, limit: float | None) -> str:
 
 
 def _mode(name: str) -> str:
-    style = "green" if name in _GOOD else "bold red" if name in _BAD else "yellow"
+    style = "green" if name in GOOD else "bold red" if name in BAD else "yellow"
     return f"[{style}]{name}[/]"
 
 

@@ -1,8 +1,9 @@
 // Draws round solids with a depth buffer, in plain numbers: it looks the same with and without a graphics card.
 // A solid is {from, to, radius, colour}; one of no length is a ball.
 
-const SIDES = 28;
-const RINGS = 8; // of half a ball
+const SIDES = 24;
+const RINGS = 5; // of half a ball
+const GLEAM = 180; // of 255, that is added where a surface is twice as bright as its colour
 
 const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -10,7 +11,7 @@ const cross = (a, b) => [
   a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0],
 ];
 const unit = (a) => {
-  const length = Math.hypot(...a) || 1;
+  const length = Math.sqrt(dot(a, a)) || 1;
   return [a[0] / length, a[1] / length, a[2] / length];
 };
 
@@ -60,9 +61,9 @@ function ball(centre, radius) {
 }
 
 // How bright a surface is: 0 to 1 from ambient and direct light, more where it gleams.
-function brightness(normal, point, { eye, light }) {
+function brightness([point, normal], { eye, light }) {
   const look = unit(sub(eye, point));
-  const half = unit(look.map((value, k) => value + light[k]));
+  const half = unit([look[0] + light[0], look[1] + light[1], look[2] + light[2]]);
   const gleam = Math.max(0, dot(normal, half)) ** 32;
   return 0.5 + 0.42 * Math.max(0, dot(normal, light)) + 0.12 * Math.max(0, dot(normal, look)) + 0.4 * gleam;
 }
@@ -86,45 +87,56 @@ export class Raster {
   // Draw a solid as `looking` sees it: {eye, light, project: point -> [x, y, depth]}.
   draw(solid, looking) {
     const corners = triangles(solid);
-    const seen = corners.map(([point, normal]) => {
-      const [x, y, depth] = looking.project(point);
-      return [x * this.scale, y * this.scale, 1 / depth, brightness(normal, point, looking)];
-    });
-    for (let i = 0; i < seen.length; i += 3) this.fill(seen[i], seen[i + 1], seen[i + 2], solid.colour);
+    for (let i = 0; i < corners.length; i += 3) {
+      const three = corners.slice(i, i + 3);
+      const [a, b, c] = three.map(([point]) => looking.project(point));
+      const area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+      if (area >= 0) continue; // it shows its back: y points down
+      const seen = [a, b, c].map(([x, y, depth], k) => [
+        x * this.scale, y * this.scale, 1 / depth, brightness(three[k], looking),
+      ]);
+      this.fill(...seen, area * this.scale ** 2, solid.colour);
+    }
   }
 
-  // Fill a triangle, unless it shows its back; corners are [x, y, 1 / depth, brightness].
-  fill(a, b, c, [red, green, blue]) {
-    const area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-    if (area >= 0) return; // y points down
+  // Fill a triangle; corners are [x, y, 1 / depth, brightness], the area is twice its own.
+  fill(a, b, c, area, [red, green, blue]) {
     const top = Math.max(0, Math.ceil(Math.min(a[1], b[1], c[1]) - 0.5));
     const bottom = Math.min(this.height - 1, Math.floor(Math.max(a[1], b[1], c[1]) - 0.5));
-    // Shares of a and b at a pixel, linear in x and y; that of c is what is left.
-    const shares = [[b, c], [c, a]].map(([p, r]) => [
-      (p[1] - r[1]) / area, (r[0] - p[0]) / area, (p[0] * r[1] - p[1] * r[0]) / area,
-    ]);
-    const [[ux, uy, u0], [vx, vy, v0]] = shares;
+    // Shares of a, b and c at a pixel are linear: a0 + ax x + ay y, and so on; so are depth and brightness.
+    const [ax, ay, a0] = [(b[1] - c[1]) / area, (c[0] - b[0]) / area, (b[0] * c[1] - b[1] * c[0]) / area];
+    const [bx, by, b0] = [(c[1] - a[1]) / area, (a[0] - c[0]) / area, (c[0] * a[1] - c[1] * a[0]) / area];
+    const cx = -ax - bx;
+    const depthStep = ax * a[2] + bx * b[2] + cx * c[2];
+    const lightStep = ax * a[3] + bx * b[3] + cx * c[3];
+    const { pixels, depths, width } = this;
     for (let row = top; row <= bottom; row++) {
       const y = row + 0.5;
-      const [u, v] = [u0 + uy * y, v0 + vy * y];
-      let [first, last] = [0, this.width];
-      for (const [slope, at] of [[ux, u], [vx, v], [-ux - vx, 1 - u - v]]) {
-        if (slope > 0) first = Math.max(first, -at / slope);
-        else if (slope < 0) last = Math.min(last, -at / slope);
-        else if (at < 0) last = -1;
-      }
-      const end = Math.ceil(last - 0.5);
-      for (let column = Math.ceil(first - 0.5); column < end; column++) {
-        const x = column + 0.5;
-        const [shareA, shareB] = [u + ux * x, v + vx * x];
-        const depth = c[2] + shareA * (a[2] - c[2]) + shareB * (b[2] - c[2]);
-        const at = row * this.width + column;
-        if (depth <= this.depths[at]) continue;
-        this.depths[at] = depth;
-        const light = c[3] + shareA * (a[3] - c[3]) + shareB * (b[3] - c[3]);
-        const shade = Math.min(1, light);
-        const gleam = 255 * 0.7 * Math.max(0, light - 1);
-        this.pixels[at] =
+      const shareA = a0 + ay * y;
+      const shareB = b0 + by * y;
+      const shareC = 1 - shareA - shareB;
+      let first = 0;
+      let last = width;
+      if (ax > 0) first = Math.max(first, -shareA / ax);
+      else if (ax < 0) last = Math.min(last, -shareA / ax);
+      else if (shareA < 0) continue;
+      if (bx > 0) first = Math.max(first, -shareB / bx);
+      else if (bx < 0) last = Math.min(last, -shareB / bx);
+      else if (shareB < 0) continue;
+      if (cx > 0) first = Math.max(first, -shareC / cx);
+      else if (cx < 0) last = Math.min(last, -shareC / cx);
+      else if (shareC < 0) continue;
+      const begin = Math.ceil(first - 0.5);
+      const end = row * width + Math.ceil(last - 0.5);
+      const x = begin + 0.5;
+      let depth = shareA * a[2] + shareB * b[2] + shareC * c[2] + depthStep * x;
+      let light = shareA * a[3] + shareB * b[3] + shareC * c[3] + lightStep * x;
+      for (let at = row * width + begin; at < end; at++, depth += depthStep, light += lightStep) {
+        if (depth <= depths[at]) continue;
+        depths[at] = depth;
+        const shade = light < 1 ? light : 1;
+        const gleam = light < 1 ? 0 : GLEAM * (light - 1);
+        pixels[at] =
           0xff000000 |
           (Math.min(255, blue * shade + gleam) << 16) |
           (Math.min(255, green * shade + gleam) << 8) |
