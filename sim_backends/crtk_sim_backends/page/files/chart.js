@@ -36,6 +36,7 @@ export class Chart {
     const style = getComputedStyle(this.canvas);
     const colour = (name) => style.getPropertyValue(`--${name}`);
     const values = samples.flatMap(([, all]) => all[g] ?? []).filter((value) => value !== null);
+    if (!values.length) return;
     const range = Math.max(...gauges.map(({ low, high }) => (high ?? 360) - (low ?? -360)));
     let [low, high] = [Math.min(...values), Math.max(...values)];
     const short = (LEAST * range - (high - low)) / 2;
