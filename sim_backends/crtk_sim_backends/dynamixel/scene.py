@@ -90,7 +90,8 @@ def _state(servo: Servo) -> tuple[str, str]:
 def _rows(line: Line) -> list[Row]:
     statistics = line.statistics
     return [
-        ("tty", str(line.port.link) if line.port.plugged else "unplugged", ""),
+        ("tty", str(line.port.tty.link) if line.port.plugged else "unplugged", ""),
+        ("clients", str(line.port.clients), ""),
         ("instructions", f"{statistics.instructions}, damaged {statistics.damaged}", ""),
         ("bytes", f"{statistics.bytes_in} in, {statistics.bytes_out} out", ""),
         ("worst", f"{1e3 * statistics.worst:.2f} ms late", ""),
