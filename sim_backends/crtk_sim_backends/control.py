@@ -47,6 +47,10 @@ class ControlError(RuntimeError):
     """The simulator refused a request, or does not answer."""
 
 
+class ControlRefused(ControlError):
+    """The simulator refused a request: it answers."""
+
+
 def token_file() -> Path:
     """Where the token of this user's simulators is kept."""
     runtime = os.environ.get("XDG_RUNTIME_DIR", "")
@@ -236,7 +240,7 @@ class ControlClient:
             raise ControlError(f"the {self._name} closed the control connection; it has ended")
         answer = json.loads(line)
         if not answer["ok"]:
-            raise ControlError(f"the {self._name} refused {do!r}: {answer['error']}")
+            raise ControlRefused(f"the {self._name} refused {do!r}: {answer['error']}")
         return answer["result"]
 
     def inject(self, kind: str, **parameters: Any) -> None:

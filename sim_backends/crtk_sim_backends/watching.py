@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
-from crtk_sim_backends.control import ControlClient, ControlError
+from crtk_sim_backends.control import ControlClient, ControlError, ControlRefused
 
 ANSWER_TIMEOUT: Final = 1.0
 """Seconds after which a simulator that does not answer is told to hang."""
@@ -47,7 +47,7 @@ def pictures(
         wait: waits for a time, s; True when that was the last one.
 
     Raises:
-        ControlError: there is no simulator any more.
+        ControlError: there is no simulator any more, or it refuses a request.
     """
     once, each_time = requests
     fixed: Found | None = None
@@ -59,6 +59,8 @@ def pictures(
                     yield fixed, client.call(each_time)
                     if wait(period):
                         return
+            except ControlRefused:
+                raise
             except ControlError:  # it hangs, or has ended: the next connection tells which
                 if fixed is not None:
                     yield fixed, None

@@ -13,11 +13,12 @@ import pytest
 from crtk_drivers.cli.device_command import _tell_page
 from crtk_sim_backends.can import SIM as CAN
 from crtk_sim_backends.canopen import SIM as CANOPEN
-from crtk_sim_backends.control import token
+from crtk_sim_backends.control import ControlError, token
 from crtk_sim_backends.dynamixel import SIM as DYNAMIXEL
 from crtk_sim_backends.netft import SIM as NETFT
 from crtk_sim_backends.process import RunningSim
 from crtk_sim_backends.ur import SIM as UR
+from crtk_sim_backends.watching import pictures
 
 LONG = 30.0
 SIMS: dict[str, tuple[Any, dict[str, Any]]] = {
@@ -90,6 +91,12 @@ def test_a_driver_on_it_tells_that_address_too(
     _tell_page(sim)
     told = capsys.readouterr().err
     assert told == f"page: http://{sim.host}:{sim.ports['web']}/#{token()}\n"
+
+
+def test_what_the_simulator_refuses_is_no_hang(sim: RunningSim) -> None:
+    found = pictures((sim.host, sim.ports["control"]), ("scene", "rain"), 0.1, lambda _: False)
+    with pytest.raises(ControlError, match="unknown request 'rain'"):
+        next(found)
 
 
 def test_the_scene_says_what_it_is(sim: RunningSim) -> None:

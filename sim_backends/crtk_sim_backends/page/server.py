@@ -29,7 +29,7 @@ from importlib import resources
 from typing import Any, Final
 
 from crtk_sim_backends.command_line import stopped_by_signals
-from crtk_sim_backends.control import ControlClient, ControlError, token
+from crtk_sim_backends.control import ControlClient, ControlError, ControlRefused, token
 from crtk_sim_backends.page import address_of
 from crtk_sim_backends.process import Readiness, SimStartError, listen
 from crtk_sim_backends.watching import NICENESS, Life, address, pictures
@@ -190,6 +190,8 @@ class _Request(BaseHTTPRequestHandler):
             self._begin("text/event-stream")
             for _, live in pictures(self.server.control, REQUESTS, PERIOD, self._wait):
                 self.wfile.write(b"data: " + json_of(live) + b"\n\n")
+        except ControlRefused as error:
+            log.warning("the page shows nothing: %s", error)
         except ControlError as error:
             log.info("the pictures end: %s", error)
         finally:
