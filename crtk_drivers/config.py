@@ -316,6 +316,10 @@ class NodeConfig(Settings):
         description="Put before every frame id, so that two devices do not collide on /tf; "
         "from the namespace if null.",
     )
+    share_namespace: bool = Field(
+        default=False,
+        description="Serve commands also while another driver is in the namespace, which was there first.",
+    )
 
 
 def with_node(model: type[DeviceConfig]) -> type[DeviceConfig]:

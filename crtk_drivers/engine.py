@@ -18,7 +18,7 @@ from crtk_drivers.board import Observer, StatusBoard
 from crtk_drivers.capabilities import missing_for, offered
 from crtk_drivers.checks import CommandCheck
 from crtk_drivers.commands import Command, Level
-from crtk_drivers.device import Device, Ratios
+from crtk_drivers.device import Device, Note, Ratios
 from crtk_drivers.errors import (
     CommandRefused,
     ConnectionLost,
@@ -127,6 +127,8 @@ class Engine:
         self.options = options or EngineOptions()
         self.on_sample: Callable[[], None] | None = None
         """Called by the I/O thread at the end of each cycle that brought a sample; must return at once."""
+        self.own_notes: tuple[Note, ...] = ()
+        """What the front has to say of the device, beside its own notes; replaced as a whole."""
         self._clock = clock
         self._sleep = sleep
         self._connected = False
@@ -235,7 +237,8 @@ class Engine:
     def health(self) -> Health:
         """Return the counters."""
         age = self._feedback.sample_age(self._clock())
-        return self._health.snapshot(age, self.device.counters, self.device.notes)
+        notes = (*self.device.notes, *self.own_notes)
+        return self._health.snapshot(age, self.device.counters, notes)
 
     def tell_frames(self, told: Callable[[str], str]) -> None:
         """Name frames in refusals as `told` does: to clients on ROS they carry a prefix."""

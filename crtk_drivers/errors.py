@@ -142,6 +142,7 @@ class Reason(StrEnum):
     INTERNAL_ERROR = "internal_error"
     NOT_CONNECTED = "not_connected"
     LOCAL_CONTROL = "local_control"
+    SECOND_DRIVER = "second_driver"
 
 
 class CommandRefused(CrtkError, ValueError):

@@ -14,6 +14,7 @@ from rich.live import Live
 from rich.text import Text
 
 from crtk_drivers.health import Health
+from crtk_drivers.ros.names import ANOTHER_DRIVER
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.throttle import kind_of
 
@@ -71,14 +72,16 @@ def _figures(health: Health) -> list[Text]:
 
 
 def _reason(status: Status, health: Health) -> Text:
-    if status.cause:
-        return Text.assemble("  ", (status.cause, "red"))
     refused = sum(health.refusals.values())
-    if refused:
-        return Text.assemble(
-            (f"  {refused} refused, last: ", "dim"), (health.last_refusal, "yellow")
-        )
-    return Text()
+    reason = Text()
+    for note in health.notes:
+        if note.key == ANOTHER_DRIVER:
+            reason.append("  ").append(note.text, "yellow")
+    if status.cause:
+        reason.append("  ").append(status.cause, "red")
+    elif refused:
+        reason.append(f"  {refused} refused, last: ", "dim").append(health.last_refusal, "yellow")
+    return reason
 
 
 class StatusLine:

@@ -32,12 +32,21 @@ FAILURE_INTERVAL = 2.0
 class CommandTopics:
     """The subscriptions of one device.
 
+    Args:
+        node: of the driver.
+        engine: of the device.
+        frames: names of its frames.
+        admit: called with each command, and what it says if it is a state command; may refuse it.
+
     Attributes:
         senders: of what arrived on them.
     """
 
-    def __init__(self, node: UnlockedNode, engine: Engine, frames: Frames) -> None:
+    def __init__(
+        self, node: UnlockedNode, engine: Engine, frames: Frames, admit: Callable[..., None]
+    ) -> None:
         self._engine = engine
+        self._admit = admit
         self._frames = frames
         engine.tell_frames(frames.outgoing)
         self._failures = Throttle(FAILURE_INTERVAL)
@@ -59,23 +68,28 @@ class CommandTopics:
 
     def _taking(self, name: str) -> Callable[[Any], None]:
         def take(message: Any) -> None:
+            self._admit(name)
             self._engine.give(name, self._value(name, message))
 
         return take
 
     def _handler(self, name: str, command: Command) -> Callable[[Any, Sender], None]:
         if command.payload is Payload.TEXT:
-            return lambda message, sender: self._engine.state_command(
-                message.string, stamp_ns(message.header.stamp)
-            )
+            return self._state_command
         if command.payload is Payload.EMPTY:
             return lambda message, sender: self._submit(name, sender)
         return lambda message, sender: self._submit_value(name, message, sender)
 
+    def _state_command(self, message: Any, sender: Sender) -> None:
+        self._admit("state_command", message.string)
+        self._engine.state_command(message.string, stamp_ns(message.header.stamp))
+
     def _submit(self, name: str, sender: Sender) -> None:
+        self._admit(name)
         self._engine.submit(name, client=sender)
 
     def _submit_value(self, name: str, message: Any, sender: Sender) -> None:
+        self._admit(name)
         header = getattr(message, "header", None)
         stamp = 0 if header is None else stamp_ns(header.stamp)
         self._engine.submit(name, self._value(name, message, stamp), stamp, sender)

@@ -10,6 +10,11 @@ NODE_NAME = "crtk_driver"
 SERVICES_NODE_NAME = "crtk_driver_services"
 """Of what a device does beyond CRTK; a node of its own."""
 
+AMONG_DRIVERS = "drivers"
+"""Topic on which the drivers of a namespace tell each other that they are there."""
+ANOTHER_DRIVER = "another driver"
+"""Key of the note that tells of one."""
+
 MAX_LENGTH = 180
 """Characters of a namespace. DDS names end at 255; the rest is for node name, topic and ROS's prefixes."""
 

@@ -21,8 +21,13 @@ from crtk_drivers.ros.feedback import FeedbackTopics, LatchedTopics, Transforms
 from crtk_drivers.ros.graph import TypeConflicts
 from crtk_drivers.ros.manifest import manifest, type_name
 from crtk_drivers.ros.messages import TYPES
-from crtk_drivers.ros.names import NODE_NAME, Frames
-from crtk_drivers.ros.parameters import declare_frame_prefix, declare_rates
+from crtk_drivers.ros.names import AMONG_DRIVERS, NODE_NAME, Frames
+from crtk_drivers.ros.parameters import (
+    declare_frame_prefix,
+    declare_rates,
+    declare_share_namespace,
+)
+from crtk_drivers.ros.presence import Presence
 from crtk_drivers.ros.publishing import PublishingThread
 from crtk_drivers.ros.readings import ReadingTopics
 from crtk_drivers.ros.refusals import RefusalTopic
@@ -38,6 +43,8 @@ logger = logging.getLogger(__name__)
 
 PUBLISHER_TIMEOUT = 0.4
 GRAPH_RATE = 1.0
+STANDING_BY = frozenset({AMONG_DRIVERS, "diagnostics", "rosout", "refusals", "senders", "graph"})
+"""Jobs of the publishing thread that go on while another driver serves the namespace."""
 
 
 class _Listener(Observer):
@@ -100,10 +107,13 @@ class DriverNode:
         self._latched = LatchedTopics(node, self._thread, engine, frames)
         self._readings = ReadingTopics(node, self._thread, engine, frames)
         self._transforms = Transforms(node, self._thread, engine, frames)
-        self._commands = CommandTopics(node, engine, frames)
+        shares = declare_share_namespace(node, config)
+        self._presence = Presence(node, self._thread, engine, shares, self._serve_or_stand_by)
+        admit = self._presence.admit
+        self._commands = CommandTopics(node, engine, frames, admit)
         self._thread.job("senders", self._commands.senders.look, LOOK_RATE)
         self._services = Services(node, engine, self._status.next_stamp)
-        self._device_services = DeviceServices(context, node.get_namespace(), engine)
+        self._device_services = DeviceServices(context, node.get_namespace(), engine, admit)
         self._ros_names = self._names_on_ros()
         self._set_up_diagnostics()
         self._set_up_manifest()
@@ -136,8 +146,14 @@ class DriverNode:
         logging.getLogger("crtk_drivers").removeHandler(self._rosout)
         self._engine.remove_observer(self._listener)
         self._engine.on_sample = None
+        self._presence.leave()
         self._device_services.stop(timeout)
         return self._thread.stop(timeout)
+
+    def _serve_or_stand_by(self, serves: bool) -> None:
+        """While another driver serves, clients hear from that one alone."""
+        self._thread.only = None if serves else STANDING_BY
+        self._refusals.is_told = serves
 
     def _names_on_ros(self) -> dict[str, str]:
         endpoints = {

@@ -21,11 +21,13 @@ from crtk_drivers.config import NodeConfig
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.ros.names import default_frame_prefix
 
-Default = TypeVar("Default", float, str)
+Default = TypeVar("Default", float, str, bool)
 
 _RATES = {
     name: field for name, field in NodeConfig.model_fields.items() if field.annotation is float
 }
+
+_KINDS = {float: "a number with a decimal point", str: "a text", bool: "true or false"}
 
 
 def declare_rates(node: Node, initial: NodeConfig, apply: Callable[[str, float], None]) -> None:
@@ -50,13 +52,20 @@ def declare_rates(node: Node, initial: NodeConfig, apply: Callable[[str, float],
 
 def declare_frame_prefix(node: Node, initial: NodeConfig) -> str:
     """Declare ``frame_prefix`` and return what it is."""
-    descriptor = ParameterDescriptor(
-        description=NodeConfig.model_fields["frame_prefix"].description or "", read_only=True
-    )
     default = initial.frame_prefix
     if default is None:
         default = default_frame_prefix(node.get_namespace())
-    return _declare(node, "frame_prefix", default, descriptor)
+    return _declare(node, "frame_prefix", default, _read_only("frame_prefix"))
+
+
+def declare_share_namespace(node: Node, initial: NodeConfig) -> bool:
+    """Declare ``share_namespace`` and return what it is."""
+    return _declare(node, "share_namespace", initial.share_namespace, _read_only("share_namespace"))
+
+
+def _read_only(name: str) -> ParameterDescriptor:
+    description = NodeConfig.model_fields[name].description or ""
+    return ParameterDescriptor(description=description, read_only=True)
 
 
 def _range(field: FieldInfo) -> FloatingPointRange:
@@ -75,7 +84,7 @@ def _declare(node: Node, name: str, default: Default, descriptor: ParameterDescr
     try:
         value: Default = node.declare_parameter(name, default, descriptor).value
     except InvalidParameterTypeException as error:
-        kind = "a number with a decimal point" if isinstance(default, float) else "a text"
+        kind = _KINDS[type(default)]
         raise ConfigError(
             f"the parameter {name} is of the wrong type",
             remedy=f"Give {kind}, for example: --ros-args -p {name}:={default}",

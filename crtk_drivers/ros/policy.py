@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 from crtk_drivers.capabilities import offered
 from crtk_drivers.commands import Direction
 from crtk_drivers.device import READINGS, Device
-from crtk_drivers.ros.names import NODE_NAME, SERVICES_NODE_NAME
+from crtk_drivers.ros.names import AMONG_DRIVERS, NODE_NAME, SERVICES_NODE_NAME
 
 VERSION: Final = "0.2.0"
 
@@ -49,6 +49,7 @@ class Interface:
     Attributes:
         publishes: topics that are the device's own.
         shares: topics that it publishes beside others.
+        among: topics on which drivers tell each other that they are there.
         takes: topics by which it is commanded.
         answers: services that change nothing.
         serves: services that do something.
@@ -57,6 +58,7 @@ class Interface:
 
     publishes: tuple[str, ...]
     shares: tuple[str, ...]
+    among: tuple[str, ...]
     takes: tuple[str, ...]
     answers: tuple[str, ...]
     serves: tuple[str, ...]
@@ -89,6 +91,7 @@ def interface(device: Device, namespace: str) -> Interface:
         shares=tuple(
             topic for topic in _TOLD_BY_ALL if topic != "/tf" or "measured_cp" in commands
         ),
+        among=full(AMONG_DRIVERS),
         takes=full(*by_direction[Direction.COMMANDED], *device.inputs),
         answers=full(
             *by_direction[Direction.SERVICE], "operating_state", "crtk_version", *of_nodes(_LOOKING)
@@ -159,8 +162,8 @@ def _all(there: tuple[Interface, ...], *fields: str) -> tuple[str, ...]:
 
 def _of_driver(there: tuple[Interface, ...]) -> list[_Rule]:
     return [
-        _Rule("publish", _all(there, "publishes", "shares")),
-        _Rule("subscribe", (*_all(there, "takes"), "/parameter_events", "/clock")),
+        _Rule("publish", _all(there, "publishes", "shares", "among")),
+        _Rule("subscribe", (*_all(there, "takes", "among"), "/parameter_events", "/clock")),
         _Rule("reply", _all(there, "answers", "serves")),
     ]
 

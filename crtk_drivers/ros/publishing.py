@@ -62,13 +62,18 @@ class Job:
 
 
 class PublishingThread:
-    """Runs jobs, one after the other. Not started by the constructor."""
+    """Runs jobs, one after the other. Not started by the constructor.
+
+    Attributes:
+        only: names of the jobs that run; those of others that are asked for wait. None: all run.
+    """
 
     def __init__(self, name: str) -> None:
         self._jobs: list[Job] = []
         self._wakes: SimpleQueue[None] = SimpleQueue()
         self._failures = Throttle(FAILURE_INTERVAL)
         self._stopping = False
+        self.only: frozenset[str] | None = None
         self._thread = threading.Thread(target=self._loop, name=name, daemon=True)
 
     def job(self, name: str, run: Callable[[], None], rate: float = 0.0) -> Job:
@@ -97,11 +102,15 @@ class PublishingThread:
                 now = time.monotonic()
                 if job.wanted or job.due <= now:
                     job.advance(now)
-                    job.wanted = False
-                    self._run(job)
+                    if self._may_run(job):
+                        job.wanted = False
+                        self._run(job)
         for job in self._jobs:
-            if job.wanted:
+            if job.wanted and self._may_run(job):
                 self._run(job)
+
+    def _may_run(self, job: Job) -> bool:
+        return self.only is None or job.name in self.only
 
     def _wait(self, due: float) -> None:
         with suppress(Empty):

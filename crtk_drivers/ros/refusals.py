@@ -47,9 +47,14 @@ class _Kind:
 
 
 class RefusalTopic:
-    """The topic, and a counter for each command and reason."""
+    """The topic, and a counter for each command and reason.
+
+    Attributes:
+        is_told: if not, refusals go to the log alone.
+    """
 
     def __init__(self, node: Node, thread: PublishingThread) -> None:
+        self.is_told = True
         self._publisher = qos.publisher(node, String, "refusals", qos.REFUSALS)
         self._job = thread.job("refusals", self._publish, SWEEP_RATE)
         self._lock = threading.Lock()
@@ -87,6 +92,8 @@ class RefusalTopic:
             logger.warning("%s%s", refusal, f" ({new} times)" if new > 1 else "")
 
     def _tell(self, refusal: CommandRefused, count: int) -> None:
+        if not self.is_told:
+            return
         seconds, nanoseconds = divmod(refusal.stamp_ns, 1_000_000_000)
         content = {
             "command": refusal.command,

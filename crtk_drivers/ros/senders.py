@@ -31,7 +31,7 @@ KNOWN_SENDERS = 256
 """Publishers that are remembered at most: of one that comes back after that, the name is asked for again."""
 
 _PARTICIPANT = 12
-_UNKNOWN_NAME = "_NODE_NAME_UNKNOWN_"
+UNKNOWN_NAME = "_NODE_NAME_UNKNOWN_"
 _FIRST_SIZE = 1024
 _NOTHING_THERE = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED (rcl/types.h)
 
@@ -131,7 +131,7 @@ class Sender(Client):
         """The full name, empty as long as the graph does not know it."""
         if not self._owner:
             info = self._info
-            if info is not None and info.node_name != _UNKNOWN_NAME:
+            if info is not None and info.node_name != UNKNOWN_NAME:
                 self._owner = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
         return self._owner
 

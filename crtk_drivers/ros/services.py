@@ -96,10 +96,14 @@ class DeviceServices:
         context: of the driver's node.
         namespace: of the driver's node.
         engine: asked.
+        admit: called with the name of each that is asked for; may refuse it.
     """
 
-    def __init__(self, context: Context, namespace: str, engine: Engine) -> None:
+    def __init__(
+        self, context: Context, namespace: str, engine: Engine, admit: Callable[[str], None]
+    ) -> None:
         self._engine = engine
+        self._admit = admit
         self._stop = threading.Event()
         self._node: Node | None = None
         self.services: dict[str, Service] = {}
@@ -143,6 +147,7 @@ class DeviceServices:
         def respond(request: Any, response: Any) -> Any:
             limit = self._engine.capabilities.transition_timeout + 1.0
             try:
+                self._admit(name)
                 response.message = self._engine.request(name).wait(limit)
                 response.success = True
             except CrtkError as error:

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,10 @@ from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
 from crtk_drivers.cli.status_line import StatusLine, status_text
 from crtk_drivers.config import from_values
 from crtk_drivers.config_keys import setting_names
+from crtk_drivers.device import Note, Severity
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.health import Health
+from crtk_drivers.ros.names import ANOTHER_DRIVER
 from crtk_drivers.state import OperatingState, Status
 
 ENTRY_POINTS = """
@@ -406,6 +409,9 @@ def test_the_status_line_tells_what_matters() -> None:
     fault = Status(OperatingState.FAULT, is_homed=False, detail="protective stop")
     assert status_text("a", fault, RUNNING).plain.startswith("a  FAULT not homed  rate")
     assert status_text("a", fault, RUNNING).plain.endswith("protective stop")
+    note = Note(Severity.WARNING, ANOTHER_DRIVER, "ur 10.0.0.2 is in /ur5 too")
+    text = status_text("ur /ur5", enabled, replace(RUNNING, notes=(note,))).plain
+    assert "late 3  stream servo_jp  ur 10.0.0.2 is in /ur5 too  2 refused" in text
 
 
 def test_on_a_narrow_terminal_the_reason_is_what_is_kept() -> None:
