@@ -4,7 +4,8 @@ A command that is not derived here does not exist on the device: its topic is no
 is absent, and asking for it says what would be needed (`missing_for`).
 
 Cartesian velocities, efforts and increments are offered in ``body/`` and ``spatial/`` as well (see
-`crtk_drivers.frames`), everything Cartesian in ``local/`` where the device's own base has a pose of its own.
+`crtk_drivers.frames`), everything Cartesian in ``local/`` where the device's own base has a pose of its own,
+and where the tool is in any case.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ FREE = "free drive"
 GRAVITY = "gravity compensation"
 BASE = "a base with a pose of its own (the key base of the configuration)"
 NATIVE = "its own "
+WRENCH_AXES = "body/set_cf_orientation_absolute"
 ANY_MODE = "any mode"
 
 _POSES: tuple[frozenset[str], ...] = (
@@ -113,6 +115,7 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         ),
         "goal_cv": _SLOW_TWISTS,
         "use_gravity_compensation": (frozenset({GRAVITY}),),
+        WRENCH_AXES: _WRENCHES,
         **{
             f"trajectory_j/{name}": _MOVES
             for name in ("set_ratio", "set_ratio_v", "set_ratio_a", "ratio", "ratio_v", "ratio_a")
@@ -140,6 +143,9 @@ def _features(capabilities: Capabilities) -> frozenset[str]:
     return frozenset(features)
 
 
+_IN_OWN_BASE = ("measured_cp", "setpoint_cp", "forward_kinematics")
+"""What is told in ``local/`` too, whether the device's own base is the base frame or not."""
+
 _MOVING = frozenset({Kind.RELATIVE, Kind.VELOCITY, Kind.EFFORT})
 
 
@@ -166,6 +172,9 @@ def offered(capabilities: Capabilities) -> Mapping[str, Command]:
             for frame in _in_frames(find(name)):
                 if frame != "local" or BASE in features:
                     names[f"{frame}/{name}"] = None
+    names.update((f"local/{name}", None) for name in _IN_OWN_BASE if name in names)
+    if "body/servo_cf" not in names:
+        names.pop(WRENCH_AXES, None)
     order = {name: index for index, name in enumerate(COMMANDS)}
     ranked = sorted(names, key=lambda name: order.get(find(name).base_name, 0))
     return MappingProxyType({name: find(name) for name in ranked})
@@ -180,6 +189,6 @@ def missing_for(name: str, capabilities: Capabilities) -> str:
     if alternatives is None:
         return "Its samples hold no such value."
     features = _features(capabilities)
-    extra = {BASE} if command.frame == "local" else set()
+    extra = {BASE} if command.frame == "local" and command.base_name not in _IN_OWN_BASE else set()
     lacks = (" and ".join(sorted((needs | extra) - features)) for needs in alternatives)
     return f"It would need {', or '.join(lacks)}."

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from crtk_drivers.commands import Command, Kind, Level, Payload, find
 from crtk_drivers.device import Capabilities
 from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.frames import WrenchAxes
 from crtk_drivers.geometry import QUATERNION_TOLERANCE
 from crtk_drivers.limits import LimitPolicy
 from crtk_drivers.samples import (
@@ -75,12 +76,25 @@ _NOTHING = (Pose(_ZERO, vector((0.0, 0.0, 0.0, 1.0))), Twist(_ZERO, _ZERO), Wren
 class CommandCheck:
     """The checks of one device's commands.
 
+    Args:
+        capabilities: of the device.
+        policy: of the user.
+        where: the device, for messages.
+        axes: of wrenches.
+
     Attributes:
         told_frame: gives the name of a frame as it is told to whoever sends commands.
     """
 
-    def __init__(self, capabilities: Capabilities, policy: LimitPolicy, where: str) -> None:
+    def __init__(
+        self,
+        capabilities: Capabilities,
+        policy: LimitPolicy,
+        where: str,
+        axes: WrenchAxes | None = None,
+    ) -> None:
         self.told_frame: Callable[[str], str] = str
+        self._axes = axes or WrenchAxes()
         self._joints = capabilities.joints
         self._index = {name: i for i, name in enumerate(capabilities.joints)}
         self._base_frame = capabilities.base_frame
@@ -193,7 +207,7 @@ class CommandCheck:
             )
 
     def _check_frame(self, command: Command, value: Pose | Twist | Wrench | CartesianServo) -> None:
-        frame = self._frames[command.frame]
+        frame = self._frames[self._axes.frame_of(command)]
         if value.frame_id not in ("", frame):
             raise self._refusal(
                 command,

@@ -3,8 +3,8 @@
 Node, client, plain Python front, command line, capability manifest, documentation and conformance
 suite are derived from `COMMANDS`; nobody types a topic name a second time. Names are
 ``<level>_<space><kind>`` as in the CRTK specification (collaborative-robotics/documentation,
-api-robot-motion.rst and api-operating-state.rst); ``trajectory_j/`` and ``use_gravity_compensation`` as on
-the dVRK.
+api-robot-motion.rst and api-operating-state.rst); ``trajectory_j/``, ``use_gravity_compensation`` and
+``body/set_cf_orientation_absolute`` as on the dVRK.
 """
 
 from __future__ import annotations
@@ -172,6 +172,8 @@ _OTHER_ROWS = (
      "let go: the arm may be moved by hand"),
     ("use_gravity_compensation", Level.SETTING, Direction.COMMANDED, Payload.FLAG, "",
      "whether efforts are added that carry the arm's own weight"),
+    ("body/set_cf_orientation_absolute", Level.SETTING, Direction.COMMANDED, Payload.FLAG, "",
+     "whether wrenches of body/ are along the axes of the base frame instead of the tool's"),
     ("trajectory_j/set_ratio", Level.SETTING, Direction.COMMANDED, Payload.NUMBER, "1",
      "share of the velocity and acceleration limits that moves use, above 0 and up to 1"),
     ("trajectory_j/set_ratio_v", Level.SETTING, Direction.COMMANDED, Payload.NUMBER, "1",
@@ -214,7 +216,9 @@ def _table() -> dict[str, Command]:
 
 COMMANDS: Mapping[str, Command] = MappingProxyType(_table())
 
-CHILDREN = (*SUB_NAMESPACES, *dict.fromkeys(n.partition("/")[0] for n in COMMANDS if "/" in n))
+CHILDREN = tuple(
+    dict.fromkeys((*SUB_NAMESPACES, *(n.partition("/")[0] for n in COMMANDS if "/" in n)))
+)
 """All sub-namespaces of names, ``trajectory_j`` among them."""
 
 _REDUNDANT = re.compile(r"measured[2-9]_js")

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 from crtk_drivers.arbiter import NOBODY, Arbiter, Client, Order
 from crtk_drivers.board import Observer, StatusBoard
-from crtk_drivers.capabilities import missing_for, offered
+from crtk_drivers.capabilities import WRENCH_AXES, missing_for, offered
 from crtk_drivers.checks import CommandCheck
 from crtk_drivers.commands import Command, Level
 from crtk_drivers.device import Device, Note, Ratios
@@ -31,6 +31,7 @@ from crtk_drivers.errors import (
 from crtk_drivers.executor import MotionExecutor
 from crtk_drivers.feedback import Feedback
 from crtk_drivers.following import FollowingWatch
+from crtk_drivers.frames import relative
 from crtk_drivers.health import Health, HealthRecorder
 from crtk_drivers.limits import LimitPolicy, SetpointLimiter
 from crtk_drivers.moves import Move, Outcome
@@ -143,7 +144,8 @@ class Engine:
         homed = not self.capabilities.needs_homing
         not_yet = Status(OperatingState.FAULT, homed, False, "not connected yet")
         self._board = StatusBoard(not_yet, self.where, self._health, clock)
-        self._check = CommandCheck(self.capabilities, self.options.limits, self.where)
+        limits, axes = self.options.limits, self._feedback.axes
+        self._check = CommandCheck(self.capabilities, limits, self.where, axes)
         has_kinematics = self.capabilities.has_kinematics
         limiter = SetpointLimiter(
             self.capabilities,
@@ -244,14 +246,22 @@ class Engine:
         """Name frames in refusals as `told` does: to clients on ROS they carry a prefix."""
         self._check.told_frame = told
 
-    def forward_kinematics(self, joints: Vector) -> Pose:
-        """Return the tool pose (base frame) of a joint position (n,).
+    def forward_kinematics(self, joints: Vector, name: str = "forward_kinematics") -> Pose:
+        """Return the tool pose of a joint position (n,).
+
+        Args:
+            joints: position.
+            name: the pose is in the base frame, or in the device's own base by
+                ``local/forward_kinematics``.
 
         Raises:
             CommandRefused: no kinematics, wrong size or not finite.
         """
-        command = self._require("forward_kinematics")
-        return self.device.forward_kinematics(self._check.check_joints(command, joints))
+        command, base = self._require(name), self.capabilities.base_pose
+        pose = self.device.forward_kinematics(self._check.check_joints(command, joints))
+        if command.frame == "local" and base is not None:
+            return replace(relative(base, pose), frame_id="local")
+        return pose
 
     def inverse_kinematics(self, pose: Pose, reference: Vector = EMPTY) -> Vector:
         """Return the joint position (n,) nearest to `reference` (default: the setpoint).
@@ -641,6 +651,10 @@ class Engine:
 
     def _set(self, command: Command, value: Value, client: Client) -> None:
         """Carry out a setting. It moves nothing and is possible in any state."""
+        if command.name == WRENCH_AXES:
+            assert isinstance(value, Flag)
+            self._feedback.axes.absolute = value.value
+            return
         if isinstance(value, Flag):
             if value.value:
                 self._require_connected(command.name)

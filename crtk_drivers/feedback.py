@@ -38,7 +38,9 @@ import numpy as np
 from crtk_drivers.commands import Kind, Space
 from crtk_drivers.device import Device, Mode, Setpoint
 from crtk_drivers.frames import (
+    WrenchAxes,
     jacobian_from_base,
+    relative,
     twist_from_base,
     twist_in_base,
     wrench_from_base,
@@ -154,9 +156,13 @@ class Feedback:
     Args:
         device: asked for kinematics.
         stale_after: seconds after which a sample is no longer valid.
+
+    Attributes:
+        axes: of wrenches.
     """
 
     def __init__(self, device: Device, stale_after: float) -> None:
+        self.axes = WrenchAxes()
         self._device = device
         self._capabilities = device.capabilities
         self._stale_after = stale_after
@@ -267,6 +273,8 @@ class Feedback:
         frame, _, base_name = name.rpartition("/")
         if frame in ("body", "spatial") and name not in sample.values:
             return self._in_frame(base_name, frame, now, state)
+        if frame == "local" and name not in sample.values:
+            return self._in_own_base(base_name, now, state)
         stale = now - sample.stamp.monotonic > self._stale_after
         stamp = Stamp(0, sample.stamp.monotonic) if stale else sample.stamp
         if not name.startswith("setpoint_"):
@@ -285,6 +293,15 @@ class Feedback:
             "setpoint_cf": self._wrench_setpoint,
         }
         return setpoints[name](sample, stamp)
+
+    def _in_own_base(
+        self, name: str, now: float, state: OperatingState
+    ) -> tuple[Value, Stamp] | None:
+        """Return a pose as it is in the device's own base."""
+        found, base = self.get(name, now, state), self._capabilities.base_pose
+        if found is None or base is None or not isinstance(found[0], Pose):
+            return found
+        return replace(relative(base, found[0]), frame_id="local"), found[1]
 
     def _in_frame(
         self, name: str, frame: str, now: float, state: OperatingState
@@ -310,6 +327,8 @@ class Feedback:
             wrench = value.vector
             if value.frame_id == tool:
                 wrench = wrench_in_base(wrench, "body", pose)
+            if frame == "body" and self.axes.absolute:
+                frame, told_in = "", base
             wrench = wrench_from_base(wrench, frame, pose)
             return Wrench(wrench[:3], wrench[3:], told_in), stamp
         assert isinstance(value, Matrix)

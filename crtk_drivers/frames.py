@@ -4,23 +4,45 @@ The core computes in the base frame: poses in it, twists and wrenches in its axe
 
     none       the base frame. An increment moves the tool point along its axes and turns the tool about these
                axes, through the tool point: p + dp, dR · R.
-    local/     the same in the device's own base, which has a pose in the base frame. It exists where that
-               pose is configured.
+    local/     the same in the device's own base, which may have a pose in the base frame. Commands exist
+               there where that pose is configured; else the two are one, and only poses are told.
     body/      axes of the tool, at the tool point; an increment is p + R · dp, R · dR.
     spatial/   axes of the base frame, at its origin: the twist of the point of the tool, extended, that is
                there, and the wrench with the moment about it. An increment moves the tool as a rigid motion
                of the whole base frame: T' = dT · T.
+
+Wrenches of ``body/`` are along base axes, at the tool point, where a client asks for that (`WrenchAxes`).
 
 A `frame` is one of `crtk_drivers.commands.FRAMES`, or empty.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from crtk_drivers.commands import Command, Kind
 from crtk_drivers.geometry import quaternion_product, rotated, unit
 from crtk_drivers.rotation import cross, inverse
 from crtk_drivers.samples import Array, Pose, Vector, vector
+
+
+@dataclass(slots=True)
+class WrenchAxes:
+    """Along which axes the wrenches of ``body/`` are. Set by clients' threads, read in each cycle.
+
+    Attributes:
+        absolute: those of the base frame instead of the tool's, see ``body/set_cf_orientation_absolute``.
+    """
+
+    absolute: bool = False
+
+    def frame_of(self, command: Command) -> str:
+        """Return the frame in which the values of a command are."""
+        if self.absolute and command.frame == "body" and command.kind is Kind.EFFORT:
+            return ""
+        return command.frame
 
 
 def twist_in_base(twist: Vector, frame: str, pose: Pose, base: Pose | None = None) -> Vector:

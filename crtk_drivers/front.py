@@ -347,7 +347,7 @@ class LocalDevice(DeviceFront):
         if command.payload is Payload.FORWARD_KINEMATICS:
 
             def forward(joints: ArrayLike) -> Pose:
-                return engine.forward_kinematics(vector(np.asarray(joints, dtype=float)))
+                return engine.forward_kinematics(vector(np.asarray(joints, dtype=float)), name)
 
             self._attach(name, forward, "Return the tool pose of a joint position (n,).")
         else:

@@ -31,6 +31,10 @@ class Reach:
         self._feedback = feedback
         self._takes_poses = Mode.CARTESIAN_POSITION in device.capabilities.modes
 
+    def frame_of(self, command: Command) -> str:
+        """Return the frame in which the values of a command are now."""
+        return self._feedback.axes.frame_of(command)
+
     def reference(self, command: Command) -> Vector:
         """Return the joint position (n,) that increments and kinematics start from.
 

@@ -359,7 +359,7 @@ class _InFrame:
         return self._turned(self._from_base, values)
 
     def _turned(self, convert: Callable[..., Vector], values: Vector) -> Vector:
-        frame = self._command.frame
+        frame = self._reach.frame_of(self._command)
         if not frame:
             return values
         return convert(values, frame, self._reach.pose(self._command), self._base)

@@ -75,8 +75,11 @@ def _topic(node: Node, engine: Engine, name: str, command: Command) -> _Topic:
 
 def _frame(command: Command, engine: Engine) -> str:
     """Return the frame of a value that does not name its own."""
-    own = {"local": "local", "body": engine.capabilities.tool_frame}
-    return own.get(command.frame, engine.capabilities.base_frame)
+    capabilities = engine.capabilities
+    own = {"body": capabilities.tool_frame}
+    if capabilities.base_pose is not None:
+        own["local"] = "local"
+    return own.get(command.frame, capabilities.base_frame)
 
 
 def coherent(engine: Engine, names: Iterable[str]) -> Values:

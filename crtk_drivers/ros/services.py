@@ -39,7 +39,7 @@ class Services:
     def __init__(self, node: Node, engine: Engine, next_stamp: Callable[[int], int]) -> None:
         self._engine = engine
         self._next_stamp = next_stamp
-        answers: dict[Payload, Callable[[Any, Any], None]] = {
+        answers: dict[Payload, Callable[[str, Any, Any], None]] = {
             Payload.FORWARD_KINEMATICS: self._forward_kinematics,
             Payload.INVERSE_KINEMATICS: self._inverse_kinematics,
         }
@@ -62,11 +62,13 @@ class Services:
         response.message = CRTK_VERSION
         return response
 
-    def _query(self, name: str, answer: Callable[[Any, Any], None]) -> Callable[[Any, Any], Any]:
+    def _query(
+        self, name: str, answer: Callable[[str, Any, Any], None]
+    ) -> Callable[[Any, Any], Any]:
         def respond(request: Any, response: Any) -> Any:
             response.result = False
             try:
-                answer(request, response)
+                answer(name, request, response)
             except CommandRefused as refusal:
                 self._engine.report_refusal(refusal)
                 response.message = str(refusal)
@@ -81,10 +83,10 @@ class Services:
 
         return respond
 
-    def _forward_kinematics(self, request: Any, response: Any) -> None:
-        set_pose(response.cp, self._engine.forward_kinematics(vector(request.jp)))
+    def _forward_kinematics(self, name: str, request: Any, response: Any) -> None:
+        set_pose(response.cp, self._engine.forward_kinematics(vector(request.jp), name))
 
-    def _inverse_kinematics(self, request: Any, response: Any) -> None:
+    def _inverse_kinematics(self, name: str, request: Any, response: Any) -> None:
         joints = self._engine.inverse_kinematics(pose_of(request.cp), vector(request.jp))
         response.jp = [float(value) for value in joints]
 

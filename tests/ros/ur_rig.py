@@ -14,7 +14,7 @@ from crtk_drivers import plugins
 from crtk_drivers.config import NodeConfig
 from crtk_drivers.session import Session, open_session
 
-NOT_ON_A_UR = frozenset({"servo_jf", "local/measured_cp"})
+NOT_ON_A_UR = frozenset({"servo_jf"})
 PATIENT = {"sample_timeout": 3.0, "watchdog_frequency": 2.0}
 """Configuration in which a busy machine is no fault, and does not trip the controller's watchdog."""
 

@@ -26,10 +26,11 @@ def framed(*names: str) -> set[str]:
 
 
 KINEMATICS = framed("jacobian") | {"forward_kinematics", "inverse_kinematics"}
+KINEMATICS |= {"local/forward_kinematics"}
 SLOW_POSES = framed("interpolate_cr") | {"interpolate_cp", "servo_cs"}
 SLOW = SLOW_POSES | framed("interpolate_cv") | {"goal_cv"}
 WITH_KINEMATICS = KINEMATICS | SLOW | framed("servo_cr", "servo_cv", "move_cr", "setpoint_cv")
-WITH_KINEMATICS |= {"servo_cp", "move_cp", "setpoint_cp", "goal_cp"}
+WITH_KINEMATICS |= {"servo_cp", "move_cp", "setpoint_cp", "local/setpoint_cp", "goal_cp"}
 BARE = {
     "modes": frozenset[Mode](),
     "has_kinematics": False,
@@ -79,14 +80,23 @@ CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
             "has_gravity_compensation": True,
         },
         {"measured_js", "servo_jf", "interpolate_jf", "servo_js", "hold", "setpoint_js", "goal_js"}
-        | {"setpoint_cp", "use_gravity_compensation"}
+        | {"setpoint_cp", "local/setpoint_cp", "use_gravity_compensation"}
+        | {"body/set_cf_orientation_absolute"}
         | KINEMATICS
         | framed("servo_cf", "interpolate_cf", "setpoint_cf", "setpoint_cv"),
     ),
     "a base with a pose": (
         {"modes": frozenset({Mode.CARTESIAN_POSITION, Mode.CARTESIAN_VELOCITY})}
         | {"measured": ("measured_js", "measured_cp"), "base_pose": BASE},
-        {"measured_js", "measured_cp", "hold", "setpoint_js", "goal_cp", "goal_cv"}
+        {
+            "measured_js",
+            "measured_cp",
+            "local/measured_cp",
+            "hold",
+            "setpoint_js",
+            "goal_cp",
+            "goal_cv",
+        }
         | framed("servo_cr", "servo_cv", "interpolate_cr", "interpolate_cv", "setpoint_cv")
         | {"servo_cp", "interpolate_cp", "servo_cs"}
         | {f"local/servo_c{kind}" for kind in "prvs"}
@@ -94,7 +104,7 @@ CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
     ),
     "a force sensor on a known tool": (
         {"joints": (), "limits": (), "measured": ("measured_cp", "measured_cf")},
-        {"measured_cp"} | framed("measured_cf"),
+        {"measured_cp", "local/measured_cp"} | framed("measured_cf"),
     ),
 }
 
@@ -116,6 +126,9 @@ def test_what_is_missing_is_said_in_words() -> None:
         "servo_cp", encoder
     )
     assert "a base with a pose of its own (the key base" in missing_for("local/servo_cp", encoder)
+    absolute = missing_for("body/set_cf_orientation_absolute", encoder)
+    assert absolute == missing_for("servo_cf", encoder)
+    assert missing_for("local/setpoint_cp", encoder) == missing_for("setpoint_cp", encoder)
     assert missing_for("measured_cf", encoder) == "Its samples hold no such value."
     assert missing_for("dance", encoder) == "There is no such CRTK command."
 

@@ -49,6 +49,7 @@ COMMANDED = {
     "hold": Payload.EMPTY,
     "free": Payload.EMPTY,
     "use_gravity_compensation": Payload.FLAG,
+    "body/set_cf_orientation_absolute": Payload.FLAG,
     "trajectory_j/set_ratio": Payload.NUMBER,
     "trajectory_j/set_ratio_v": Payload.NUMBER,
     "trajectory_j/set_ratio_a": Payload.NUMBER,
