@@ -8,12 +8,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+from crtk_msgs.msg import OperatingState, StringStamped
 from ros_client import RosClient
 from ros_rig import Rig, serve, until
 from sensor_msgs.msg import JointState
@@ -36,6 +37,26 @@ def note(engine: Engine) -> str:
 
 def refused(engine: Engine, name: str) -> int:
     return engine.health().refusals.get(f"{name}: second_driver", 0)
+
+
+def refuses(rig: Rig, engine: Engine, name: str, message: Any) -> Callable[[], bool]:
+    """Whether a command was refused there, which is sent again: nothing tells when the two have met."""
+
+    def seen() -> bool:
+        rig.client.send(name, message)
+        return refused(engine, name) > 0
+
+    return seen
+
+
+def obeys(client: RosClient, engine: Engine) -> None:
+    """It is enabled as soon as the client has found it: topics of another driver do not tell when that is."""
+
+    def enabled() -> bool:
+        client.state_command("enable")
+        return engine.status.state == "ENABLED"
+
+    until(enabled, "it obeys")
 
 
 @contextmanager
@@ -65,9 +86,11 @@ def test_both_say_so_and_only_the_first_serves(rig: Rig, caplog: pytest.LogCaptu
         told(rig, "this driver does not serve")
         until(lambda: sum("--ns" in r.getMessage() for r in caplog.records) >= 2, "both logged it")
         rig.client.reach("enable", "ENABLED")
-        until(lambda: refused(other, "state_command") == 1, "the second got it, too")
-        rig.client.move("move_jp", JointState(position=[0.01, 0.0, 0.0, 0.0]))
-        until(lambda: refused(other, "move_jp") == 1, "the second refused the move")
+        again = StringStamped(string="enable")
+        until(refuses(rig, other, "state_command", again), "the second refuses it")
+        goal = JointState(position=[0.01, 0.0, 0.0, 0.0])
+        rig.client.move("move_jp", goal)
+        until(refuses(rig, other, "move_jp", goal), "the second refuses the move")
         assert other.status.state == "DISABLED"
         assert first.status.state == "ENABLED"
         told_of_state = rig.client["operating_state"]
@@ -80,8 +103,7 @@ def test_both_say_so_and_only_the_first_serves(rig: Rig, caplog: pytest.LogCaptu
 def test_one_that_is_told_to_serves_beside_the_first(rig: Rig) -> None:
     with second(rig, share_namespace=True) as other:
         assert "this driver serves commands" in note(other)
-        rig.client.state_command("enable")
-        until(lambda: other.status.state == "ENABLED", "the second obeys")
+        obeys(rig.client, other)
         until(lambda: rig.session.engine.status.state == "ENABLED", "the first obeys")
 
 
@@ -150,8 +172,6 @@ def test_what_is_not_of_a_driver_is_nobody(rig: Rig, publisher: Any, text: str) 
 
 
 def test_a_stranger_that_tells_an_operating_state_is_noticed(rig: Rig) -> None:
-    from crtk_msgs.msg import OperatingState
-
     with RosClient("/stranger") as stranger:
         stranger.node.create_publisher(
             OperatingState, f"{rig.client.namespace}/operating_state", 10
@@ -169,16 +189,6 @@ def process(namespace: str) -> Iterator[subprocess.Popen[bytes]]:
     finally:
         child.kill()
         child.wait()
-
-
-def obeys(client: RosClient, engine: Engine) -> None:
-    """It is enabled as soon as the client has found it; the killed one's topics do not tell when that is."""
-
-    def enabled() -> bool:
-        client.state_command("enable")
-        return engine.status.state == "ENABLED"
-
-    until(enabled, "it obeys")
 
 
 def test_a_killed_driver_is_followed_by_the_second_and_does_not_lock_out_a_new_one(
