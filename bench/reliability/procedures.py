@@ -191,7 +191,8 @@ def _starts_later(rig: Rig, way: Way, activity: str) -> Result:
         rig.driver.start()
         result = _announced(rig, way, began)
         rig.require(not rig.engine.connected, "it is connected")
-        rig.require(rig.named in result.detail, f"{result.detail!r} does not name {rig.named}")
+        told = f"{rig.engine.where}: {result.detail}"
+        rig.require(rig.named in told, f"{told!r} does not name {rig.named}")
     finally:
         rig.end_fault()
     rig.until(lambda: rig.connected, PATIENCE, "it connects later")

@@ -334,12 +334,12 @@ def test_f1_every_command_says_that_there_is_no_connection(bench):
     assert bench.arm.health().reconnects >= 1
 
 
-def test_f3_a_peer_that_never_answers_is_told_and_tried_again():
+def test_f3_a_peer_that_never_answers_is_told_and_tried_again(caplog):
     with ur_bench({"open_timeout": 0.5}, start=False) as bench:
         bench.inject("no_answer", port="rtde")
         bench.session.start()
         status = bench.until_state("FAULT", "is not answered")
-        assert f"{bench.sim.host}:30004" in status.detail
+        assert f"{bench.sim.host}:30004: FAULT: {status.detail}" in caplog.text
         assert "Check" in status.detail, "what to do"
         with bench.refused("not_connected", "state_command"):
             bench.arm.enable()
@@ -357,14 +357,14 @@ def test_f3_closing_does_not_wait_for_a_peer_that_never_answers(fault):
         assert not [t for t in threading.enumerate() if bench.sim.host in t.name]
 
 
-def test_f3_a_controller_that_comes_later_is_found():
+def test_f3_a_controller_that_comes_later_is_found(caplog):
     with SIM.spawn() as sim:
         host = sim.host
         sim.kill()
         with driver_at(sim, start=False) as bench:
             bench.session.start()
             status = bench.until_state("FAULT", "cannot connect")
-            assert f"{host}:30004" in status.detail
+            assert f"{host}:30004: FAULT: {status.detail}" in caplog.text
             with SIM.spawn(host=host) as second:
                 bench.sim = second
                 bench.until_state("DISABLED")

@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -150,6 +151,6 @@ def test_it_runs_alone_in_the_foreground_with_a_banner():
 
 
 def test_every_option_has_help_and_a_default():
-    for name, entry in SimConfig.__dataclass_fields__.items():
-        assert entry.metadata["help"], name
-        assert getattr(SimConfig(), name) == entry.default
+    for entry in fields(SimConfig):
+        assert entry.metadata["help"], entry.name
+        assert getattr(SimConfig(), entry.name) == entry.default
