@@ -115,6 +115,42 @@ def test_a_position_that_a_joint_cannot_have_come_to_is_a_fault_and_moves_nothin
     assert positions(sim) == pytest.approx(before, abs=0.01)
 
 
+@pytest.mark.parametrize("counts", [-(2**31), 5_000_000])
+def test_a_position_that_comes_without_power_is_no_target_when_it_is_enabled(
+    sim: RunningSim, arm: LocalDevice, counts: int
+) -> None:
+    before = positions(sim)
+    counters = device_of(arm).link.counters
+    data = counts.to_bytes(4, "little", signed=True).hex()
+    sim.control.inject("claim", node=2, index=0x6064, data=data)
+    _after(counters.cycles + 4, arm)
+    with pytest.raises(CrtkError, match=f"tells that it is at {counts} counts"):
+        arm.enable(SOON)
+    _after(counters.cycles + 4, arm)
+    assert positions(sim) == pytest.approx(before, abs=0.01)
+    sim.control.inject("reset", node=2)  # its position counts anew, whatever it is
+    until(lambda: "started anew" in arm.operating_state().detail, "it has booted")
+    sim.control.clear("claim")
+    until(lambda: _enables(arm), "it can be enabled again")
+    assert positions(sim) == pytest.approx(before, abs=0.01)
+
+
+def test_a_drive_that_shows_no_state_stops_and_follows_no_position_that_it_tells(
+    sim: RunningSim, arm: LocalDevice
+) -> None:
+    until(lambda: _enables(arm), "it can be enabled")
+    before = positions(sim)
+    sim.control.inject("claim", node=2, index=0x6041, data="ffff")
+    until(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
+    assert "it shows no state (statusword 0xffff" in arm.operating_state().detail
+    sim.control.inject("claim", node=2, index=0x6064, data=(5_000_000).to_bytes(4, "little").hex())
+    _after(device_of(arm).link.counters.cycles + 10, arm)
+    assert positions(sim) == pytest.approx(before, abs=0.01)
+    sim.control.clear("claim")
+    until(lambda: _enables(arm), "it can be enabled again")
+    assert positions(sim) == pytest.approx(before, abs=0.01)
+
+
 def _after(cycles: int, arm: LocalDevice) -> None:
     until(lambda: device_of(arm).link.counters.cycles >= cycles, "the driver has seen it")
 

@@ -290,6 +290,17 @@ def test_a_statusword_without_a_state_keeps_the_controlword() -> None:
         assert machine.step(0x0201, 1.0) == HOLDING[goal]
 
 
+def test_a_drive_that_shows_no_state_for_long_is_told_to_stop() -> None:
+    machine, _ = drive_to(State.ENABLED, Model())
+    for now in (1.0, 1.09):
+        assert machine.step(0xFFFF, now) == HOLDING[State.ENABLED]
+    assert machine.step(SHOWN[State.ENABLED], 1.11) == HOLDING[State.ENABLED]
+    assert machine.step(0xFFFF, 1.2) == HOLDING[State.ENABLED], "it counts from the first one"
+    assert machine.step(0xFFFF, 1.31) == HOLDING[State.QUICK_STOP]
+    assert machine.failure is not None
+    assert "shows no state" in machine.failure.text
+
+
 @given(
     st.lists(
         st.tuples(

@@ -420,6 +420,9 @@ class ArmLink:
 
     def _start_again(self, nodes: set[int]) -> Steps:
         """Start nodes, and wait until they send their PDOs."""
+        for axis, where in zip(self.axes, self.whereabouts, strict=True):
+            if axis.config.node in nodes:
+                where.forget()
         for node in nodes:
             self.master.command(NmtCommand.START, node)
             self.master.watch.nodes[node].state = None
@@ -528,8 +531,8 @@ class ArmLink:
         ):
             if not ages[slot]:
                 homes = axis.mode is OpMode.HM or axis.homing is not None
-                follows = axis.is_enabled and not homes and axis.config.node not in self.restarted
-                where.take(position, now, follows=follows)
+                may_be_set = homes or axis.config.node in self.restarted
+                where.take(position, now, may_be_set=may_be_set)
 
     def _note_boot_up(self, node: int) -> None:
         """What was known of a node is not true any more."""

@@ -264,7 +264,8 @@ class CanopenDevice(Device):
         }
         missing |= {
             axis.config.node: f"{axis.place} tells that it is at {where.told} counts, where it cannot have "
-            f"come to from {where.position}"
+            f"come to from {where.position}; if it was given another position, switch it off and on, or "
+            "start the driver again"
             for axis, where in zip(self.axes, link.whereabouts, strict=True)
             if where.strange > UNHEARD
         }

@@ -8,6 +8,7 @@ until someone asks again.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -295,6 +296,10 @@ _EDGE: Final = 0.01
 """Seconds with bit 7 low before a fault reset: longer than a cycle, so that the drive sees the edge."""
 
 
+_STATELESS: Final = 0.1
+"""Seconds in which a drive that is to follow may tell statuswords that no state has."""
+
+
 class Drive402:
     """One axis. `step` is called once for each SYNC; the rest tells what is wanted.
 
@@ -330,6 +335,7 @@ class Drive402:
         self._reset_since: float | None = None
         self._reset_wanted = False
         self._sent = int(Control.DISABLE_VOLTAGE)
+        self._stateless_since = math.inf
 
     def request(self, goal: State) -> None:
         """Want a state, and forget the last failure.
@@ -356,13 +362,23 @@ class Drive402:
         """
         self.statusword = statusword
         self.state = decode(statusword)
+        if self.state is not None:
+            self._stateless_since = math.inf
         if self.state is State.FAULT:
             self._sent = self._in_fault(now)
         elif self.state is not None:
             self._sent = self._on_the_way(self.state, now)
-        elif self.goal is not State.ENABLED:
-            self._sent = int(HOLDING[self.goal])  # leads downwards from wherever it is
+        else:
+            self._sent = self._without_state(now)
         return self._sent
+
+    def _without_state(self, now: float) -> int:
+        if self.goal is State.ENABLED:
+            self._stateless_since = min(self._stateless_since, now)
+            if now - self._stateless_since <= _STATELESS:
+                return self._sent
+            self._fail(State.QUICK_STOP, "it shows no state")
+        return int(HOLDING[self.goal])  # leads downwards from wherever it is
 
     def _on_the_way(self, state: State, now: float) -> int:
         if state is not State.FAULT_REACTION:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 __all__ = ["HASTE", "Whereabouts"]
@@ -32,19 +33,24 @@ class Whereabouts:
         self.strange = 0
         self._fastest = HASTE * velocity
         self._period = period
-        self._heard = 0.0
+        self._heard = -math.inf
 
-    def take(self, told: int, now: float, *, follows: bool) -> int:
+    def forget(self) -> None:
+        """It is set up anew, and may be anywhere: what it tells next is believed."""
+        self._heard = -math.inf
+
+    def take(self, told: int, now: float, *, may_be_set: bool) -> int:
         """Take what it tells, and return where it is.
 
         Args:
             told: its position (6064).
             now: monotonic seconds.
-            follows: it follows setpoints; otherwise it may be given another position, by homing or a restart.
+            may_be_set: it may be given another position now, by homing or a restart. Power makes no
+                difference: a wrong position that is believed without it is the target when it comes.
         """
         most = self._fastest * max(now - self._heard, self._period) + _FLICKER
         self._heard, self.told = now, told
-        if follows and abs(told - self.position) > most:
+        if not may_be_set and abs(told - self.position) > most:
             self.strange += 1
         else:
             self.strange, self.position = 0, told
