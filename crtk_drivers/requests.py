@@ -104,7 +104,11 @@ class Requests:
         return request
 
     def step(self, now: float) -> None:
-        """Resume the service that runs, if one does."""
+        """Resume the service that runs, if one does.
+
+        Raises:
+            Exception: what the device must not raise; the service has failed by it.
+        """
         request = self._request
         if request is None:
             return
@@ -117,6 +121,12 @@ class Requests:
             self._finish(end.value or "")
         except CrtkError as error:
             self._finish(error=error)
+        except Exception as error:
+            text = f"{request.name}: unexpected {type(error).__name__}: {error}"
+            self._finish(
+                error=TransitionFailed(text, where=self._where, remedy="Please report this.")
+            )
+            raise
         else:
             if now > self._deadline:
                 text = f"{request.name} did not end in {self._timeout:g} s"

@@ -22,6 +22,7 @@ from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.requests import Requests
 from crtk_drivers.samples import Wrench
 from crtk_drivers.session import Session
+from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 
 
@@ -40,6 +41,7 @@ class Scale(LoopbackDevice):
             "tare": Service("make the present load zero", self._tare),
             "fail": Service("fail", self._fail),
             "wait": Service("wait", self._wait),
+            "stumble": Service("raise what it must not", self._stumble),
         }
 
     @property
@@ -58,6 +60,10 @@ class Scale(LoopbackDevice):
     def _fail(self) -> Answer:
         yield
         raise DeviceFault("it is broken", where=self.address)
+
+    def _stumble(self) -> Answer:
+        yield
+        raise ZeroDivisionError("a mean of nothing")
 
     def _wait(self) -> Answer:
         try:
@@ -103,6 +109,14 @@ def test_an_error_is_the_answer_and_ends_nothing_else(arm: LocalDevice) -> None:
     with pytest.raises(DeviceFault, match="it is broken"):
         arm.fail()
     assert arm.is_enabled()
+    assert arm.tare() == "tared in 3 cycles"
+
+
+def test_a_service_with_a_bug_has_failed_and_the_device_is_in_fault(arm: LocalDevice) -> None:
+    arm.enable()
+    with pytest.raises(TransitionFailed, match="unexpected ZeroDivisionError: a mean of nothing"):
+        arm.stumble()
+    assert arm.wait_for_status(lambda status: status.state is OperatingState.FAULT, 5.0)
     assert arm.tare() == "tared in 3 cycles"
 
 
