@@ -73,8 +73,8 @@ class StatusTopic:
                 if not self._pending:
                     return
                 status, stamp_ns = self._pending[0]
-                pulse = status.state is self._told.state
-                if pulse and self._allowance < 1.0:
+                pulses = all(told.state is self._told.state for told, _ in self._pending)
+                if pulses and self._allowance < 1.0:
                     return  # the heartbeat comes back to it
                 self._pending.popleft()
             self._allowance = max(0.0, self._allowance - 1.0)

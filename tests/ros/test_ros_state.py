@@ -17,7 +17,7 @@ from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
 from crtk_drivers.ros.publishing import PublishingThread
-from crtk_drivers.ros.status import StatusTopic
+from crtk_drivers.ros.status import BURST, StatusTopic
 from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import Stamp
 from crtk_drivers.state import OperatingState, Status
@@ -68,6 +68,31 @@ def test_pulses_are_thinned_out_and_none_is_lost_that_somebody_waits_for() -> No
         ):
             topic = StatusTopic(node, PublishingThread("pulses"), idle)
             assert told_in_two_parts(topic, statuses) == expected
+        node.destroy_node()
+
+
+def test_a_change_of_state_waits_for_no_pulse_that_is_held_back() -> None:
+    idle = Status(OperatingState.ENABLED, True, False, "")
+    busy, fault = replace(idle, is_busy=True), replace(idle, state=OperatingState.FAULT)
+    with Context() as context:
+        node = UnlockedNode("held_back", context=context, enable_rosout=False)
+        topic = StatusTopic(node, PublishingThread("held_back"), idle)
+        told: list[Status] = []
+        send = topic._send
+
+        def noted(status: Status, stamp_ns: int) -> None:
+            told.append(status)
+            send(status, stamp_ns)
+
+        topic._send = noted  # type: ignore[method-assign]
+        topic._refill = lambda: None  # type: ignore[method-assign]  # no time passes
+        for status in [busy, idle] * int(BURST):
+            topic.announce(status, Stamp.now())
+            topic._publish()
+        assert len(told) == BURST
+        topic.announce(fault, Stamp.now())
+        topic._publish()
+        assert told[-1] == fault
         node.destroy_node()
 
 
