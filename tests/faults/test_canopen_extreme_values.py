@@ -28,12 +28,11 @@ CHEAP = {
     "suppress_health_check": [HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 }
 
-IN_CYCLES = ((0x6041, 0, 2), (0x6061, 0, 1), (0x606C, 0, 4), (0x6077, 0, 2))
-"""What TPDOs carry besides the position: statusword, mode, velocity, torque."""
+IN_CYCLES = ((0x6041, 0, 2), (0x6061, 0, 1), (0x6064, 0, 4), (0x606C, 0, 4), (0x6077, 0, 2))
+"""What TPDOs carry: statusword, mode, position, velocity, torque."""
 
 AT_SET_UP = (
     *IN_CYCLES,
-    (0x6064, 0, 4),
     *((0x1000, 0, 4), (0x1001, 0, 1), (0x1003, 0, 1), (0x1003, 1, 4), (0x1005, 0, 4)),
     *((0x1016, 0, 1), (0x1016, 1, 4), (0x1017, 0, 2), (0x1019, 0, 1), (0x1029, 1, 1)),
     *((0x1018, 0, 1), (0x1018, 1, 4), (0x1018, 2, 4), (0x1400, 1, 4), (0x1400, 2, 1)),
@@ -149,6 +148,18 @@ def test_a_drive_that_shows_no_state_stops_and_follows_no_position_that_it_tells
     sim.control.clear("claim")
     until(lambda: _enables(arm), "it can be enabled again")
     assert positions(sim) == pytest.approx(before, abs=0.01)
+
+
+def test_an_arm_whose_joint_stands_where_it_cannot_is_not_enabled(sim: RunningSim) -> None:
+    sim.control.clear()
+    before = positions(sim)
+    sim.control.inject("claim", node=2, index=0x6064, data=(2**31 - 1).to_bytes(4, "little").hex())
+    with arm_of(arm_on(sim, 2)) as arm:
+        with pytest.raises(CrtkError, match="where no joint of its range can stand"):
+            arm.enable(SOON)
+        _after(device_of(arm).link.counters.cycles + 4, arm)
+        assert positions(sim) == pytest.approx(before, abs=0.01)
+        sim.control.clear("claim")
 
 
 def _after(cycles: int, arm: LocalDevice) -> None:

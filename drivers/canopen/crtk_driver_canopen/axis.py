@@ -32,6 +32,10 @@ _MIRRORED: Final = 0.2
 """Part of the home position within which a joint is believed to stand at the negative of it."""
 
 
+_ASTRAY: Final = 10.0
+"""Widths of its range outside of which no joint stands."""
+
+
 @dataclass(frozen=True, slots=True)
 class Feedback:
     """What an axis told in this cycle.
@@ -156,6 +160,12 @@ class Axis:
             return False
         wanted = home_counts(homing.position, self.facts.units)
         return abs(position + wanted) < _MIRRORED * abs(wanted)
+
+    def is_astray(self, position: float) -> bool:
+        """Whether it cannot stand there by far, in rad (m); one that can be homed may count from anywhere."""
+        joint = self.config
+        outside = max(joint.lower - position, position - joint.upper)
+        return joint.homing is None and not outside <= _ASTRAY * (joint.upper - joint.lower)
 
     def end_homing(self) -> None:
         """Forget the homing, and leave its mode."""

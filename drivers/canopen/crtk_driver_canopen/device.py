@@ -357,6 +357,7 @@ class CanopenDevice(Device):
             yield from self._rest()  # a ramp that follows a fault is not cut off
             self._motion.begin_anew(time.monotonic())
             yield from self._clear_faults()
+            self._check_whereabouts()
             yield from self._give_limits(
                 axis
                 for axis, position in zip(self.axes, self.link.positions, strict=True)
@@ -373,6 +374,26 @@ class CanopenDevice(Device):
             raise
         finally:
             self._transition = False
+
+    def _check_whereabouts(self) -> None:
+        """See that each joint stands where one of its range can: its target will be there when it gets power.
+
+        Raises:
+            TransitionFailed: one does not.
+        """
+        positions = self.link.units.positions(self.link.positions)
+        astray = [
+            f"{axis.place} tells that it is at {position:.4g}, where no joint of its range can stand "
+            f"({axis.config.lower:.4g} to {axis.config.upper:.4g})"
+            for axis, position in zip(self.axes, positions.tolist(), strict=True)
+            if axis.is_astray(position)
+        ]
+        if astray:
+            raise TransitionFailed(
+                "; ".join(astray),
+                where=self.link.where,
+                remedy="Check its encoder, and the gear, offset and range that are configured.",
+            )
 
     def resume(self) -> Steps:
         """The drives have held all along."""
