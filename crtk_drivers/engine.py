@@ -338,6 +338,8 @@ class Engine:
             self._check.check_state_command(command, stamp_ns, time.time_ns())
             self._require_connected("state_command", f"{command}: ")
             with self._board.lock:
+                if command is StateCommand.PAUSE:  # a stop, also where it is refused
+                    self._waiting.end("by pause", Outcome.PREEMPTED)
                 if self._transitions.accept(command, stamp_ns):
                     self._waiting.end(f"by {command}", Outcome.PREEMPTED)
         except CommandRefused as refusal:

@@ -184,6 +184,19 @@ def test_hold_ends_it_while_nothing_moves_yet(command: str) -> None:
     assert rig.written == []
 
 
+def test_pause_ends_it_where_it_is_refused_too() -> None:
+    """What is enabled cannot be paused yet; but who says pause wants no motion."""
+    rig, move = waiting("enable")
+    with pytest.raises(CommandRefused, match="pause: enable is running"):
+        rig.engine.state_command("pause")
+    assert move.outcome is Outcome.PREEMPTED
+    assert not rig.engine.status.is_busy
+    until(rig, lambda: rig.engine.transition_ended)
+    rig.cycle(20)
+    assert rig.state is S.ENABLED
+    assert rig.written == []
+
+
 @pytest.mark.parametrize("end", [alarm, lost_link, shut_down])
 def test_who_waits_is_released_although_the_io_thread_does_nothing_more(
     end: Callable[[Rig], None],
