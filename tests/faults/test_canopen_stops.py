@@ -62,6 +62,23 @@ def in_its_thread(arm: LocalDevice, action: Callable[[], None]) -> None:
     assert done.wait(SOON)
 
 
+# ------------------------------------------------------------------------------ before it has begun
+
+
+def test_no_move_begins_after_a_pause_that_came_while_it_was_being_enabled() -> None:
+    with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT)) as arm:
+        engine = arm.engine
+        engine.state_command("enable")
+        move = arm.move_jp([0.5] * COUNT)
+        with pytest.raises(CommandRefused, match="enable is running"):
+            engine.state_command("pause")
+        until(arm.is_enabled, "it is enabled")
+        cycles = device_of(arm).link.counters.cycles
+        until(lambda: device_of(arm).link.counters.cycles > cycles + 10, "a move would have begun")
+        assert not move.is_busy()
+        assert stand(sim)
+
+
 # -------------------------------------------------------------------------------------------- close
 
 
