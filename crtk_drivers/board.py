@@ -93,7 +93,8 @@ class StatusBoard:
     ) -> None:
         """Change what is given, and announce it if that is a change. A new state drops the old detail.
 
-        `remedy` is what to do about `detail`, which is told together with it.
+        `remedy` is what to do about `detail`, which is told together with it. The first state that is given
+        ends `Status.connecting`.
         """
         with self.lock:
             old = self.status
@@ -110,6 +111,7 @@ class StatusBoard:
                 remedy=remedy,
                 is_homed=old.is_homed if homed is None else homed,
                 is_busy=(old.is_busy if busy is None else busy) or self.move_waits,
+                connecting=old.connecting and state is None,
             )
             if new == old:
                 return

@@ -142,8 +142,9 @@ class Engine:
         self._health = HealthRecorder(self.capabilities.rate, 2.0 * period, own_names)
         self._sample_deadman = Deadman(self.options.sample_timeout)
         homed = not self.capabilities.needs_homing
-        not_yet = Status(OperatingState.FAULT, homed, False, "not connected yet")
-        self._board = StatusBoard(not_yet, self.where, self._health, clock)
+        begun = f"connecting to {device.address} since {time.strftime('%H:%M:%S')}"
+        connecting = Status(OperatingState.FAULT, homed, detail=begun, connecting=True)
+        self._board = StatusBoard(connecting, self.where, self._health, clock)
         limits, axes = self.options.limits, self._feedback.axes
         self._check = CommandCheck(self.capabilities, limits, self.where, axes)
         has_kinematics = self.capabilities.has_kinematics

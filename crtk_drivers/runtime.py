@@ -187,7 +187,9 @@ class BusThread:
             logger.debug("%s; next attempt in %.2g s", error.statement, member.reconnect.delay)
             if is_first:
                 logger.info(
-                    "%s: goes on trying to connect, at last every %g s", engine.where, LONGEST_RETRY
+                    "%s: keeps trying to connect, in the end every %g s",
+                    engine.where,
+                    LONGEST_RETRY,
                 )
         else:
             logger.info("%s: connected", engine.where)

@@ -70,6 +70,9 @@ class Status:
 
     `detail` is the reason of FAULT or PAUSED in words; empty otherwise. It does not name the device, and ends
     with `remedy`: what to do about it, if that is known.
+
+    `connecting`: the first attempt to reach the hardware is not over. CRTK has no state for that. It is told
+    as FAULT, so that DISABLED always means that the device can be enabled; but nothing is wrong.
     """
 
     state: OperatingState = OperatingState.DISABLED
@@ -77,6 +80,7 @@ class Status:
     is_busy: bool = False
     detail: str = ""
     remedy: str = ""
+    connecting: bool = False
 
     @property
     def cause(self) -> str:

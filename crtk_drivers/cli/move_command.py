@@ -11,7 +11,7 @@ import numpy as np
 
 from crtk_drivers.cli.echo_command import number
 from crtk_drivers.cli.reaching import held_when_interrupted, need
-from crtk_drivers.cli.state_view import print_position
+from crtk_drivers.cli.state_view import NEXT, print_position
 from crtk_drivers.cli.terminal import ERR, OUT, plain, program
 from crtk_drivers.client import RemoteDevice
 from crtk_drivers.client.moves import START_TIMEOUT
@@ -85,7 +85,8 @@ def _require_enabled(device: RemoteDevice) -> None:
             Reason.NOT_ENABLED,
             f"the device is {status.state}",
             where=device.namespace,
-            remedy=f"Look at it, then: {program()} enable {device.namespace}",
+            remedy=f"Why: {program()} state {device.namespace}. Then: "
+            f"{NEXT[status.state].format(device.namespace, program())}",
         )
 
 

@@ -12,7 +12,7 @@ from crtk_drivers.cli.list_command import short_names
 from crtk_drivers.cli.status_line import STATE_STYLES
 from crtk_drivers.cli.terminal import ERR, OUT, program
 from crtk_drivers.client import RemoteDevice
-from crtk_drivers.client.survey import reason, survey
+from crtk_drivers.client.survey import Report, reported, survey
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.samples import JointState, Pose
 from crtk_drivers.state import OperatingState, Status
@@ -20,12 +20,15 @@ from crtk_drivers.state import OperatingState, Status
 REASON_TIME = 2.0
 """Seconds to wait for a report on /diagnostics, of which a driver makes one a second."""
 
-_NEXT: Mapping[OperatingState, str] = {
+NEXT: Mapping[OperatingState, str] = {
     OperatingState.DISABLED: "{1} enable {0}",
     OperatingState.ENABLED: "{1} move --help, or {1} disable {0}",
     OperatingState.PAUSED: "{1} resume {0}",
     OperatingState.FAULT: "remove the cause, then {1} enable {0}",
 }
+"""What to do in a state; {0} is the namespace, {1} how this program is called."""
+
+_TROUBLE = (OperatingState.PAUSED, OperatingState.FAULT)
 
 
 def print_all() -> int:
@@ -58,16 +61,23 @@ def print_device(device: RemoteDevice) -> int:
     if about:
         heading.append(f"  {about['name']} {about['address']}", "dim")
     OUT.print(heading, soft_wrap=True)
-    OUT.print(status_words(status))
-    why = _reason(device, status)
-    if why:
-        OUT.print(Text("reason: ").append(why, "red"), soft_wrap=True)
+    report = _report(device)
+    following = NEXT[status.state]
+    if report.connecting:
+        OUT.print(Text(report.text, "yellow"), soft_wrap=True)
+        following = "wait, then {1} state {0}"
+    else:
+        OUT.print(status_words(status))
+        if report.text not in ("", status.state):
+            style = STATE_STYLES[status.state] if status.state in _TROUBLE else ""
+            OUT.print(Text("reason: ").append(report.text, style), soft_wrap=True)
     OUT.print(
-        Text(f"next: {_NEXT[status.state].format(device.namespace, program())}", "dim"),
+        Text(f"next: {following.format(device.namespace, program())}", "dim"),
         soft_wrap=True,
     )
-    OUT.print()
-    print_position(device)
+    if not report.connecting:  # else nothing is known of it
+        OUT.print()
+        print_position(device)
     OUT.print(Text("\noffers: ", "dim").append(short_names(device.crtk_commands)))
     return 0
 
@@ -81,14 +91,13 @@ def status_words(status: Status) -> Text:
     )
 
 
-def _reason(device: RemoteDevice, status: Status) -> str:
+def _report(device: RemoteDevice) -> Report:
     if not device.manifest:  # another maker's, which tells nothing of the kind
-        return ""
+        return Report()
     try:
-        said = reason(device, REASON_TIME)
+        return reported(device, REASON_TIME)
     except CrtkError:
-        return ""
-    return "" if said == status.state else said
+        return Report()
 
 
 def print_position(device: RemoteDevice) -> None:

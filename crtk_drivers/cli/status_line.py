@@ -39,7 +39,7 @@ def status_text(name: str, status: Status, health: Health, width: int | None = N
     Of figures that leave no room for the reason within `width` columns, the last ones are left out first.
     """
     begin, end = _headline(name, status), _reason(status, health)
-    figures = _figures(health)
+    figures = [] if status.connecting else _figures(health)
     if width is not None:
         room = width - begin.cell_len - end.cell_len
         while figures and sum(figure.cell_len for figure in figures) > room:
@@ -48,6 +48,8 @@ def status_text(name: str, status: Status, health: Health, width: int | None = N
 
 
 def _headline(name: str, status: Status) -> Text:
+    if status.connecting:
+        return Text.assemble((name, "bold cyan"), "  ", (status.detail, "yellow"))
     return Text.assemble(
         (name, "bold cyan"),
         "  ",
@@ -77,6 +79,8 @@ def _reason(status: Status, health: Health) -> Text:
     for note in health.notes:
         if note.key == ANOTHER_DRIVER:
             reason.append("  ").append(note.text, "yellow")
+    if status.connecting:
+        return reason
     if status.cause:
         reason.append("  ").append(status.cause, "red")
     elif refused:
@@ -125,7 +129,8 @@ class StatusLine:
         if new != self._told:
             self._told, self._due = new, now + LOG_PERIOD
             begin = _headline(self.name, replace(status, is_busy=False)).plain
-            logger.info("%s", f"{begin}  {status.cause}".rstrip())
+            reason = "" if status.connecting else f"  {status.cause}"
+            logger.info("%s", f"{begin}{reason}".rstrip())
         elif now >= self._due:
             self._due = now + LOG_PERIOD
             logger.info("%s", status_text(self.name, status, health).plain)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from crtk_drivers.client.discovery import POLL, SETTLE, devices
@@ -57,20 +58,34 @@ def _status(space: Space) -> Status | None:
         return None
 
 
-def reason(device: RemoteDevice, timeout: float) -> str:
-    """Return what /diagnostics says of the state of a device; empty if it says nothing in `timeout` s."""
+@dataclass(frozen=True)
+class Report:
+    """What /diagnostics says of the state of a device.
+
+    Attributes:
+        text: in words; empty if it says nothing.
+        connecting: the driver's first attempt to reach the hardware is not over.
+    """
+
+    text: str = ""
+    connecting: bool = False
+
+
+def reported(device: RemoteDevice, timeout: float) -> Report:
+    """Return the next report on a device, or an empty one if none comes in `timeout` s."""
     prefix = device.namespace.rstrip("/")
-    told: list[str] = []
+    told: list[Report] = []
     arrived = threading.Event()
 
     def listen(message: Any) -> None:
         for status in message.status:
             node, _, thing = status.name.partition(": ")
             if thing == "device" and node.rpartition("/")[0] == prefix:
-                told.append(status.message)
+                values = {value.key: value.value for value in status.values}
+                told.append(Report(status.message, values.get("connecting") == str(True)))
                 arrived.set()
 
     stop = device.on_message(DIAGNOSTICS, listen)
     arrived.wait(timeout)
     stop()
-    return told[-1] if told else ""
+    return told[-1] if told else Report()

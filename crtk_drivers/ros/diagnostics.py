@@ -56,7 +56,7 @@ class Diagnostics:
         set_stamp(message.header.stamp, nanoseconds)
         message.status = [
             self._device(status, health),
-            self._bus(health),
+            self._bus(health, connecting=status.connecting),
             self._commands(health),
         ]
         self._last = health
@@ -75,6 +75,8 @@ class Diagnostics:
 
     def _device(self, status: Status, health: Health) -> DiagnosticStatus:
         level, text = _LEVELS[status.state], status.detail or status.state.value
+        if status.connecting:
+            level = DiagnosticStatus.STALE
         worst = max(health.notes, key=lambda note: note.severity, default=None)
         if worst is not None and _SEVERITIES[worst.severity] > level:
             level, text = _SEVERITIES[worst.severity], worst.text
@@ -84,6 +86,7 @@ class Diagnostics:
             text,
             {
                 "operating_state": status.state.value,
+                "connecting": status.connecting,
                 "is_homed": status.is_homed,
                 "is_busy": status.is_busy,
                 **{key: f"{value:g}" for key, value in health.device.items()},
@@ -91,8 +94,10 @@ class Diagnostics:
             },
         )
 
-    def _bus(self, health: Health) -> DiagnosticStatus:
+    def _bus(self, health: Health, *, connecting: bool) -> DiagnosticStatus:
         level, text = _bus_level(health, self._last, self._sample_timeout)
+        if connecting:
+            level, text = DiagnosticStatus.STALE, "not connected yet"
         return self._status(
             "bus",
             level,

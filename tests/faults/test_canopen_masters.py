@@ -141,9 +141,9 @@ from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 arm = LocalDevice(Session(PLUGIN, PLUGIN.load_config(__import__("json").loads(sys.argv[1]), {})))
 arm._session.start()
-while not (told := arm.operating_state().detail) or "not connected yet" in told:
+while (status := arm.operating_state()).connecting or not status.detail:
     time.sleep(0.01)
-print(told, flush=True)
+print(status.detail, flush=True)
 arm.close()
 """
 

@@ -7,7 +7,9 @@ import os
 import re
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ import yaml
 from client_rig import Far, far_device
 from geometry_msgs.msg import TwistStamped
 from ros_client import TIMEOUT
-from ros_rig import until
+from ros_rig import serve, until
 
 from crtk_drivers.cli import main, reaching
 from crtk_drivers.client import RemoteDevice
@@ -23,6 +25,7 @@ from crtk_drivers.device import Condition
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.samples import Pose
 from crtk_drivers.state import OperatingState
+from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
 
 pytestmark = pytest.mark.ros
 NAMESPACE = "/client_commands"
@@ -97,11 +100,38 @@ def test_state_tells_the_reason_of_a_fault(far: Far, run: Run) -> None:
     assert re.search(r"^FAULT  homed\nreason: .*the door is open", out, re.MULTILINE)
 
 
+def test_state_tells_that_a_driver_is_connecting(run_far: Run) -> None:
+    opens = threading.Event()
+
+    class Slow(LoopbackDevice):
+        def open(self, deadline: float) -> None:
+            opens.wait(max(0.0, deadline - time.monotonic()))
+            super().open(deadline)
+
+    namespace, settings = "/client_connecting", LoopbackConfig(open_timeout=60.0)
+    with serve(settings, namespace, [], plugin=replace(PLUGIN, create=Slow)):
+        try:
+            code, out, _ = run_far("state", namespace)
+            _, _, refusal = run_far("enable", namespace)
+        finally:
+            opens.set()
+    assert code == 0
+    assert re.search(r"^connecting to loopback since \d\d:\d\d:\d\d\nnext: wait", out, re.MULTILINE)
+    assert "FAULT" not in out
+    assert "connecting to loopback since" in refusal
+
+
 def test_nothing_moves_that_is_not_enabled(far: Far, run: Run) -> None:
     code, out, err = run("move", NAMESPACE, "0.1", "0", "0", "0")
     assert (code, out) == (1, "")
     assert "the device is DISABLED" in err
     assert "crtk-driver enable /client_commands" in err
+    far.arm.enable()
+    far.arm.pause()
+    code, _, err = run("move", NAMESPACE, "0.1", "0", "0", "0")
+    assert code == 1
+    assert "the device is PAUSED" in err
+    assert "crtk-driver resume /client_commands" in err
     assert np.allclose(far.arm.measured_jp(), 0.0, atol=1e-6)
 
 

@@ -415,6 +415,19 @@ def test_the_status_line_tells_what_matters() -> None:
     assert "late 3  stream servo_jp  ur 10.0.0.2 is in /ur5 too  2 refused" in text
 
 
+def test_the_status_line_of_a_device_that_is_connecting_is_no_fault(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level(logging.INFO)
+    begun = "connecting to 192.168.1.10:30004 since 12:00:03"
+    status = Status(OperatingState.FAULT, True, detail=begun, connecting=True)
+    assert status_text("ur /ur5", status, Health(rate_expected=500.0)).plain == f"ur /ur5  {begun}"
+    console = Console(file=io.StringIO())
+    with StatusLine(console, "ur /ur5", lambda: (status, Health()), live=False) as line:
+        line.update()
+    assert [record.getMessage() for record in caplog.records] == [f"ur /ur5  {begun}"]
+
+
 def test_on_a_narrow_terminal_the_reason_is_what_is_kept() -> None:
     remedy = "Check the address, and that the controller has finished starting."
     cause = "RTDE: cannot connect: Connection refused"

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 import threading
 
 import numpy as np
@@ -32,10 +33,14 @@ UNIT = vector((0.0, 0.0, 0.0, 1.0))
 # ------------------------------------------------------------------------------------- connection
 
 
-def test_before_the_first_connection_it_is_in_fault_and_says_why() -> None:
+def test_before_the_first_connection_it_is_connecting_and_says_where_and_since_when(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     rig = Rig()
     assert rig.state is S.FAULT
-    assert "not connected" in rig.engine.status.detail
+    assert rig.engine.status.connecting
+    assert re.fullmatch(r"connecting to nowhere:1 since \d\d:\d\d:\d\d", rig.engine.status.detail)
+    assert not caplog.records
     with pytest.raises(CommandRefused) as caught:
         rig.engine.state_command("enable")
     assert caught.value.reason is Reason.NOT_CONNECTED
@@ -46,6 +51,7 @@ def test_a_connection_ends_in_disabled_with_nothing_written() -> None:
     rig = Rig().connect()
     rig.cycle(5)
     assert rig.state is S.DISABLED
+    assert not rig.engine.status.connecting
     assert rig.device.calls == ["open"]
 
 
@@ -55,6 +61,7 @@ def test_a_failed_connection_is_a_fault_with_the_reason() -> None:
     rig.connect()
     assert rig.state is S.FAULT
     assert "no answer" in rig.engine.status.detail
+    assert not rig.engine.status.connecting
     assert not rig.engine.connected
 
 
