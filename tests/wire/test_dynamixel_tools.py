@@ -1,5 +1,6 @@
 """crtk-driver dynamixel scan, info, calibrate and limits, against simulated servos."""
 
+import re
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -165,6 +166,7 @@ def test_limits_of_the_configuration_go_into_the_servos_and_only_where_they_diff
         told = [text for text in caplog.messages if "wider than the configuration" in text]
         assert len(told) == 1
         assert "joint a (servo 3 on main) velocity_limit 200 for 84 (1 rad/s)" in told[0]
+        assert re.search(r"; and \d+ more\. As a second line", told[0])
     before = registers(sim, 3)
     capsys.readouterr()
     assert run("limits", "--config", limited, "--no-write") == 0

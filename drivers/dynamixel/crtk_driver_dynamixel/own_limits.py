@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from crtk_driver_dynamixel.control_tables import ControlTable
 from crtk_driver_dynamixel.joints import Chain, ChainServo, servo_range
@@ -18,6 +18,9 @@ from crtk_driver_dynamixel.models import OperatingMode
 from crtk_driver_dynamixel.servo_state import ServoState
 
 __all__ = ["OwnLimit", "own_limits", "wider"]
+
+TOLD: Final = 3
+"""Limits that are told one by one; `crtk-driver dynamixel limits --no-write` tells all."""
 
 
 class OwnLimit(NamedTuple):
@@ -69,13 +72,18 @@ def own_limits(
 
 
 def wider(chain: Chain, states: Mapping[int, ServoState]) -> str:
-    """Return which servos, by place, would go further than the configuration, in words; empty if none."""
-    return "; ".join(
+    """Return which servos, by place, would go further than the configuration, in words; empty if none.
+
+    Of more than `TOLD` limits the others are counted.
+    """
+    told = [
         f"{chain.servos[place].place} {limit.register} {limit.read} for {limit.wanted} ({limit.text})"
         for place, state in states.items()
         for limit in own_limits(chain, chain.servos[place], state.table, state.values)
         if limit.is_wider
-    )
+    ]
+    others = [f"and {len(told) - TOLD} more"] if len(told) > TOLD else []
+    return "; ".join(told[:TOLD] + others)
 
 
 def _wanted(chain: Chain, servo: ChainServo) -> Iterator[tuple[str, int, bool, str]]:

@@ -370,7 +370,7 @@ class Part:
         if told:
             logger.info(
                 "%s: the servos' own limits are wider than the configuration: %s. As a second line they "
-                "should be as narrow: crtk-driver dynamixel limits writes them",
+                "should be as narrow: crtk-driver dynamixel limits writes them (--no-write: shows them)",
                 link.address,
                 told,
             )
