@@ -35,7 +35,12 @@ _Dumper.add_representer(
 def as_yaml(value: Any) -> str:
     """Return plain data as YAML, lists of numbers in one line each."""
     return yaml.dump(
-        value, Dumper=_Dumper, default_flow_style=None, sort_keys=False, width=1_000_000
+        value,
+        Dumper=_Dumper,
+        default_flow_style=None,
+        sort_keys=False,
+        width=1_000_000,
+        allow_unicode=True,
     )
 
 

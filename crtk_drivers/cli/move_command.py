@@ -61,6 +61,17 @@ def move(
     need(device, "move_cp" if pose else "move_jp")
     _require_enabled(device)
     goal = (_pose_goal if pose else _joint_goal)(device, values, relative, degrees)
+    try:
+        _go(device, goal)
+    except CommandRefused as refusal:
+        if refusal.reason is Reason.OUT_OF_RANGE and not (pose or degrees):
+            refusal.remedy = f"{refusal.remedy} Values are in rad or m; --degrees takes degrees."
+        raise
+    print_position(device)
+    return 0
+
+
+def _go(device: RemoteDevice, goal: Goal) -> None:
     with held_when_interrupted(device), ERR.status(f"{goal.command} ...") as shown:
         began = time.monotonic()
         handle: Move = getattr(device, goal.command)(goal.value)
@@ -73,8 +84,6 @@ def move(
                 )
             shown.update(f"{goal.command}  {passed:.1f} s  {plain(goal.to_go())}")
     OUT.print(f"[green]reached[/] in {time.monotonic() - began:.1f} s")
-    print_position(device)
-    return 0
 
 
 def _require_enabled(device: RemoteDevice) -> None:
@@ -118,7 +127,7 @@ def _joint_goal(device: RemoteDevice, values: Sequence[str], relative: bool, deg
         goal = here.position + goal if relative else goal
     else:
         raise ConfigError(
-            f"{len(values)} values for {len(names)} joints",
+            f"{len(values)} value{'' if len(values) == 1 else 's'} for {len(names)} joints",
             where=device.namespace,
             remedy=f"Give one for each of {', '.join(names)}, or some as joint=value.",
         )

@@ -28,6 +28,7 @@ NEXT: Mapping[OperatingState, str] = {
 }
 """What to do in a state; {0} is the namespace, {1} how this program is called."""
 
+_PLACES = {"measured_js", "measured_cp"}
 _TROUBLE = (OperatingState.PAUSED, OperatingState.FAULT)
 
 
@@ -75,7 +76,7 @@ def print_device(device: RemoteDevice) -> int:
         Text(f"next: {following.format(device.namespace, program())}", "dim"),
         soft_wrap=True,
     )
-    if not report.connecting:  # else nothing is known of it
+    if not report.connecting and _PLACES & set(device.crtk_commands):
         OUT.print()
         print_position(device)
     OUT.print(Text("\noffers: ", "dim").append(short_names(device.crtk_commands)))

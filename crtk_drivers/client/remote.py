@@ -442,7 +442,7 @@ def connect(
     """Find the CRTK device in a ROS 2 namespace.
 
     Args:
-        namespace: ``/ur5``; the leading slash may be left out.
+        namespace: ``/ur5``; the leading slash may be left out, and one at the end does no harm.
         timeout: seconds in which it, and later each topic's other end, must be found.
         features: CRTK names to set up at once, see `RemoteDevice.add`; others follow at first use.
         node: your own rclpy node to use; you spin it, in another thread than the one that calls.
@@ -453,7 +453,7 @@ def connect(
         MissingExtra, ConfigError: ROS 2 cannot be used here, or that is no namespace.
         ConnectionFailed: there is no such device, or it lacks one of the features.
     """
-    namespace = checked_namespace(namespace if namespace.startswith("/") else f"/{namespace}")
+    namespace = checked_namespace(f"/{namespace.strip('/')}", option="")
     environment.check()
     from crtk_drivers.ros.link import Link
 

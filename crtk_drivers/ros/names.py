@@ -22,10 +22,14 @@ _TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _UNUSABLE = re.compile(r"[^A-Za-z0-9_]+")
 
 
-def checked_namespace(text: str) -> str:
+def checked_namespace(text: str, option: str = "--ns ") -> str:
     """Return `text` if it can be the namespace of a device, for example ``/ur5`` or ``/lab/left``.
 
     It is never rewritten: a device that listens where nobody expects it is worse than none.
+
+    Args:
+        text: to check.
+        option: what stands before it where it is given, for messages.
 
     Raises:
         ConfigError: it cannot; the remedy gives the nearest namespace that can.
@@ -33,8 +37,8 @@ def checked_namespace(text: str) -> str:
     problem = _problem(text)
     if problem:
         raise ConfigError(
-            f"--ns {text[:MAX_LENGTH]!r} is not a namespace: {problem}",
-            remedy=f"Try: --ns {suggestion(text)}",
+            f"{option}{text[:MAX_LENGTH]!r} is not a namespace: {problem}",
+            remedy=f"Try: {option}{suggestion(text)}",
         )
     return text
 

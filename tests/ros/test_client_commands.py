@@ -20,6 +20,7 @@ from ros_client import TIMEOUT
 from ros_rig import serve, until
 
 from crtk_drivers.cli import main, reaching
+from crtk_drivers.cli.echo_command import as_yaml
 from crtk_drivers.client import RemoteDevice
 from crtk_drivers.device import Condition
 from crtk_drivers.errors import CommandRefused
@@ -173,6 +174,8 @@ def test_moves(far: Far, run: Run) -> None:
     ("arguments", "code", "message"),
     [
         (["0.1", "0.2"], 2, "2 values for 4 joints"),
+        (["0.1"], 2, "1 value for 4 joints"),
+        (["17", "0", "0", "0"], 1, "Values are in rad or m; --degrees takes degrees."),
         (["elbow=1"], 2, "elbow: no such joint"),
         (["0.1", "0", "0", "fast"], 2, "fast: not a number"),
         (["0.1", "0", "0", "--fast"], 2, "--fast: no such option"),
@@ -271,6 +274,20 @@ def test_a_frame_is_named_as_on_its_topic(far: Far) -> None:
     pose = far.arm.measured_cp()
     with pytest.raises(CommandRefused, match=f"Give it in '{pose.frame_id}'"):
         far.arm.move_cp(Pose(pose.position, pose.orientation, "world")).wait(TIMEOUT)
+
+
+def test_a_namespace_may_end_with_a_slash_and_a_wrong_one_is_named_as_it_was_given(
+    far: Far, run_far: Run
+) -> None:
+    assert run_far("hold", f"{NAMESPACE}/")[0] == 0
+    code, _, err = run_far("hold", "/client commands")
+    assert code == 2
+    assert "error: '/client commands' is not a namespace" in err
+    assert "Try: /client_commands" in err
+
+
+def test_yaml_is_written_in_the_characters_of_the_text() -> None:
+    assert as_yaml({"message": "0 N·m"}) == "{message: 0 N·m}\n"
 
 
 def test_nobody_there_says_who_is(far: Far, run_far: Run) -> None:
