@@ -49,7 +49,7 @@ def test_nobody_there(served: str) -> None:
 
 
 def test_a_namespace_that_is_none() -> None:
-    with pytest.raises(ConfigError, match=r"Try: --ns /my_arm"):
+    with pytest.raises(ConfigError, match=r"Try: /my_arm"):
         connect("/my arm")
 
 
