@@ -118,7 +118,7 @@ def test_frames_carry_the_namespace(rig: Rig) -> None:
         "measured_cp": f"{prefix}/base",
         "measured_cv": f"{prefix}/base",
         "measured_cf": f"{prefix}/base",
-        "local/measured_cp": f"{prefix}/local",
+        "local/measured_cp": f"{prefix}/base",  # its base is its own
     }
     for name, frame in expected.items():
         assert rig.client[name].wait().header.frame_id == frame
