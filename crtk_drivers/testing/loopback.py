@@ -187,7 +187,7 @@ class LoopbackDevice(Device):
                 "measured_cp": pose,
                 "measured_cv": Twist(velocity[:3], vector((0.0, 0.0, velocity[3])), "base"),
                 "measured_cf": Wrench(effort[:3], vector((0.0, 0.0, effort[3])), "base"),
-                "local/measured_cp": Pose(pose.position, pose.orientation, "local"),
+                "local/measured_cp": pose,
             },
         )
 

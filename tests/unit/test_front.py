@@ -48,7 +48,7 @@ def test_the_offered_names_are_methods(arm: LocalDevice) -> None:
             owner = getattr(owner, part)
         assert callable(owner)
         assert owner.__doc__
-    assert arm.local.measured_cp().frame_id == "local"
+    assert arm.local.measured_cp().frame_id == "base"
 
 
 def test_a_name_that_is_not_offered_is_absent_and_says_what_is_missing(arm: LocalDevice) -> None:
