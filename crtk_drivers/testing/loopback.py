@@ -115,13 +115,7 @@ class LoopbackDevice(Device):
                     Mode.CARTESIAN_VELOCITY,
                 }
             ),
-            measured=(
-                "measured_js",
-                "measured_cp",
-                "measured_cv",
-                "measured_cf",
-                "local/measured_cp",
-            ),
+            measured=("measured_js", "measured_cp", "measured_cv", "measured_cf"),
             has_kinematics=True,
             has_free=True,
             needs_homing=config.needs_homing,
@@ -187,7 +181,6 @@ class LoopbackDevice(Device):
                 "measured_cp": pose,
                 "measured_cv": Twist(velocity[:3], vector((0.0, 0.0, velocity[3])), "base"),
                 "measured_cf": Wrench(effort[:3], vector((0.0, 0.0, effort[3])), "base"),
-                "local/measured_cp": pose,
             },
         )
 
