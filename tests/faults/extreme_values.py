@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from hypothesis import Phase
 from hypothesis import strategies as st
 
 from crtk_drivers.commands import Command, Kind, Payload
@@ -21,6 +23,12 @@ from crtk_drivers.samples import (
     Wrench,
     vector,
 )
+
+IN_REAL_TIME: Mapping[str, Any] = {
+    "deadline": None,
+    "phases": (Phase.explicit, Phase.reuse, Phase.generate),
+}
+"""Settings of hypothesis for examples that take their time: none is made smaller after a failure."""
 
 EXTREME = (
     *(float("nan"), float("inf"), -float("inf"), 1e308, -1e308, 1.7e308, 1e200, -1e154, 1e30),

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from canopen_arm import PERIOD, SOON, arm_of, arm_on, device_of, drives, until
 from claimed_values import no_surprise, numbers
-from hypothesis import HealthCheck, Phase, given, settings
+from extreme_values import IN_REAL_TIME
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from crtk_driver_canopen import PLUGIN
@@ -19,12 +20,7 @@ from crtk_drivers.front import LocalDevice
 from crtk_sim_backends.process import RunningSim
 
 CHEAP = {
-    "deadline": None,
-    "phases": (
-        Phase.explicit,
-        Phase.reuse,
-        Phase.generate,
-    ),  # an example takes its time in real time
+    **IN_REAL_TIME,
     "suppress_health_check": [HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 }
 

@@ -19,7 +19,8 @@ from dynamixel_bench import (
     eventually,
     sim_for,
 )
-from hypothesis import HealthCheck, Phase, given, settings
+from extreme_values import IN_REAL_TIME
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from crtk_driver_dynamixel import PLUGIN
@@ -38,12 +39,7 @@ VALUES = {
     "rate": 500.0,
 }
 CHEAP = {
-    "deadline": None,
-    "phases": (
-        Phase.explicit,
-        Phase.reuse,
-        Phase.generate,
-    ),  # an example takes its time in real time
+    **IN_REAL_TIME,
     "suppress_health_check": [HealthCheck.too_slow],
 }
 

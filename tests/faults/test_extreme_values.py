@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from extreme_values import values_of
-from hypothesis import HealthCheck, Phase, given, settings
+from extreme_values import IN_REAL_TIME, values_of
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from crtk_drivers.commands import Direction, Payload
@@ -98,9 +98,8 @@ def hand(request: pytest.FixtureRequest) -> Iterator[Hand]:
 @pytest.mark.timeout(240)
 @settings(
     max_examples=150,
-    phases=(Phase.explicit, Phase.reuse, Phase.generate),  # an example takes its time in real time
-    deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+    **IN_REAL_TIME,
 )
 @given(data=st.data())
 def test_only_finite_numbers_reach_the_device(hand: Hand, data: st.DataObject) -> None:

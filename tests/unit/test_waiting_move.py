@@ -172,16 +172,20 @@ def test_what_ends_it_while_its_way_is_looked_for_wins(
     assert move.outcome is Outcome.PREEMPTED
 
 
-@pytest.mark.parametrize("command", ["enable", "resume"])
-def test_hold_ends_it_while_nothing_moves_yet(command: str) -> None:
-    rig, move = waiting(command)
-    rig.engine.submit("hold")
+def assert_it_never_begins(rig: Rig, move: Move) -> None:
     assert move.outcome is Outcome.PREEMPTED
     assert not rig.engine.status.is_busy
     until(rig, lambda: rig.engine.transition_ended)
     rig.cycle(20)
     assert rig.state is S.ENABLED
     assert rig.written == []
+
+
+@pytest.mark.parametrize("command", ["enable", "resume"])
+def test_hold_ends_it_while_nothing_moves_yet(command: str) -> None:
+    rig, move = waiting(command)
+    rig.engine.submit("hold")
+    assert_it_never_begins(rig, move)
 
 
 def test_pause_ends_it_where_it_is_refused_too() -> None:
@@ -189,12 +193,7 @@ def test_pause_ends_it_where_it_is_refused_too() -> None:
     rig, move = waiting("enable")
     with pytest.raises(CommandRefused, match="pause: enable is running"):
         rig.engine.state_command("pause")
-    assert move.outcome is Outcome.PREEMPTED
-    assert not rig.engine.status.is_busy
-    until(rig, lambda: rig.engine.transition_ended)
-    rig.cycle(20)
-    assert rig.state is S.ENABLED
-    assert rig.written == []
+    assert_it_never_begins(rig, move)
 
 
 @pytest.mark.parametrize("end", [alarm, lost_link, shut_down])
