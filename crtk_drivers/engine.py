@@ -20,12 +20,14 @@ from crtk_drivers.checks import CommandCheck
 from crtk_drivers.commands import Command, Level
 from crtk_drivers.device import Device, Note, Ratios
 from crtk_drivers.errors import (
+    REPORT,
     CommandRefused,
     ConnectionLost,
     DeviceError,
     DeviceFault,
     Reason,
     StopUnconfirmed,
+    unexpected,
     without_name,
 )
 from crtk_drivers.executor import MotionExecutor
@@ -46,7 +48,7 @@ from crtk_drivers.state import (
     Status,
     parse_command,
 )
-from crtk_drivers.stopping import SLOWEST_PACE, Stopping
+from crtk_drivers.stopping import Stopping
 from crtk_drivers.tether import Tether
 from crtk_drivers.transitions import Transitions
 from crtk_drivers.waiting import Waiting, WaitingMove
@@ -205,7 +207,7 @@ class Engine:
     @property
     def time_to_stop(self) -> float:
         """Seconds in which it says that it has stopped, at the pace that it has now."""
-        return self.capabilities.stop.time / max(self.device.pace, SLOWEST_PACE)
+        return self._stopping.time
 
     @property
     def has_sample(self) -> bool:
@@ -444,7 +446,7 @@ class Engine:
         except Exception as error:
             # The link is sound, and whoever shares it goes on.
             logger.exception("%s: unexpected error in its motion", self.where)
-            self._broken(f"unexpected {type(error).__name__}: {error}", "Please report this.")
+            self._broken(unexpected(error), REPORT)
         self._health.cycle(now)
         if sample is not None and self.on_sample is not None:
             self.on_sample()

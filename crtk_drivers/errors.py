@@ -34,6 +34,15 @@ def with_remedy(text: str, remedy: str) -> str:
     return f"{text.rstrip('.')}. {remedy}" if remedy else text
 
 
+REPORT = "Please report this."
+"""What to do about a mistake in this program, or in a driver."""
+
+
+def unexpected(error: Exception) -> str:
+    """Return an exception that is a mistake in this program, or in a driver, in words."""
+    return f"unexpected {type(error).__name__}: {error}"
+
+
 def without_name(text: str, where: str) -> str:
     """Return what is said of the device `where` without naming it, for those who do that themselves.
 

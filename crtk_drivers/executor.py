@@ -18,7 +18,14 @@ from crtk_drivers.arbiter import Arbiter, Order, combined
 from crtk_drivers.board import StatusBoard
 from crtk_drivers.commands import Kind, Level, Space, find
 from crtk_drivers.device import Device, Goal, Mode, Setpoint, Steps
-from crtk_drivers.errors import CommandRefused, CrtkError, DeviceFault, MotionAborted, Reason
+from crtk_drivers.errors import (
+    REPORT,
+    CommandRefused,
+    CrtkError,
+    DeviceFault,
+    MotionAborted,
+    Reason,
+)
 from crtk_drivers.executions import (
     LineMove,
     MoveExecution,
@@ -199,10 +206,10 @@ class MotionExecutor:
         text = f"{type(error).__name__}: {error}"
         logger.error("%s: %s", self._where, name, exc_info=error)
         refusal = CommandRefused(
-            name, Reason.INTERNAL_ERROR, text, where=self._where, remedy="Please report this."
+            name, Reason.INTERNAL_ERROR, text, where=self._where, remedy=REPORT
         )
         self._refuse(refusal, order)
-        return DeviceFault(f"unexpected {text} in {name}", remedy="Please report this.")
+        return DeviceFault(f"unexpected {text} in {name}", remedy=REPORT)
 
     def _refuse(self, refusal: CommandRefused, order: Order | None) -> None:
         refusal.stamp_ns = self._stamp_ns if order is None else order.stamp_ns

@@ -16,7 +16,7 @@ import numpy as np
 
 from crtk_drivers.braking import NEGLIGIBLE, stoppable_speed
 from crtk_drivers.device import Capabilities, Mode, Setpoint
-from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.errors import REPORT, CommandRefused, Reason
 from crtk_drivers.resolved_rate import Damping
 from crtk_drivers.samples import Array, JointState, Pose, Vector, vector
 
@@ -234,9 +234,7 @@ class SetpointLimiter:
 
     def _check_finite(self, name: str, setpoint: Setpoint, before: Vector) -> None:
         if not all(map(math.isfinite, setpoint.values.tolist())):
-            raise self._refusal(
-                name, Reason.NOT_FINITE, "a value to be sent is not finite", "Please report this."
-            )
+            raise self._refusal(name, Reason.NOT_FINITE, "a value to be sent is not finite", REPORT)
         if not all(map(math.isfinite, before.tolist())):
             raise self._refusal(
                 name,

@@ -10,7 +10,15 @@ import threading
 from collections.abc import Mapping
 
 from crtk_drivers.device import Answer, Service
-from crtk_drivers.errors import CommandRefused, CrtkError, DataTimeout, Reason, TransitionFailed
+from crtk_drivers.errors import (
+    REPORT,
+    CommandRefused,
+    CrtkError,
+    DataTimeout,
+    Reason,
+    TransitionFailed,
+    unexpected,
+)
 from crtk_drivers.procedures import close
 
 
@@ -122,10 +130,8 @@ class Requests:
         except CrtkError as error:
             self._finish(error=error)
         except Exception as error:
-            text = f"{request.name}: unexpected {type(error).__name__}: {error}"
-            self._finish(
-                error=TransitionFailed(text, where=self._where, remedy="Please report this.")
-            )
+            text = f"{request.name}: {unexpected(error)}"
+            self._finish(error=TransitionFailed(text, where=self._where, remedy=REPORT))
             raise
         else:
             if now > self._deadline:

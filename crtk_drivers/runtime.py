@@ -19,7 +19,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from crtk_drivers.engine import Engine
-from crtk_drivers.errors import ConnectionFailed, DeviceError
+from crtk_drivers.errors import REPORT, ConnectionFailed, DeviceError, unexpected
 from crtk_drivers.watchdog import Deadman
 
 logger = logging.getLogger(__name__)
@@ -171,8 +171,7 @@ class BusThread:
             self._lost(member, error.statement, error.remedy)
         except Exception as error:
             logger.exception("%s: unexpected error in the I/O thread", engine.where)
-            what = f"unexpected {type(error).__name__}: {error}"
-            self._lost(member, what, "Please report this.")
+            self._lost(member, unexpected(error), REPORT)
 
     def _open(self, member: _Member) -> None:
         # Those on the same bus that are connected must not be left alone for long.

@@ -122,13 +122,22 @@ class Stopping:
             return ""
         return f"a stop could not be read back: {self._moving} when it was last seen"
 
+    @property
+    def time(self) -> float:
+        """Seconds in which the device says that it has stopped, at the pace that it has now."""
+        return self._time / self._pace
+
+    @property
+    def _pace(self) -> float:
+        return max(self._device.pace, SLOWEST_PACE)
+
     def _begin(self, now: float) -> None:
         self._asked = self._counted = now
         self._passed = 0.0
 
     def _taken(self, now: float) -> float:
         """Return the seconds since the stop was asked for, of the hardware's own time."""
-        pace = max(self._device.pace, SLOWEST_PACE)
+        pace = self._pace
         if self._device.pace == 0.0 and self._moving:
             pace = 1.0  # nothing that was slowed down to a standstill moves
         self._passed += pace * (now - self._counted)

@@ -13,7 +13,14 @@ from dataclasses import dataclass
 
 from crtk_drivers.board import StatusBoard
 from crtk_drivers.device import Device, Steps
-from crtk_drivers.errors import CommandRefused, ConnectionLost, CrtkError, Reason
+from crtk_drivers.errors import (
+    REPORT,
+    CommandRefused,
+    ConnectionLost,
+    CrtkError,
+    Reason,
+    unexpected,
+)
 from crtk_drivers.procedures import close
 from crtk_drivers.state import (
     HOMING_COMMANDS,
@@ -232,8 +239,7 @@ class Transitions:
             return
         except Exception as error:
             logger.exception("%s: %s", self._where, running.command)
-            text = f"unexpected {type(error).__name__}: {error}"
-            self._failed(running, f"{running.command}: {text}", "Please report this.")
+            self._failed(running, f"{running.command}: {unexpected(error)}", REPORT)
             return
         if now > running.deadline:
             close(running.steps, self._where)

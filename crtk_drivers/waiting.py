@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from crtk_drivers.arbiter import Client, Order
 from crtk_drivers.board import StatusBoard
 from crtk_drivers.commands import Command
-from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.errors import REPORT, CommandRefused, Reason
 from crtk_drivers.moves import Move, Outcome
 from crtk_drivers.samples import Value
 from crtk_drivers.state import HOMING_COMMANDS, OperatingState
@@ -101,7 +101,7 @@ class WaitingMove:
             logger.exception("%s: %s", self._where, name)
             text = f"{type(error).__name__}: {error}"
             refusal = CommandRefused(
-                name, Reason.INTERNAL_ERROR, text, where=self._where, remedy="Please report this."
+                name, Reason.INTERNAL_ERROR, text, where=self._where, remedy=REPORT
             )
         refusal.stamp_ns = waiting.stamp_ns
         with self._board.lock:
