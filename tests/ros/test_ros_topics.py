@@ -306,16 +306,17 @@ def test_qos_can_be_overridden_in_a_file_of_parameters(tmp_path: Path) -> None:
         assert node.get_parameter("qos_overrides./filed/servo_jp.subscription.depth").value == 7
 
 
-def test_two_devices_do_not_share_frames() -> None:
+def test_devices_do_not_share_frames(rig: Rig) -> None:
+    expected = {f"{rig.client.namespace.strip('/')}/tool", "left/tool", "right/tool"}
     with rig_of("/left") as left, rig_of("/right") as right:
         frames = set()
-        for rig in (left, right):
-            inbox = rig.client["/tf"]
+        for each in (left, right):
+            inbox = each.client["/tf"]
             until(
                 lambda inbox=inbox: (
-                    len({m.transforms[0].child_frame_id for m in inbox.messages}) == 2
+                    len({m.transforms[0].child_frame_id for m in inbox.messages}) == len(expected)
                 ),
-                "both arms are on /tf",
+                "all arms are on /tf",
             )
             frames |= {m.transforms[0].child_frame_id for m in inbox.messages}
-        assert frames == {"left/tool", "right/tool"}
+        assert frames == expected
