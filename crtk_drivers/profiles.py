@@ -34,7 +34,10 @@ LINE_SAMPLES = 50
 """At how many points at least a line is checked before it begins."""
 
 LINE_SAMPLE_TIME = 0.02
-"""Seconds between two checked points at most."""
+"""Seconds between two checked points at most, but for lines of more than `MOST_LINE_SAMPLES`."""
+
+MOST_LINE_SAMPLES = 1000
+"""At how many points at most: one that takes days, by a tiny ratio, is no longer than one of seconds."""
 
 _SHARE_OF_SAMPLE = 0.1
 """Of the time between two checked points, around one of them, over which a speed is told."""
@@ -282,7 +285,7 @@ def check_line(
     """Go along a line in thought; return the joint position (n,) at its end.
 
     Args:
-        line: to be checked at `LINE_SAMPLES` points or more.
+        line: to be checked at `LINE_SAMPLES` to `MOST_LINE_SAMPLES` points.
         inverse_kinematics: the joint position nearest to the one given, for a pose.
         start: (n,) where the joints are.
         joints: their names.
@@ -294,7 +297,8 @@ def check_line(
     """
     if line.duration <= 0.0:
         return vector(start)  # it is there already
-    count = max(LINE_SAMPLES, math.ceil(line.duration / LINE_SAMPLE_TIME))
+    wanted = math.ceil(line.duration / LINE_SAMPLE_TIME)
+    count = min(max(LINE_SAMPLES, wanted), MOST_LINE_SAMPLES)
     lower = vector([limit.lower for limit in limits])
     upper = vector([limit.upper for limit in limits])
     velocity = vector([limit.velocity for limit in limits])

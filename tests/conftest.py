@@ -34,6 +34,7 @@ FOREIGN = (
 )
 for name in FOREIGN:
     os.environ.pop(name, None)
+os.environ.pop("UV_RUN_RECURSION_DEPTH", None)  # `crtk-driver` words its hints as it was started
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 environment.share_no_memory()  # tests kill processes, and others must not hang or crash for that

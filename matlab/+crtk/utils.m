@@ -121,6 +121,7 @@ classdef utils < handle
         function add_hold(self), self.add('hold'); end
         function add_free(self), self.add('free'); end
         function add_use_gravity_compensation(self), self.add('use_gravity_compensation'); end
+        function add_body_set_cf_orientation_absolute(self), self.add('body/set_cf_orientation_absolute'); end
         function add_trajectory_j_set_ratio(self), self.add('trajectory_j/set_ratio'); end
         function add_trajectory_j_set_ratio_v(self), self.add('trajectory_j/set_ratio_v'); end
         function add_trajectory_j_set_ratio_a(self), self.add('trajectory_j/set_ratio_a'); end

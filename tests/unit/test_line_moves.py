@@ -423,6 +423,23 @@ def test_half_of_the_velocity_takes_about_twice_as_long(options: EngineOptions |
     assert counts[1] / counts[0] == pytest.approx(2.0, abs=0.25)
 
 
+def test_a_line_that_takes_days_is_judged_as_fast_as_any(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = arm()
+    rig.engine.submit("trajectory_j/set_ratio", Number(1e-9))
+    asked = 0
+
+    def counted(pose: Pose, near: Vector) -> Vector:
+        nonlocal asked
+        asked += 1
+        assert asked <= 10_000, "the caller would wait for ever"
+        return ARM.inverse(pose, near)
+
+    monkeypatch.setattr(rig.device, "inverse_kinematics", counted)
+    assert rig.engine.submit("move_cp", moved(rig.device.pose, step(*WAY))) is not None
+    assert rig.engine.status.is_busy
+    assert asked > 100, "it was judged"
+
+
 def test_a_fourth_of_the_acceleration_takes_longer_to_speed_up() -> None:
     highest = []
     for ratio in (1.0, 0.25):
