@@ -220,6 +220,7 @@ class DeviceConfig(Settings):
             "mode_switch_dwell",
         ),
         "Moves, free drive": ("move_cp", "on_client_gone", "free_timeout"),
+        "Page for the browser": ("web", "web_port"),
     }
 
     name: str = Field(
@@ -275,6 +276,13 @@ class DeviceConfig(Settings):
         default="line",
         description="The way of move_cp and move_cr: the tool in a straight line, or the joints all at "
         "once to where inverse kinematics has the goal.",
+    )
+    web: bool = Field(
+        default=False,
+        description="Show the device on a page for a browser on this machine; the page only looks.",
+    )
+    web_port: int = Field(
+        default=8000, ge=0, le=65535, description="Port of that page at 127.0.0.1; 0: any free one."
     )
     limits: LimitsConfig = Field(default=LimitsConfig(), description="How commands are limited.")
     base: BaseConfig | None = Field(

@@ -173,6 +173,12 @@ class LocalDevice(DeviceFront):
         """The simulator behind the device, to inject faults into; None for real hardware."""
         return self._session.sim
 
+    @property
+    def page(self) -> str:
+        """Address of the page that shows the device in a browser; empty without ``web=True``."""
+        page = self._session.page
+        return "" if page is None else page.address
+
     def health(self) -> Health:
         """Return the counters: rate, late cycles, refusals by reason, ..."""
         return self._engine.health()

@@ -1,10 +1,13 @@
-"""Devices and simulators, found through entry points: a stranger's package counts as much as ours.
+"""Devices, simulators and pages for the browser, found through entry points: a stranger's package counts as much as ours.
 
     [project.entry-points."crtk_drivers.devices"]
     ur = "crtk_driver_ur:PLUGIN"               # a `DevicePlugin`
 
     [project.entry-points."crtk_drivers.sims"]
     ur = "crtk_sim_backends.ur:SIM"            # a `crtk_drivers.sims.SimPlugin`
+
+    [project.entry-points."crtk_drivers.pages"]
+    web = "crtk_sim_backends.page.device:PAGE"  # a `crtk_drivers.pages.PagePlugin`
 
 Finding imports nothing; a plugin is imported when it is asked for. One that cannot be loaded,
 whatever it does, is an entry with an `error` and leaves the others alone. The environment variable
@@ -31,11 +34,15 @@ from crtk_drivers.commands import Command
 from crtk_drivers.config import DeviceConfig, Layer, Settings, from_file, from_values, load
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError, MissingExtra, PluginError
+from crtk_drivers.pages import PagePlugin
 from crtk_drivers.placed import PlacedDevice
 from crtk_drivers.sims import RunningSim, SimPlugin
 
 DEVICES: Final = "crtk_drivers.devices"
 SIMS: Final = "crtk_drivers.sims"
+PAGES: Final = "crtk_drivers.pages"
+PAGE: Final = "web"
+"""Name of the page that shows a device."""
 ONLY: Final = "CRTK_DRIVERS_ONLY"
 """Environment variable: the names of the plugins that may be loaded, with commas; all if unset."""
 
@@ -264,6 +271,17 @@ def simulator(name: str) -> SimPlugin:
     return plugin
 
 
+def page() -> PagePlugin:
+    """Return the plugin that shows devices in the browser.
+
+    Raises:
+        PluginError: there is none, or it is broken.
+        MissingExtra: a library of an extra is not installed.
+    """
+    plugin: PagePlugin = _find(_entries(PAGES), PAGE, "page").plugin
+    return plugin
+
+
 def _find(entries: Mapping[str, PluginEntry], name: str, what: str) -> PluginEntry:
     if name in entries:
         return entries[name]
@@ -338,7 +356,18 @@ def _check_sim(plugin: Any, name: str) -> None:
         raise ValueError(f"it calls itself {plugin.name!r}, but its entry point {name!r}")
 
 
-_CHECKS: Mapping[str, Callable[[Any, str], None]] = {DEVICES: _check_device, SIMS: _check_sim}
+def _check_page(plugin: Any, name: str) -> None:
+    if not isinstance(plugin, PagePlugin):
+        raise TypeError(f"it is no page: {type(plugin).__name__}")
+    if plugin.name != name:
+        raise ValueError(f"it calls itself {plugin.name!r}, but its entry point {name!r}")
+
+
+_CHECKS: Mapping[str, Callable[[Any, str], None]] = {
+    DEVICES: _check_device,
+    SIMS: _check_sim,
+    PAGES: _check_page,
+}
 
 
 _EXTRA_REQUIREMENT = re.compile(r"^([A-Za-z0-9._-]+).*;.*extra\s*==\s*['\"]([^'\"]+)['\"]")

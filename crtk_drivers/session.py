@@ -6,25 +6,28 @@ Both fronts, plain Python and ROS, stand on a session.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, Self
 
-from crtk_drivers import plugins
+from crtk_drivers import pages, plugins
 from crtk_drivers.config import DeviceConfig, from_values
 from crtk_drivers.engine import Engine, EngineOptions
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.limits import LimitPolicy
+from crtk_drivers.pages import RunningPage
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.runtime import Runtime
+from crtk_drivers.scene import DeviceScene
 from crtk_drivers.sims import RunningSim, start
 
 
 class Session:
-    """Owns simulator, runtime and engines of one device. Nothing runs before `start`.
+    """Owns simulator, runtime, engines and page of one device. No thread of it runs before `start`.
 
     Attributes:
         engine: of the device.
+        page: that shows it in a browser; None if the configuration wants none.
         children: of the devices behind it, by the name of their sub-namespace.
     """
 
@@ -41,6 +44,7 @@ class Session:
             child: Engine(behind, f"{name}/{child}", options)
             for child, behind in device.children.items()
         }
+        self.page: RunningPage | None = None
         self._runtime = Runtime((engine, config.open_timeout) for engine in self.engines)
 
     @property
@@ -48,17 +52,29 @@ class Session:
         """All of them, that of the device first."""
         return (self.engine, *self.children.values())
 
+    def open_page(self) -> None:
+        """Serve the page, if the configuration wants it.
+
+        Raises:
+            PluginError: no package that brings it is installed.
+            ConnectionFailed: it did not start, as its port is in use.
+        """
+        if self.config.web:
+            detail = "simulated" if self.sim else "CRTK device"
+            scene = DeviceScene(self.engine, self.children, detail)
+            self.page = pages.start(plugins.page(), scene, self.config.web_port)
+
     def start(self) -> None:
         """Start the threads; the device is opened by them."""
         self._runtime.start()
 
     def close(self, timeout: float = 1.5) -> None:
-        """Leave the device holding, end the threads, stop the simulator. May be called twice."""
-        try:
+        """Leave the device holding, end the threads, the page and the simulator. May be called twice."""
+        with ExitStack() as stack:
+            for other in (self.sim, self.page):
+                if other is not None:
+                    stack.callback(other.stop)
             self._runtime.close(timeout)
-        finally:
-            if self.sim is not None:
-                self.sim.stop()
 
     def __enter__(self) -> Self:
         self.start()
@@ -102,7 +118,7 @@ def open_session(
     sim: bool = False,
     sim_options: Mapping[str, Any] | None = None,
 ) -> Session:
-    """Return a session for `device`, not yet started; with `sim`, its simulator is running.
+    """Return a session for `device`, not yet started; its simulator and its page, if wanted, are running.
 
     Args:
         device: the name of a plugin.
@@ -111,20 +127,24 @@ def open_session(
         sim_options: for the simulator, over those that suit the configuration.
 
     Raises:
-        PluginError, MissingExtra: no such device, or a library of it is missing.
+        PluginError, MissingExtra: no such device or page, or a library of it is missing.
         ConfigError: `sim` for a device without a simulator, or a wrong option for it.
-        ConnectionFailed: the simulator did not start.
+        ConnectionFailed: the simulator or the page did not start.
     """
     plugin = plugins.device(device)
     if not sim:
         plugin.check_real(config)
-        return Session(plugin, config)
+        session = Session(plugin, config)
+        session.open_page()
+        return session
     running = _start_sim(plugin, config, sim_options)
     try:
-        return Session(plugin, plugin.sim_config(config, running), running)
+        session = Session(plugin, plugin.sim_config(config, running), running)
+        session.open_page()
     except BaseException:
         running.stop()
         raise
+    return session
 
 
 @contextmanager

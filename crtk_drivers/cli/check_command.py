@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from crtk_drivers import plugins
-from crtk_drivers.cli.counter_groups import grouped
+from crtk_drivers.counter_groups import grouped
 from crtk_drivers.cli.launch import Launch, launch_of, launch_options
 from crtk_drivers.cli.options import make_command
 from crtk_drivers.cli.plugin_group import PluginGroup, Source

@@ -128,6 +128,8 @@ def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequenc
     if log_format is LogFormat.TEXT:
         _tell_page(session.sim)
     engine = session.engine
+    if session.page is not None:
+        logger.info("%s: page: %s", engine.name, session.page.address)
     live = ERR.is_terminal and log_format is LogFormat.TEXT
     with StatusLine(
         ERR, f"{engine.name} {namespace}", lambda: (engine.status, engine.health()), live=live

@@ -44,13 +44,16 @@ class AddressInUseError(SimStartError):
     """A port of the address is held by somebody else."""
 
 
-def listen(host: str, port: int, name: str) -> socket.socket:
+def listen(
+    host: str, port: int, name: str, way_out: str = "choose another 127.x.y.z address"
+) -> socket.socket:
     """Open a non-blocking listening socket.
 
     Args:
         host: address to bind; the caller keeps to loopback addresses.
         port: TCP port, 0 for any free one.
         name: what the port is for, for the error message.
+        way_out: what else can be done when the port is in use.
 
     Raises:
         AddressInUseError: when another process holds the port.
@@ -67,7 +70,7 @@ def listen(host: str, port: int, name: str) -> socket.socket:
             raise AddressInUseError(
                 f"cannot bind the {name} port {host}:{port}: it is in use, perhaps by another "
                 f"simulator or a vendor simulator that binds every address; `ss -ltnp 'sport = "
-                f":{port}'` names the process. Stop it, or choose another 127.x.y.z address."
+                f":{port}'` names the process. Stop it, or {way_out}."
             ) from error
         if error.errno == errno.EACCES:
             raise SimStartError(
@@ -222,10 +225,12 @@ class RunningSim:
         self.stop()
 
 
-def spawn(module: str, arguments: Sequence[str], timeout: float = 15.0) -> RunningSim:
+def spawn(
+    module: str, arguments: Sequence[str], timeout: float = 15.0, pass_fds: Sequence[int] = ()
+) -> RunningSim:
     """Start the simulator `module` (``python -m module``) and wait until its ports are bound.
 
-    The process finds the same packages as this one, and ends when this one dies.
+    The process finds the same packages as this one, has the files `pass_fds`, and ends when this one dies.
 
     Raises:
         SimStartError: with the reason that the child gave, or when it said nothing in `timeout`.
@@ -246,7 +251,7 @@ def spawn(module: str, arguments: Sequence[str], timeout: float = 15.0) -> Runni
         process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
-            pass_fds=(ready_write, life_read),
+            pass_fds=(ready_write, life_read, *pass_fds),
             start_new_session=True,  # Ctrl-C is for the client, which stops the simulator last
         )
     except OSError as error:

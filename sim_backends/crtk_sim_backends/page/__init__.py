@@ -3,7 +3,8 @@
 Every simulator has the same page. It answers two requests on its control socket: ``scene`` (once) with what
 does not change, a :class:`Scene`, and ``live`` (thirty times a second, while a browser watches) with what
 does, a :class:`Live`. Both are plain dictionaries, since the second is made in the simulator's loop. Gauges
-are in the units that they name; a chain is in m and rad.
+are in the units that they name; a chain is in m and rad. A device has the same page
+(:mod:`crtk_sim_backends.page.device`), without buttons.
 """
 
 from __future__ import annotations
@@ -60,11 +61,12 @@ class Scene(TypedDict):
 
 
 class Gauge(TypedDict):
-    """A value between its limits; None for no limit."""
+    """A value between its limits; None for no limit: then its scale ends at `span`, by default 360."""
 
     name: str
     low: float | None
     high: float | None
+    span: NotRequired[float]
     value: float
     goal: NotRequired[float | None]
     rate: NotRequired[float]

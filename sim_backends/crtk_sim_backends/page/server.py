@@ -1,13 +1,14 @@
-"""The server of a simulator's page: on its loopback address, in a process of its own.
+"""The server of a page: on a loopback address, in a process of its own.
 
 ``python -m crtk_sim_backends.page 127.0.0.2:40001 --port 8000`` serves that of the simulator with that
-control port; the simulator's option `web` starts it. The files are in ``files/``; what changes comes as
-server-sent events. The simulator is asked for it only while a browser shows it.
+control port; the simulator's option `web` starts it. That of a device is started by
+:mod:`crtk_sim_backends.page.device`. The files are in ``files/``; what changes comes as server-sent events.
+The simulator, or the driver, is asked for it only while a browser shows it.
 
 Only requests that name this server's own address are answered: no page of somebody else that is open in the
 same browser can read it. What changes the simulator needs the token of its control socket as well, which is
 in the fragment of the address that the simulator tells (:func:`crtk_sim_backends.page.address_of`), and so
-in no request for the page and in no log.
+in no request for the page and in no log. The page of a device changes nothing.
 """
 
 from __future__ import annotations
@@ -26,16 +27,16 @@ from functools import cache
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
+from multiprocessing.connection import Connection
 from typing import Any, Final
 
 from crtk_sim_backends.command_line import stopped_by_signals
-from crtk_sim_backends.control import ControlClient, ControlError, ControlRefused, token
+from crtk_sim_backends.control import ControlError, ControlRefused
 from crtk_sim_backends.page import address_of
+from crtk_sim_backends.page.source import PipeSource, SimulatorSource, Source
 from crtk_sim_backends.process import Readiness, SimStartError, listen
-from crtk_sim_backends.watching import NICENESS, Life, address, pictures
+from crtk_sim_backends.watching import NICENESS, Life, address
 
-REQUESTS: Final = ("scene", "live")
-"""On the control socket: what does not change, and what does."""
 PERIOD: Final = 1 / 30
 """Seconds from one picture to the next."""
 HTTP_PORT: Final = 80
@@ -55,6 +56,7 @@ _FILES: Final = {
     "/chart.js": ("chart.js", "text/javascript; charset=utf-8"),
     "/view.js": ("view.js", "text/javascript; charset=utf-8"),
 }
+_CHANGES: Final = {"/inject": "inject", "/clear": "clear"}
 _HEADERS: Final = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'self'; style-src 'unsafe-inline'; img-src data:",
@@ -87,7 +89,7 @@ def _finite(value: Any) -> Any:
 
 
 class PageServer(ThreadingHTTPServer):
-    """Serves the page of the simulator with that control socket.
+    """Serves a page.
 
     Raises:
         SimStartError: the port cannot be bound.
@@ -96,15 +98,14 @@ class PageServer(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
 
-    def __init__(self, host: str, port: int, control: tuple[str, int], life: Life) -> None:
+    def __init__(self, host: str, port: int, source: Source, life: Life) -> None:
         super().__init__((host, port), _Request, bind_and_activate=False)
         self.socket.close()
-        self.socket = listen(host, port, "web")
+        self.socket = listen(host, port, "web", "choose another one with web_port (0: any free one)")
         self.socket.setblocking(True)  # for `handle_request`, which waits for it
         self.server_address = self.socket.getsockname()
         self.timeout = _POLL
-        self.control = control
-        self.secret = token()
+        self.source = source
         self.life = life
         self.watchers = threading.BoundedSemaphore(WATCHERS)
 
@@ -165,8 +166,7 @@ class _Request(BaseHTTPRequestHandler):
             name, kind = _FILES[self.path]
             self._send(page(name), kind)
         elif self.path == "/scene.json":
-            with ControlClient(*self.server.control) as control:
-                self._send(json_of(control.call("scene")), "application/json")
+            self._send(json_of(self.server.source.scene()), "application/json")
         elif self.path == "/events":
             self._send_events()
         else:
@@ -188,7 +188,7 @@ class _Request(BaseHTTPRequestHandler):
             raise _Refused(HTTPStatus.SERVICE_UNAVAILABLE, f"{WATCHERS} browsers watch already")
         try:
             self._begin("text/event-stream")
-            for _, live in pictures(self.server.control, REQUESTS, PERIOD, self._wait):
+            for live in self.server.source.pictures(PERIOD, self._wait):
                 self.wfile.write(b"data: " + json_of(live) + b"\n\n")
         except ControlRefused as error:
             log.warning("the page shows nothing: %s", error)
@@ -204,22 +204,21 @@ class _Request(BaseHTTPRequestHandler):
     def _post(self) -> None:
         self._check_token()
         request = self._read_request()
-        with ControlClient(*self.server.control) as control:
-            try:
-                if self.path == "/inject":
-                    control.call("inject", **request)
-                elif self.path == "/clear":
-                    control.call("clear", **request)
-                else:
-                    raise _Refused(HTTPStatus.NOT_FOUND, f"there is no {self.path}")
-            except ControlError as error:
-                raise _Refused(HTTPStatus.BAD_REQUEST, str(error)) from error
+        if self.path not in _CHANGES:
+            raise _Refused(HTTPStatus.NOT_FOUND, f"there is no {self.path}")
+        try:
+            self.server.source.change(_CHANGES[self.path], request)
+        except ControlError as error:
+            raise _Refused(HTTPStatus.BAD_REQUEST, str(error)) from error
         self._send(b"{}", "application/json")
 
     def _check_token(self) -> None:
+        secret = self.server.source.secret
+        if secret is None:
+            raise _Refused(HTTPStatus.METHOD_NOT_ALLOWED, "this page only looks")
         kind, _, given = self.headers.get("Authorization", "").partition(" ")
         given_token = given.encode("utf-8", "surrogatepass")
-        if kind != "Bearer" or not hmac.compare_digest(given_token, self.server.secret.encode()):
+        if kind != "Bearer" or not hmac.compare_digest(given_token, secret.encode()):
             raise _Refused(
                 HTTPStatus.UNAUTHORIZED,
                 "nothing is changed without the simulator's token: open the page by the address that it told",
@@ -244,18 +243,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Serve the page of the simulator that the command line names; 1 when the port cannot be bound."""
     parser = argparse.ArgumentParser(prog="python -m crtk_sim_backends.page")
     parser.description = "The page of a simulator for the browser."
-    parser.add_argument("control", type=address, help="its control socket, HOST:PORT")
+    parser.add_argument(
+        "control", type=address, nargs="?", help="its control socket, HOST:PORT; needed"
+    )
     parser.add_argument("--port", type=int, default=0, help="port of the page; 0: any free one")
-    for pipe in ("--ready-fd", "--parent-fd"):
+    parser.add_argument("--host", default="127.0.0.1", help=argparse.SUPPRESS)
+    for pipe in ("--pipe-fd", "--ready-fd", "--parent-fd"):
         parser.add_argument(pipe, type=int, default=None, help=argparse.SUPPRESS)
     given: Any = parser.parse_args(arguments)
+    if (given.control is None) is (given.pipe_fd is None):
+        parser.error("name the simulator by its control socket, HOST:PORT")
     logging.basicConfig(format="%(name)s: %(message)s")
     os.nice(NICENESS)
     readiness = Readiness(given.ready_fd, given.parent_fd)
     life = Life(given.parent_fd)
-    host = given.control[0]
     try:
-        server = PageServer(host, given.port, given.control, life)
+        source: Source
+        if given.control is None:
+            host, source = given.host, PipeSource(Connection(given.pipe_fd))
+        else:
+            host, source = given.control[0], SimulatorSource(given.control)
+        server = PageServer(host, given.port, source, life)
     except (ControlError, SimStartError) as error:
         readiness.tell(error=str(error))
         if given.parent_fd is None:

@@ -4,6 +4,9 @@ const SPAN = 10; // s
 const LEAST = 0.02; // of the range, that a strip shows
 const PAD = 6; // pixels
 
+// Where the scale of a gauge begins and ends.
+export const ends = ({ low, high, span = 360 }) => [low ?? -span, high ?? span];
+
 export class Chart {
   constructor(canvas) {
     this.canvas = canvas;
@@ -37,7 +40,7 @@ export class Chart {
     const colour = (name) => style.getPropertyValue(`--${name}`);
     const values = samples.flatMap(([, all]) => all[g] ?? []).filter((value) => value !== null);
     if (!values.length) return;
-    const range = Math.max(...gauges.map(({ low, high }) => (high ?? 360) - (low ?? -360)));
+    const range = Math.max(...gauges.map(ends).map(([from, to]) => to - from));
     let [low, high] = [Math.min(...values), Math.max(...values)];
     const short = (LEAST * range - (high - low)) / 2;
     if (short > 0) [low, high] = [low - short, high + short];

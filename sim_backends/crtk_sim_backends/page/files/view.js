@@ -1,7 +1,7 @@
-// The page of a simulator: what it told to show (scene.json), what it tells all the time (events), its faults.
+// The page of a simulator or a device: what it told to show (scene.json), what it tells all the time (events), its faults.
 
 import { ArmPicture } from "./arm.js";
-import { Chart } from "./chart.js";
+import { Chart, ends } from "./chart.js";
 
 const NEAR = 0.03; // of a range, from its end: where a value is marked
 const $ = (id) => document.getElementById(id);
@@ -82,8 +82,9 @@ function place(element, share) {
   if (share !== null) element.style.left = `${100 * Math.max(0, Math.min(1, share))}%`;
 }
 
-function tellGauge(id, { low, high, value, goal = null, rate, state }, digits) {
-  const [from, to] = [low ?? -360, high ?? 360];
+function tellGauge(id, gauge, digits) {
+  const { low, high, value, goal = null, rate, state } = gauge;
+  const [from, to] = ends(gauge);
   const share = (at) => (at === null ? null : (at - from) / (to - from));
   const limited = low !== null || high !== null;
   const at = share(value);
@@ -118,7 +119,7 @@ function tell(live) {
     each.ariaPressed = String(live.faults.includes(each.dataset.kind));
   }
   chart?.show(live.gauges);
-  if (picture && live.q.every((value) => value !== null)) picture.show(live.q, live.tool);
+  if (picture && live.q?.every((value) => value !== null)) picture.show(live.q, live.tool);
 }
 
 function connected(text, level) {
@@ -179,7 +180,8 @@ async function begin() {
   scene = await (await fetch("/scene.json")).json();
   document.title = `${scene.title} at ${scene.host}`;
   $("title").textContent = scene.title;
-  $("detail").textContent = `simulated, ${scene.detail}, at ${scene.host}`;
+  $("detail").textContent = `${scene.detail}, at ${scene.host}`;
+  $("faults").hidden = !scene.buttons.length;
   $("picture").hidden = !scene.chain;
   $("large").hidden = Boolean(scene.chain);
   if (scene.chain) {
