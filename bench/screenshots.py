@@ -36,7 +36,7 @@ WATCHED: Final = 8.0
 
 @dataclass(frozen=True)
 class Shot:
-    """One picture: its file, what is shown, its size in pixels, options of the simulator."""
+    """One picture: its file, what is shown, its size in pixels, options of the simulator or the device."""
 
     name: str
     device: str
@@ -64,23 +64,34 @@ SHOTS: Final = (
             "sine:axis=4,amplitude=1,frequency=0.5"
         },
     ),
+    Shot(
+        "virtual_arm",
+        "virtual",
+        (1000, 600),
+        {"model": "seven_axis"},
+        swing=(0.9, 0.35, -0.5, -0.3, 0.4, 0.3, 1.0),
+    ),
     Shot("can_hub", "can", (1000, 420), {"bitrate": 500_000}),
 )
 
 
 @contextmanager
 def shown(shot: Shot) -> Iterator[str]:
-    """Let a simulator run and move, and yield the address of its page."""
+    """Let a simulator or a device run and move, and yield the address of its page."""
     options = {"web": True, "web_port": 0, "host": HOST, **shot.options}
     if shot.device == "can":
         with CAN.spawn(**options) as bus:
             bus.control.inject("babbling", rate=800.0)
             yield page_of(bus)
         return
-    with crtk_drivers.connect(shot.device, sim=True, sim_options=options) as device:
+    if shot.device == "virtual":
+        settings: dict[str, Any] = {"web": True, "web_port": 0, **shot.options}
+    else:
+        settings = {"sim": True, "sim_options": options}
+    with crtk_drivers.connect(shot.device, **settings) as device:
         device.enable()
         with swinging(device, shot.swing):
-            yield page_of(device.sim)
+            yield device.page or page_of(device.sim)
 
 
 def page_of(sim: Any) -> str:
@@ -101,7 +112,9 @@ def swinging(device: Any, swing: Sequence[float]) -> Iterator[None]:
 
     def swings() -> None:
         start, way = device.setpoint_jp(), np.array(swing)
-        goals = [start + way, start + way * (1, -1, 1, 1, 1, 1), start - way]
+        other_way = way.copy()
+        other_way[1] = -way[1]
+        goals = [start + way, start + other_way, start - way]
         while not over.is_set():
             for goal in goals:
                 if over.is_set():

@@ -66,6 +66,4 @@ def start(plugin: PagePlugin, shown: Shown, port: int) -> RunningPage:
     try:
         return plugin.serve(shown, port)
     except RuntimeError as error:
-        raise ConnectionFailed(
-            f"the page did not start: {error}", where=f"page {plugin.name}"
-        ) from error
+        raise ConnectionFailed(f"the page did not start: {error}") from error

@@ -1,4 +1,4 @@
-"""Devices, simulators and pages for the browser, found through entry points: a stranger's package counts as much as ours.
+"""Devices, simulators and pages, found through entry points: a stranger's package counts as much as ours.
 
     [project.entry-points."crtk_drivers.devices"]
     ur = "crtk_driver_ur:PLUGIN"               # a `DevicePlugin`

@@ -41,25 +41,24 @@ _STATES: Final = {
 _SEVERITIES: Final = {Severity.INFO: "", Severity.WARNING: "fair", Severity.ERROR: "bad"}
 _NOTES: Final = {
     "cycles": "Of the thread that talks to the hardware. Late: more than twice as long as they should be.",
-    "sample age": "Of what is shown: the time since the hardware was read.",
 }
 
 
 @dataclass(frozen=True)
 class _Unit:
-    """How joints of one kind are shown: `scale` of SI units, `span` to both sides where there is no limit."""
+    """How joints of one kind are shown: `scale` of SI units; `span` of gauges without limit."""
 
     title: str
     name: str
     rate: str
     effort: str
     scale: float
-    span: float
+    span: float | None
     digits: int
 
 
 _UNITS: Final = {
-    JointKind.REVOLUTE: _Unit("Joints", "deg", "deg/s", "N·m", 180.0 / math.pi, 360.0, 2),
+    JointKind.REVOLUTE: _Unit("Joints", "deg", "deg/s", "N·m", 180.0 / math.pi, None, 2),
     JointKind.PRISMATIC: _Unit("Sliding joints", "mm", "mm/s", "N", 1e3, 1e3, 2),
     None: _Unit("Joints", "rad (m)", "rad/s (m/s)", "N·m (N)", 1.0, 2.0 * math.pi, 4),
 }
@@ -88,7 +87,9 @@ class DeviceScene:
             "detail": self._detail,
             "host": self._engine.device.address,
             "buttons": (),
-            "notes": {f"{view.prefix}{name}": _NOTES[name] for view in self._views for name in _NOTES},
+            "notes": {
+                f"{view.prefix}{name}": _NOTES[name] for view in self._views for name in _NOTES
+            },
             "chain": None
             if chain is None
             else {"joints": [_numbers(each) for each in chain.joints], "tip": _numbers(chain.tip)},
@@ -155,7 +156,7 @@ class _EngineView:
                 if each is not kind:
                     continue
                 gauge: Found = {
-                    "name": names[index],
+                    "name": names[index].removesuffix("_joint"),
                     **_ends(limits[index], unit),
                     "value": unit.scale * position[index],
                     "goal": unit.scale * goals[index] if goals else None,
@@ -192,7 +193,14 @@ class _EngineView:
             "rate": "",
             "digits": digits,
             "gauges": [
-                {"name": axis, "low": None, "high": None, "span": span, "value": value, "state": state}
+                {
+                    "name": axis,
+                    "low": None,
+                    "high": None,
+                    "span": span,
+                    "value": value,
+                    "state": state,
+                }
                 for axis, value in zip(_AXES, values, strict=True)
             ],
         }
@@ -295,7 +303,8 @@ def _ends(limits: JointLimits, unit: _Unit) -> Found:
     low, high = (
         unit.scale * end if math.isfinite(end) else None for end in (limits.lower, limits.upper)
     )
-    return {"low": low, "high": high, "span": unit.span}
+    is_scaled = unit.span is not None and None in (low, high)
+    return {"low": low, "high": high} | ({"span": unit.span} if is_scaled else {})
 
 
 def _validity(stamp: Stamp) -> tuple[str, str]:
@@ -307,7 +316,9 @@ def _round_up(value: float) -> float:
     if value <= 0.0:
         return 0.0
     power = 10.0 ** math.floor(math.log10(value))
-    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if value <= step * power * (1 + 1e-9))
+    return next(
+        step * power for step in (1.0, 2.0, 5.0, 10.0) if value <= step * power * (1 + 1e-9)
+    )
 
 
 def _numbers(transform: Array) -> list[float]:

@@ -61,7 +61,7 @@ class Scene(TypedDict):
 
 
 class Gauge(TypedDict):
-    """A value between its limits; None for no limit: then its scale ends at `span`, by default 360."""
+    """A value between its limits; None for no limit: its scale ends at `span`, or at 360 unnamed."""
 
     name: str
     low: float | None

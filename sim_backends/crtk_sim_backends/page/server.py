@@ -101,7 +101,9 @@ class PageServer(ThreadingHTTPServer):
     def __init__(self, host: str, port: int, source: Source, life: Life) -> None:
         super().__init__((host, port), _Request, bind_and_activate=False)
         self.socket.close()
-        self.socket = listen(host, port, "web", "choose another one with web_port (0: any free one)")
+        self.socket = listen(
+            host, port, "web", "choose another one with web_port (0: any free one)"
+        )
         self.socket.setblocking(True)  # for `handle_request`, which waits for it
         self.server_address = self.socket.getsockname()
         self.timeout = _POLL

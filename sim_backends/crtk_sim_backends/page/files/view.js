@@ -25,7 +25,7 @@ function set(id, text, level = "") {
 }
 
 const number = (value, digits) => (value === null ? "not finite" : value.toFixed(digits));
-const end = (value) => (value === null ? "no limit" : `${+value.toFixed(1)}`);
+const end = (value) => (value === undefined ? "no limit" : `${+value.toFixed(1)}`);
 
 // What is there, made anew only when it changes
 
@@ -83,7 +83,7 @@ function place(element, share) {
 }
 
 function tellGauge(id, gauge, digits) {
-  const { low, high, value, goal = null, rate, state } = gauge;
+  const { low, high, span, value, goal = null, rate, state } = gauge;
   const [from, to] = ends(gauge);
   const share = (at) => (at === null ? null : (at - from) / (to - from));
   const limited = low !== null || high !== null;
@@ -95,8 +95,8 @@ function tellGauge(id, gauge, digits) {
   const [left, right] = [Math.min(at, share(0)), Math.max(at, share(0))].map((x) => Math.max(0, Math.min(1, x)));
   Object.assign($(`${id}-fill`).style, { left: `${100 * left}%`, width: `${100 * (right - left)}%` });
   $(`${id}-mark`).dataset.level = close ? "bad" : "";
-  set(`${id}-low`, end(low));
-  set(`${id}-high`, end(high));
+  set(`${id}-low`, end(low ?? (span && -span)));
+  set(`${id}-high`, end(high ?? span));
   set(`${id}-state`, state?.[0] ?? "", state?.[1] ?? "");
   set(`${id}-value`, number(value, digits), close || value === null ? "bad" : "");
   set(`${id}-rate`, rate === undefined ? "" : number(rate, 1));

@@ -1,0 +1,43 @@
+"""`crtk-driver <device> --web`: the page is told, served while the driver runs, and ends with it."""
+
+import http.client
+import json
+import signal
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = pytest.mark.ros
+
+LONG = 30.0
+MAIN = "import sys; from crtk_drivers.cli import main; sys.exit(main())"
+
+
+def test_the_page_of_a_driver_is_told_and_ends_with_it() -> None:
+    command = [sys.executable, "-c", MAIN, "loopback", "--ns", "/paged", "--web", "--web-port", "0"]
+    with subprocess.Popen(
+        [*command, "--log-format", "json"], stderr=subprocess.PIPE, text=True
+    ) as it:
+        try:
+            assert it.stderr is not None
+            records = []
+            address = ""
+            for line in it.stderr:
+                records.append(json.loads(line)["message"])
+                if "page: http://" in records[-1]:
+                    address = records[-1].partition("page: http://")[2].rstrip("/")
+                if "in another terminal" in records[-1]:
+                    break
+            assert address, records
+            page = http.client.HTTPConnection(address, timeout=LONG)
+            page.request("GET", "/scene.json")
+            assert json.loads(page.getresponse().read())["title"] == "loopback"
+            page.close()
+            it.send_signal(signal.SIGINT)
+            assert it.wait(LONG) == 0
+            with pytest.raises(ConnectionRefusedError):
+                page.request("GET", "/")
+        finally:
+            it.kill()
