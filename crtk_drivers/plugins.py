@@ -249,6 +249,11 @@ def sims() -> Mapping[str, PluginEntry]:
     return _entries(SIMS)
 
 
+def pages() -> Mapping[str, PluginEntry]:
+    """Return the pages for the browser by name, none of them imported yet."""
+    return _entries(PAGES)
+
+
 def device(name: str) -> DevicePlugin:
     """Return a device plugin.
 
@@ -278,7 +283,7 @@ def page() -> PagePlugin:
         PluginError: there is none, or it is broken.
         MissingExtra: a library of an extra is not installed.
     """
-    plugin: PagePlugin = _find(_entries(PAGES), PAGE, "page").plugin
+    plugin: PagePlugin = _find(pages(), PAGE, "page").plugin
     return plugin
 
 
@@ -358,7 +363,8 @@ def _check_sim(plugin: Any, name: str) -> None:
 
 def _check_page(plugin: Any, name: str) -> None:
     if not isinstance(plugin, PagePlugin):
-        raise TypeError(f"it is no page: {type(plugin).__name__}")
+        lacks = [part for part in ("name", "summary", "serve") if not hasattr(plugin, part)]
+        raise TypeError(f"it is no page: it lacks {', '.join(lacks)}")
     if plugin.name != name:
         raise ValueError(f"it calls itself {plugin.name!r}, but its entry point {name!r}")
 

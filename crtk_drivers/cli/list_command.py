@@ -1,4 +1,4 @@
-"""``crtk-driver list``: which devices and simulators there are, and whether they can be used."""
+"""``crtk-driver list``: which devices, simulators and pages there are, and whether they can be used."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from crtk_drivers.cli.terminal import OUT, sentence
 from crtk_drivers.commands import Command, Level
 from crtk_drivers.plugins import PluginEntry
 
+_KINDS = {plugins.DEVICES: "device", plugins.SIMS: "simulator", plugins.PAGES: "page"}
+
 
 def list_plugins(name: str | None) -> int:
     """Print all plugins, or all that is known of those of one name.
@@ -27,8 +29,10 @@ def list_plugins(name: str | None) -> int:
     if name is None:
         _print_group("Devices", plugins.devices())
         _print_group("Simulators", plugins.sims())
+        _print_group("Pages for the browser", plugins.pages())
         return 0
-    entries = [group[name] for group in (plugins.devices(), plugins.sims()) if name in group]
+    groups = (plugins.devices(), plugins.sims(), plugins.pages())
+    entries = [group[name] for group in groups if name in group]
     if not entries:
         plugins.device(name)
     for entry in entries:
@@ -118,7 +122,7 @@ def _joined(level: Level, names: Iterable[str]) -> str:
 
 
 def _describe(entry: PluginEntry) -> None:
-    kind = "device" if _is_device(entry) else "simulator"
+    kind = _KINDS[entry.entry_point.group]
     heading = Text.assemble((entry.name, "bold cyan"), f"  {kind}  ", _status(entry))
     OUT.print(heading.append(f"  {_package(entry)}  {entry.entry_point.value}", "dim"))
     if entry.error:

@@ -42,6 +42,8 @@ simulated = tooled_device:SIMULATED
 bad = no_such_module:PLUGIN
 [crtk_drivers.sims]
 ur = crtk_sim_backends.ur:SIM
+[crtk_drivers.pages]
+web = crtk_sim_backends.page.device:PAGE
 """
 
 TOOLED = """
@@ -184,11 +186,14 @@ def test_list(capsys: Capture) -> None:
     assert re.search(r"bad +broken", text)
     assert "No module named 'no_such_module'" in text
     assert re.search(r"Simulators\s+ur +ok", text)
+    assert re.search(r"Pages for the browser\s+web +ok", text)
 
 
 def test_list_of_one_shows_commands_or_the_traceback(capsys: Capture) -> None:
     assert main(["list", "loopback"]) == 0
     assert re.search(r"servo_jv +rad/s or m/s +direct real-time", capsys.readouterr().out)
+    assert main(["list", "web"]) == 0
+    assert re.search(r"web +page +ok .*\s+Shows a device", capsys.readouterr().out)
     assert main(["list", "bad"]) == 1
     assert "Traceback (most recent call last)" in capsys.readouterr().out
 

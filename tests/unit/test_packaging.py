@@ -25,6 +25,7 @@ PACKAGES = ("crtk_drivers", "crtk_driver_ur", "crtk_driver_virtual", "crtk_sim_b
         ("crtk_drivers.devices", "ur", "crtk_driver_ur:PLUGIN"),
         ("crtk_drivers.devices", "virtual", "crtk_driver_virtual:PLUGIN"),
         ("crtk_drivers.sims", "ur", "crtk_sim_backends.ur:SIM"),
+        ("crtk_drivers.pages", "web", "crtk_sim_backends.page.device:PAGE"),
     ],
 )
 def test_a_built_in_driver_is_an_entry_point_as_a_strangers_is(

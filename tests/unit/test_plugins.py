@@ -45,6 +45,7 @@ class Site:
         modules: Mapping[str, str],
         devices: Mapping[str, str] | None = None,
         sims: Mapping[str, str] | None = None,
+        pages: Mapping[str, str] | None = None,
         requires: str = "",
     ) -> None:
         for module, text in modules.items():
@@ -55,7 +56,11 @@ class Site:
         (info / "METADATA").write_text(
             f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.2\n{requires}"
         )
-        groups = {plugins.DEVICES: devices or {}, plugins.SIMS: sims or {}}
+        groups = {
+            plugins.DEVICES: devices or {},
+            plugins.SIMS: sims or {},
+            plugins.PAGES: pages or {},
+        }
         (info / "entry_points.txt").write_text(
             "".join(
                 f"[{group}]\n" + "".join(f"{key} = {value}\n" for key, value in entries.items())
@@ -198,3 +203,9 @@ def test_what_is_no_simulator(site: Site) -> None:
     site.install("toys", {"toys": "class SIM:\n    name = 'toy'"}, sims={"toy": "toys:SIM"})
     with pytest.raises(PluginError, match="it lacks summary, Config, spawn"):
         plugins.simulator("toy")
+
+
+def test_what_is_no_page(site: Site) -> None:
+    site.install("toys", {"toys": "class PAGE:\n    name = 'toy'"}, pages={"toy": "toys:PAGE"})
+    assert "it lacks summary, serve" in str(plugins.pages()["toy"].error)
+    assert plugins.page().name == "web", "which is ours, and sound"
