@@ -425,6 +425,18 @@ def test_the_arm_is_drawn_without_buttons(browser: Browser, arm: LocalDevice) ->
     assert browser.problems == []
 
 
+def test_a_browser_is_told_why_there_is_nothing_to_see(
+    browser: Browser, counted: tuple[Counted, str]
+) -> None:
+    shown, address = counted
+    shown.failure = "no picture today"
+    browser.call("Page.navigate", url=address)
+    browser.until(
+        "document.getElementById('link')?.textContent === 'ZeroDivisionError: no picture today'"
+    )
+    browser.problems.clear()  # the answer was an error
+
+
 def test_without_a_chain_gauges_take_its_place(browser: Browser, gantry: LocalDevice) -> None:
     browser.open(gantry.page)
     browser.until("document.querySelectorAll('#gauges .gauge').length === 4")

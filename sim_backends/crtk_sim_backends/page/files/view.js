@@ -177,7 +177,9 @@ function makeButtons() {
 }
 
 async function begin() {
-  scene = await (await fetch("/scene.json")).json();
+  const answer = await fetch("/scene.json");
+  if (!answer.ok) return connected(await answer.text(), "bad");
+  scene = await answer.json();
   document.title = `${scene.title} at ${scene.host}`;
   $("title").textContent = scene.title;
   $("detail").textContent = `${scene.detail}, at ${scene.host}`;
