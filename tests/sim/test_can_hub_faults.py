@@ -1,6 +1,7 @@
 """Faults of the bus and of interfaces, as clients at its doors meet them."""
 
 import errno
+import time
 
 import can
 import pytest
@@ -211,6 +212,20 @@ def test_the_highest_priority_at_full_rate_starves_the_others():
         until(lambda: sim.control.status()["load"] > 0.5)
         sim.control.clear()
         until(lambda: nodes(sim)["native-a"]["sent"] > 0)
+
+
+def test_a_frame_on_its_way_into_the_queue_is_counted_once():
+    """Room for two takes two, whenever the second one is sent."""
+    with SIM.spawn(socketcand_port=0, terminals=0, bitrate=20_000, queue=2) as sim:
+        sim.control.inject("babbling", id=0, rate=5000, length=8)
+        until(lambda: nodes(sim)["babbling"]["waiting"] == 2)
+        for turn in range(300):
+            with open_bus(sim, "crtk", name=f"native-{turn}") as bus:
+                bus.send(frame(0x1))
+                later = time.perf_counter() + turn * 2e-6  # another moment in each turn
+                while time.perf_counter() < later:
+                    pass
+                bus.send(frame(0x1))
 
 
 @pytest.mark.parametrize(("what", "number"), [("protocol", 0x88), ("no_ack", 0xA0)])

@@ -268,12 +268,12 @@ class HubBus(can.BusABC):  # type: ignore[misc]
 
     def _room(self, page: Page) -> int:
         """How many frames the transmit queue takes now."""
-        state, limit, read, waiting = page.numbers[: Page.WAITING + 1].tolist()
+        state, limit, gone = page.numbers[: Page.GONE + 1].tolist()
         if state and state & REFUSING:
             return 0
         if not limit:
             return _NO_LIMIT
-        return max(0, limit - waiting - ((self._sent - read) & 0xFFFFFFFF))
+        return max(0, limit - ((self._sent - gone) & 0xFFFFFFFF))
 
     def _refusal(self, page: Page) -> can.CanOperationError:
         """Why no frame can be sent now."""

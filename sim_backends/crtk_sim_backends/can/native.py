@@ -76,11 +76,12 @@ class Page:
     """The shared page, numbers of 32 bits; only the hub writes.
 
     `STATE`: :class:`State` of the interface. `LIMIT`: how many frames may wait for the bus, 0 when
-    none ever waits. `READ`: frames of this client that the hub has read, modulo 2**32. `WAITING`:
-    how many of them wait for the bus.
+    none ever waits. `GONE`: how many frames of this client have left the hub, for the bus or for
+    nowhere, modulo 2**32; all others that it sent are waiting. One number, since two that are
+    written one after the other count a frame twice in between.
     """
 
-    STATE, LIMIT, READ, WAITING = range(4)
+    STATE, LIMIT, GONE = range(3)
 
     def __init__(self, fd: int, *, write: bool) -> None:
         protection = mmap.PROT_READ | mmap.PROT_WRITE if write else mmap.PROT_READ
@@ -104,6 +105,8 @@ class _Client:
         self._more = select.poll()  # asking it takes a quarter of the time of a `recv` in vain
         self._more.register(sock, select.POLLIN)
         self._page: Page | None = None
+        self._read = 0  # frames that came
+        self._waiting = 0  # how many of them wait for the bus
         self._batches = False
         self._batch = bytearray()  # frames that leave at the end of the hub's round
         self.node = hub.add("native", self)
@@ -128,13 +131,12 @@ class _Client:
         if len(packet) % frames.SIZE == 0:
             for start in range(0, len(packet), frames.SIZE):
                 raw = packet[start : start + frames.SIZE]
+                self._read += 1
                 if frames.fault_of(raw) is None:
                     self._hub.transmit(self.node, raw)
                 else:
                     self.node.counters.invalid += 1
-            if self._page is not None:
-                numbers = self._page.numbers
-                numbers[Page.READ] = (numbers[Page.READ] + len(packet) // frames.SIZE) & 0xFFFFFFFF
+            self._tell_gone()
         else:
             asked = parse_hello(packet)
             if asked is None or self._page is not None:
@@ -151,6 +153,7 @@ class _Client:
             self._page = Page(fd, write=True)
             self._page.numbers[Page.LIMIT] = hub.queue if hub.bitrate else 0
             self._page.numbers[Page.STATE] = self.node.state
+            self._tell_gone()
             if name:
                 hub.rename(self.node, name)
             self.node.echo = hub.echo or bool(flags & ECHO)
@@ -194,8 +197,12 @@ class _Client:
 
     def waiting(self, count: int) -> None:
         """Tell the client how long its queue is."""
+        self._waiting = count
+        self._tell_gone()
+
+    def _tell_gone(self) -> None:
         if self._page is not None:
-            self._page.numbers[Page.WAITING] = count
+            self._page.numbers[Page.GONE] = (self._read - self._waiting) & 0xFFFFFFFF
 
     def close(self) -> None:
         """Leave the bus and close the connection."""
