@@ -485,8 +485,7 @@ def _counts(model: type, key: Key) -> bool:
 
 def _flag_as_number(model: type, key: Key, layers: Sequence[Layer]) -> ConfigError:
     return ConfigError(
-        f"{dotted(key)}: must be a number, not true or false",
-        where=_place(layers, key),
+        **_about(layers, key, "must be a number, not true or false"),
         remedy=description_of(model, key),
     )
 
@@ -525,11 +524,10 @@ def _problem(model: type, details: ErrorDetails, layers: Sequence[Layer]) -> Con
     text = _EXPECTED.get(details["type"], text.replace("Input should", "must"))
     if details["type"] != "value_error":
         text = f"{text}, not {_short(details['input'])}"
-    message = f"{dotted(key)}: {text}" if key else text
     choices = [str(choice) for choice in choices_of(annotation_of(model, key))]
     meant = _closest(str(details["input"]), choices)
     remedy = f"Did you mean {meant!r}?" if meant else description_of(model, key)
-    return ConfigError(message, where=_place(layers, key), remedy=remedy)
+    return ConfigError(**_about(layers, key, text), remedy=remedy)
 
 
 def _unknown_key(model: type, key: Key, layers: Sequence[Layer]) -> ConfigError:
@@ -558,6 +556,13 @@ def _existing(layers: Sequence[Layer], key: Key) -> Key:
     while key and not any(_holds(layer.values, key) for layer in layers):
         key = key[:-1]
     return key
+
+
+def _about(layers: Sequence[Layer], key: Key, text: str) -> dict[str, str]:
+    """Return message and place of what is wrong with a key, which an option names already."""
+    place = _place(layers, key)
+    named = not key or place == "--" + dotted(key).replace("_", "-")
+    return {"message": text if named else f"{dotted(key)}: {text}", "where": place}
 
 
 def _place(layers: Sequence[Layer], key: Key) -> str:

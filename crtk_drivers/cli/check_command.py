@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import resource
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -83,12 +84,14 @@ def check_device(plugin: DevicePlugin, given: Mapping[str, Any]) -> int:
     with ERR.status(f"checking {plain(plugin.name)} ..."):
         findings = list(_findings(launch))
     OUT.print(_table(findings))
-    failed = sum(finding.verdict is Verdict.FAILED for finding in findings)
+    count = Counter(finding.verdict for finding in findings)
     OUT.print()
-    if failed:
+    if failed := count[Verdict.FAILED]:
         OUT.print(f"[bold red]not ready[/]: {failed} of {len(findings)} checks failed")
         return 1
-    OUT.print("[bold green]ready[/]")
+    warnings = count[Verdict.WARNING]
+    but = f", with {warnings} warning{'s' if warnings > 1 else ''}" if warnings else ""
+    OUT.print(f"[bold green]ready[/]{but}")
     return 0
 
 

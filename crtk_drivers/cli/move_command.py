@@ -154,13 +154,23 @@ def _by_name(
     for name, value in joints.items():
         if value is None or name not in names:
             what = "has no value: give joint=value for all" if value is None else "no such joint"
-            raise ConfigError(
-                what, where=f"{device.namespace} {name}", remedy=f"Joints: {', '.join(names)}."
-            )
+            remedy = f"Joints: {', '.join(names)}."
+            if name not in names and _is_part(device, name):
+                what = "is a part of the device, not one of its joints"
+                remedy = f"{program()} move {device.namespace} --child {name} {name}=..."
+            raise ConfigError(what, where=f"{device.namespace} {name}", remedy=remedy)
         index = names.index(name)
         value = np.radians(value) if degrees else value
         goal[index] = goal[index] + value if relative else value
     return goal
+
+
+def _is_part(device: RemoteDevice, name: str) -> bool:
+    try:
+        device.child(name, timeout=LOOK_PERIOD)
+    except CrtkError:
+        return False
+    return True
 
 
 def _pose_goal(device: RemoteDevice, values: Sequence[str], relative: bool, degrees: bool) -> Goal:

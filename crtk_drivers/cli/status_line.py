@@ -92,8 +92,8 @@ class StatusLine:
     """Shows the status as long as it is entered. `update` may be called as often as one likes.
 
     Args:
-        console: a terminal, or anything else: then a log record when the state or its reason changes,
-            and every `LOG_PERIOD` with the figures.
+        console: a terminal, or anything else: then a log record when the state or its reason changes but
+            for a fault, which the engine logs, and every `LOG_PERIOD` with the figures.
         name: of the device; may be changed.
         read: returns status and health.
         clock: monotonic seconds.
@@ -128,6 +128,8 @@ class StatusLine:
         new = (status.state, status.is_homed, kind_of(status.cause))
         if new != self._told:
             self._told, self._due = new, now + LOG_PERIOD
+            if status.state is OperatingState.FAULT and not status.connecting:
+                return  # the engine logs a fault as an error, and what to do
             begin = _headline(self.name, replace(status, is_busy=False)).plain
             reason = "" if status.connecting else f"  {status.cause}"
             logger.info("%s", f"{begin}{reason}".rstrip())

@@ -74,7 +74,7 @@ def parse(
     chosen = vars(parser(program, summary, config).parse_args(arguments))
     readiness = Readiness(chosen.pop("ready_fd"), chosen.pop("parent_fd"))
     level = logging.INFO if chosen.pop("verbose") else logging.WARNING
-    logging.basicConfig(level=level, format="%(name)s: %(message)s")
+    logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s")
     return chosen, readiness
 
 

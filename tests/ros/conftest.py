@@ -6,10 +6,15 @@ test gets the device back at zero, connected and DISABLED.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import logging
+from collections.abc import Callable, Iterator
 
 import pytest
 from ros_rig import Rig, rig_of
+
+from crtk_drivers.cli import main
+
+Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture(scope="module")
@@ -22,3 +27,21 @@ def shared_rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
 def rig(shared_rig: Rig) -> Rig:
     shared_rig.reset()
     return shared_rig
+
+
+@pytest.fixture
+def run_far(capfd: pytest.CaptureFixture[str]) -> Iterator[Run]:
+    """Run the command line in this process: its exit code, and what it printed."""
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        code = main(arguments)
+        shown = capfd.readouterr()
+        assert "Traceback" not in shown.err
+        return code, shown.out, shown.err
+
+    yield run
+    root.handlers[:] = handlers
+    root.setLevel(level)
+    logging.captureWarnings(False)

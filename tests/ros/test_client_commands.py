@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import re
 import signal
@@ -19,7 +18,7 @@ from geometry_msgs.msg import TwistStamped
 from ros_client import TIMEOUT
 from ros_rig import serve, until
 
-from crtk_drivers.cli import main, reaching
+from crtk_drivers.cli import reaching
 from crtk_drivers.cli.echo_command import as_yaml
 from crtk_drivers.client import RemoteDevice
 from crtk_drivers.device import Condition
@@ -31,7 +30,6 @@ from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
 pytestmark = pytest.mark.ros
 NAMESPACE = "/client_commands"
 
-Capture = pytest.CaptureFixture[str]
 Run = Callable[..., tuple[int, str, str]]
 
 
@@ -46,24 +44,6 @@ def shared() -> Iterator[Far]:
 def far(shared: Far) -> Far:
     shared.reset()
     return shared
-
-
-@pytest.fixture
-def run_far(capfd: Capture) -> Iterator[Run]:
-    """Run the command line in this process: its exit code, and what it printed."""
-    root = logging.getLogger()
-    handlers, level = root.handlers[:], root.level
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        code = main(arguments)
-        shown = capfd.readouterr()
-        assert "Traceback" not in shown.err
-        return code, shown.out, shown.err
-
-    yield run
-    root.handlers[:] = handlers
-    root.setLevel(level)
-    logging.captureWarnings(False)
 
 
 class Kept(RemoteDevice):

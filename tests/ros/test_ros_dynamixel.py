@@ -6,7 +6,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -59,6 +59,17 @@ def test_enable_move_and_disable_arm_and_gripper(arm: RemoteDevice) -> None:
     assert arm.is_enabled()
     arm.disable(TIMEOUT)
     assert not arm.is_enabled()
+
+
+def test_who_takes_the_gripper_for_a_joint_is_told_where_it_is(
+    arm: RemoteDevice, run_far: Callable[..., tuple[int, str, str]]
+) -> None:
+    arm.enable(TIMEOUT)
+    code, _, told = run_far("move", "/dynamixel_arm", "gripper=0.03")
+    assert code == 2
+    assert "a part of the device, not one of its joints" in told
+    assert "crtk-driver move /dynamixel_arm --child gripper gripper=..." in told
+    arm.disable(TIMEOUT)
 
 
 def test_it_ends_on_a_signal(arm: RemoteDevice, driver: subprocess.Popen[str]) -> None:

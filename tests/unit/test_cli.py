@@ -252,7 +252,7 @@ def test_only_the_allowed_plugins(capsys: Capture) -> None:
     ("arguments", "message"),
     [
         (["--set", "limts.max_step=1"], "--set limts.max_step=1: limts: unknown key"),
-        (["--rate", "fast"], "--rate: rate: must be a number, not 'fast'"),
+        (["--rate", "fast"], "--rate: must be a number, not 'fast'"),
         (["--config", "/no/such.yaml"], "/no/such.yaml: cannot be read: No such file"),
         (["--ns", "demo/"], "hint: Try: --ns /demo"),
         (["--ns", "/a b"], "hint: Try: --ns /a_b"),
@@ -289,7 +289,7 @@ def test_a_file_of_settings_is_overridden_by_options(tmp_path: Path, capsys: Cap
     file.write_text("rate: 20\nneeds_homing: yes\nnode:\n  tf_rate: -1\n")
     message = refusal(capsys, "check", "loopback", "-c", str(file), "--rate", "0")
     assert "2 mistakes" in message
-    assert "--rate: rate: must be greater than or equal to 1" in message
+    assert "--rate: must be greater than or equal to 1" in message
     assert "a.yaml:4: node.tf_rate" in message
 
 
@@ -488,6 +488,8 @@ def test_without_a_terminal_the_status_is_logged(caplog: pytest.LogCaptureFixtur
         status[0] = Status(
             OperatingState.PAUSED, is_homed=True, detail="safeguard stop. Close the gate."
         )
+        line.update()
+        status[0] = Status(OperatingState.FAULT, is_homed=True, detail="told by the engine")
         line.update()
     assert [record.getMessage() for record in caplog.records] == [
         "arm  DISABLED not homed",

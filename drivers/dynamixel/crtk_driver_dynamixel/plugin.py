@@ -89,7 +89,7 @@ def _servos(config: DynamixelConfig) -> str:
 
 PLUGIN = DevicePlugin(
     name="dynamixel",
-    summary="DYNAMIXEL servo chains: X, MX and P series on RS-485 or TTL, with a gripper",
+    summary="DYNAMIXEL servo chains: X, MX, P, AX and RX series on RS-485 or TTL, with a gripper",
     config=DynamixelConfig,
     create=_create,
     sim="dynamixel",
