@@ -17,9 +17,6 @@ from crtk_drivers.errors import CrtkError
 from crtk_drivers.samples import JointState, Pose
 from crtk_drivers.state import OperatingState, Status
 
-REASON_TIME = 2.0
-"""Seconds to wait for a report on /diagnostics, of which a driver makes one a second."""
-
 NEXT: Mapping[OperatingState, str] = {
     OperatingState.DISABLED: "{1} enable {0}",
     OperatingState.ENABLED: "{1} move --help, or {1} disable {0}",
@@ -84,7 +81,9 @@ def print_device(device: RemoteDevice) -> int:
 
 
 def status_words(status: Status) -> Text:
-    """Return the operating state with what is unusual about it."""
+    """Return the operating state with what is unusual about it, or that it is not known yet."""
+    if status.connecting:
+        return Text(status.detail, "yellow")
     return Text.assemble(
         (status.state, STATE_STYLES[status.state]),
         ("  homed" if status.is_homed else "  not homed", "" if status.is_homed else "yellow"),
@@ -96,7 +95,7 @@ def _report(device: RemoteDevice) -> Report:
     if not device.manifest:  # another maker's, which tells nothing of the kind
         return Report()
     try:
-        return reported(device, REASON_TIME)
+        return reported(device)
     except CrtkError:
         return Report()
 

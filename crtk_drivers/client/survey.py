@@ -5,57 +5,71 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
-from crtk_drivers.client.discovery import POLL, SETTLE, devices
+from crtk_drivers.client.discovery import POLL, devices
 from crtk_drivers.client.remote import RemoteDevice
 from crtk_drivers.client.space import NotOffered, Space
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.ros import environment
-from crtk_drivers.state import Status
+from crtk_drivers.state import OperatingState, Status
 
-LOOK_TIME = 4.0
-"""Seconds in which another node is found: three when the first exchange is lost, and some more."""
+if TYPE_CHECKING:
+    from crtk_drivers.ros.link import Link
+
+LOOK_TIME = 8.0
+"""Longest time to look, in s."""
+LATEST = 3.5
+"""Seconds in which a node that is there is found: three when the first exchange is lost, and some more."""
 STATUS_TIME = 2.0
 """Seconds in which a device that was found must tell its operating state."""
+REPORT_TIME = 2.0
+"""Seconds to wait for a report on /diagnostics, of which a driver makes one a second."""
 DIAGNOSTICS = "/diagnostics"
 
 
 def survey(timeout: float = LOOK_TIME) -> Mapping[str, Status | None]:
     """Return the namespaces of the CRTK devices that are found, with the state of each.
 
-    Returns as soon as nothing new has appeared for a second. None: it is silent.
+    Returns when nothing new has appeared for as long as a first exchange may take. None: it is silent. Which
+    of those in FAULT have never been connected yet is known from /diagnostics.
 
     Raises:
         MissingExtra, ConfigError: ROS 2 cannot be used here.
     """
     environment.check()
     from crtk_drivers.ros.link import Link
+    from crtk_drivers.ros.plain import message_class
 
     link = Link()
     try:
         link.start()
+        reports = _Reports()
+        told = link.inbox(DIAGNOSTICS, message_class("diagnostic_msgs/msg/DiagnosticArray"))
+        told.add_listener(lambda received: reports.take(received.message))
         deadline = time.monotonic() + timeout
         found: set[str] = set()
-        settled = deadline
+        settled = time.monotonic() + LATEST
         while time.monotonic() < min(deadline, settled):
             seen = devices(link)
             if seen != found:
-                found, settled = seen, time.monotonic() + SETTLE
+                found, settled = seen, time.monotonic() + LATEST
             time.sleep(POLL)
-        return {
-            namespace: _status(Space(link, namespace, STATUS_TIME)) for namespace in sorted(found)
-        }
+        return {namespace: _status(link, namespace, reports) for namespace in sorted(found)}
     finally:
         link.close()
 
 
-def _status(space: Space) -> Status | None:
+def _status(link: Link, namespace: str, reports: _Reports) -> Status | None:
     try:
-        return space.status().latest
+        status = Space(link, namespace, STATUS_TIME).status().latest
     except (CrtkError, NotOffered):
         return None
+    if status.state is OperatingState.FAULT:
+        report = reports.wait(namespace)
+        status = replace(status, detail=report.text, connecting=report.connecting)
+    return status
 
 
 @dataclass(frozen=True)
@@ -71,21 +85,37 @@ class Report:
     connecting: bool = False
 
 
-def reported(device: RemoteDevice, timeout: float) -> Report:
-    """Return the next report on a device, or an empty one if none comes in `timeout` s."""
-    prefix = device.namespace.rstrip("/")
-    told: list[Report] = []
-    arrived = threading.Event()
+class _Reports:
+    """The last report on each device, by its namespace."""
 
-    def listen(message: Any) -> None:
-        for status in message.status:
-            node, _, thing = status.name.partition(": ")
-            if thing == "device" and node.rpartition("/")[0] == prefix:
-                values = {value.key: value.value for value in status.values}
-                told.append(Report(status.message, values.get("connecting") == str(True)))
-                arrived.set()
+    def __init__(self) -> None:
+        self._arrived = threading.Condition()
+        self._last: dict[str, Report] = {}
 
-    stop = device.on_message(DIAGNOSTICS, listen)
-    arrived.wait(timeout)
-    stop()
-    return told[-1] if told else Report()
+    def take(self, message: Any) -> None:
+        """Keep what a message on /diagnostics says of devices."""
+        with self._arrived:
+            for status in message.status:
+                node, _, thing = status.name.partition(": ")
+                if thing == "device":
+                    values = {value.key: value.value for value in status.values}
+                    report = Report(status.message, values.get("connecting") == str(True))
+                    self._last[node.rpartition("/")[0]] = report
+            self._arrived.notify_all()
+
+    def wait(self, namespace: str) -> Report:
+        """Return the last report, or the first to come within `REPORT_TIME`, or else an empty one."""
+        name = namespace.rstrip("/")
+        with self._arrived:
+            self._arrived.wait_for(lambda: name in self._last, REPORT_TIME)
+            return self._last.get(name, Report())
+
+
+def reported(device: RemoteDevice) -> Report:
+    """Return the next report on a device, or an empty one if none comes in `REPORT_TIME`."""
+    reports = _Reports()
+    stop = device.on_message(DIAGNOSTICS, reports.take)
+    try:
+        return reports.wait(device.namespace)
+    finally:
+        stop()

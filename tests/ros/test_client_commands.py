@@ -93,12 +93,14 @@ def test_state_tells_that_a_driver_is_connecting(run_far: Run) -> None:
     with serve(settings, namespace, [], plugin=replace(PLUGIN, create=Slow)):
         try:
             code, out, _ = run_far("state", namespace)
+            _, everybody, _ = run_far("state")
             _, _, refusal = run_far("enable", namespace)
         finally:
             opens.set()
     assert code == 0
     assert re.search(r"^connecting to loopback since \d\d:\d\d:\d\d\nnext: wait", out, re.MULTILINE)
     assert "FAULT" not in out
+    assert re.search(rf"^{namespace} +connecting to loopback since", everybody, re.MULTILINE)
     assert "connecting to loopback since" in refusal
 
 
