@@ -73,7 +73,7 @@ class Interval(Settings):
 
 
 class LimitsConfig(Settings):
-    """How commands are limited before they reach the hardware (see `crtk_drivers.limits`)."""
+    """How commands are limited before they reach the hardware."""
 
     clamp_servo: bool = Field(
         default=True,

@@ -25,7 +25,15 @@ _NARROWEST: Final = 24
 Rows = list[tuple[Text, Text]]
 
 
-class HelpfulCommand(TyperCommand):
+class _StableNames:
+    """The names of the help option in one order: click has them from a set."""
+
+    def get_help_option_names(self, ctx: Any) -> list[str]:
+        """Return them, the long one first."""
+        return sorted(super().get_help_option_names(ctx))  # type: ignore[misc]
+
+
+class HelpfulCommand(_StableNames, TyperCommand):
     """A command with such a page."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
@@ -33,7 +41,7 @@ class HelpfulCommand(TyperCommand):
         print_page(self, ctx)
 
 
-class HelpfulGroup(TyperGroup):
+class HelpfulGroup(_StableNames, TyperGroup):
     """A group of commands with such a page."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
