@@ -27,6 +27,7 @@ from bench.reliability.rigs import RIGS
 from bench.reliability.table import Cell, Follows
 from bench.reliability.walk import Walk, walkable, wander
 from bench.report import show, spread
+from crtk_drivers.errors import CrtkError
 
 STEPS = 60
 """Between two looks at what has grown; each walk begins and ends at rest."""
@@ -99,9 +100,10 @@ def soak(name: str, minutes: float, seed: int) -> int:
                     wander(walk, generator)
                 walk.recovers()
                 stop_times(rig, generator, times, ways)
-            except BrokenPromiseError as error:
+            except (BrokenPromiseError, CrtkError) as error:
                 broken += 1
-                print(f"{name}, seed {seed}: {error}", flush=True)
+                told = error if isinstance(error, BrokenPromiseError) else walk.broken(str(error))
+                print(f"{name}, seed {seed}: {told}", flush=True)
             counts += walk.story.counts
         growth.look(rig)
         _print(name, seed, counts, growth, broken, times, ways, policy.time + policy.link_timeout)

@@ -112,7 +112,7 @@ class Stopping:
         """Return what to say of a stop that is past its time; empty if there is none."""
         if not self._watches or self._taken(now) <= self._time:
             return ""
-        what = self._moving or "the hardware has not confirmed it"
+        what = self._moving or self._device.condition.reason or "the hardware has not confirmed it"
         return f"a stop has not been carried out within {self._time:g} s: {what}"
 
     @property

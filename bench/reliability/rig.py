@@ -201,14 +201,22 @@ class Rig(ABC):
             self.until(lambda: self.connected, PATIENCE, "it is connected")
 
     def close(self) -> None:
-        """End the session. Who has lost the link in motion says that nobody saw the arm stand."""
+        """End the session. Who has lost the link in motion, or sees no joints, says that nobody saw them stand."""
         self.activity = None
-        was_seen = self.connected
+        was_seen = self.connected and self._sees_joints
         try:
             self.driver.close()
         except StopUnconfirmed:
             if was_seen:
                 raise
+
+    @property
+    def _sees_joints(self) -> bool:
+        """Whether where the joints are is known to the driver, or there are none."""
+        if not self.engine.capabilities.joints:
+            return True
+        found = self.engine.feedback("measured_js")
+        return found is not None and found[1].wall_ns != 0
 
     def close_watched(self) -> None:
         """End the session, and look at the joints meanwhile. What could not be confirmed may be said."""

@@ -133,7 +133,7 @@ class Walk:
             try:
                 self.rig.step()
             except BrokenPromiseError as error:
-                raise self._broken(str(error)) from error
+                raise self.broken(str(error)) from error
             self.check()
             if time.monotonic() >= end:
                 return
@@ -145,17 +145,17 @@ class Walk:
             call()
         except CommandRefused as refusal:
             if connected and self.rig.engine.connected:
-                raise self._broken(f"{name} was refused: {refusal}") from refusal
+                raise self.broken(f"{name} was refused: {refusal}") from refusal
 
     def _tried(self, call: Callable[[], object]) -> None:
         try:
             call()
         except CommandRefused as refusal:
             if not refusal.detail or not str(refusal.reason):
-                raise self._broken(f"refused without a reason: {refusal!r}") from refusal
+                raise self.broken(f"refused without a reason: {refusal!r}") from refusal
         except CrtkError as error:
             if not str(error):
-                raise self._broken(f"an error without words: {error!r}") from error
+                raise self.broken(f"an error without words: {error!r}") from error
 
     # --------------------------------------------------------------------------------------- promises
 
@@ -187,7 +187,7 @@ class Walk:
             if len(recent) > 3:
                 far = float(np.ptp(np.array([x.joints for x in recent]), axis=0).max(initial=0.0))
                 if far > rig.tolerance:
-                    raise self._broken(
+                    raise self.broken(
                         f"a joint moves by {far:.4f} in {STILL} s, {now - self._asked:.1f} s after "
                         "the last reason to"
                     )
@@ -199,7 +199,7 @@ class Walk:
             return
         value: Value = found[0]
         if isinstance(value, JointState) and not np.isfinite(value.position).all():
-            raise self._broken(f"measured_js is {value.position}")
+            raise self.broken(f"measured_js is {value.position}")
 
     def _check_reached(self) -> None:
         """Promise 9: a move that is reached is where it was to be."""
@@ -210,14 +210,14 @@ class Walk:
             return
         went = self.rig.looks[-1].joints - self._start
         if abs(abs(went[0]) - self.rig.plan.far) > ARRIVAL:
-            raise self._broken(f"move_jp is reached, but went {went[0]:.3f} of {self.rig.plan.far}")
+            raise self.broken(f"move_jp is reached, but went {went[0]:.3f} of {self.rig.plan.far}")
         activity.move = None
 
     def _check_refusals(self) -> None:
         """Promise 5."""
         for refusal in self.rig.log.refused:
             if not refusal.detail:
-                raise self._broken(f"refused without a reason: {refusal!r}")
+                raise self.broken(f"refused without a reason: {refusal!r}")
         self.rig.log.refused.clear()
         del self.rig.looks[:-2000]
         del self.rig.log.announced[:-100]
@@ -229,10 +229,11 @@ class Walk:
         try:
             self.rig.ready()
         except (BrokenPromiseError, CrtkError) as error:
-            raise self._broken(f"it does not recover: {error}") from error
+            raise self.broken(f"it does not recover: {error}") from error
         self._asked = time.monotonic()
 
-    def _broken(self, what: str) -> BrokenPromiseError:
+    def broken(self, what: str) -> BrokenPromiseError:
+        """Return the error that says so, with the steps that led there."""
         done = "\n".join(f"  {number}: {step}" for number, step in enumerate(self.story.steps, 1))
         return BrokenPromiseError(f"{what}\nafter these steps of {self.rig.name}:\n{done}")
 

@@ -245,3 +245,13 @@ def test_close_with_a_silent_drive_says_so_in_time_and_leaves_the_watch_armed(
         with pytest.raises(StopUnconfirmed):
             arm.close()
         until(lambda: stand(sim) and powered(sim) == [False] * COUNT, "they stop by themselves")
+
+
+def test_close_says_why_a_stop_cannot_be_seen() -> None:
+    with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT)) as arm:
+        arm.enable(SOON)
+        sim.control.inject("reset", node=2)
+        until(lambda: arm.operating_state().state == "FAULT", "it is told")
+        with pytest.raises(StopUnconfirmed, match="node 2 has started anew"):
+            arm.close()
+        until(lambda: stand(sim) and powered(sim) == [False] * COUNT, "they have no power")

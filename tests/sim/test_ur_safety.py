@@ -134,6 +134,20 @@ def test_a_program_is_refused_in_a_protective_stop(bench: Bench) -> None:
     assert "PROTECTIVE_STOP" in bench.of_type(ErrorMessage)[-1].text
 
 
+def test_emergency_stop_while_the_arm_is_powered_up_ends_that() -> None:
+    bench = Bench(powered_on=False)
+    assert bench.controller.brake_release()
+    bench.ticks(1)
+    assert bench["robot_mode"] == RobotMode.POWER_OFF
+    bench.controller.emergency_stop()
+    bench.controller.release_emergency_stop()
+    bench.seconds(2.0)
+    assert bench["robot_mode"] == RobotMode.POWER_OFF
+    assert bench["safety_mode"] == 1
+    assert bench.controller.brake_release()
+    assert modes_passed(bench, RobotMode.RUNNING)[-1] == RobotMode.RUNNING
+
+
 def test_emergency_stop_powers_off_and_stays_until_released(bench: Bench) -> None:
     moving(bench)
     bench.controller.emergency_stop()

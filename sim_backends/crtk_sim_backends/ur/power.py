@@ -26,9 +26,9 @@ class ArmPower:
         return True
 
     def off(self, time: float) -> None:
-        """Cut the power after the time that a controlled stop takes."""
+        """Cut the power after the time that a controlled stop takes, and go up no further."""
+        self._goal = RobotMode.POWER_OFF
         if self.mode > RobotMode.POWER_OFF:
-            self._goal = RobotMode.POWER_OFF
             self._due = time + POWER_OFF_SECONDS
 
     def set(self, mode: RobotMode) -> None:
