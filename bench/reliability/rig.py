@@ -201,7 +201,7 @@ class Rig(ABC):
             self.until(lambda: self.connected, PATIENCE, "it is connected")
 
     def close(self) -> None:
-        """End the session. Who has lost the link in motion, or sees no joints, says that nobody saw them stand."""
+        """End the session. Who lost the link in motion, or sees no joints, says so."""
         self.activity = None
         was_seen = self.connected and self._sees_joints
         try:
