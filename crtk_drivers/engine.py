@@ -519,7 +519,11 @@ class Engine:
                 return overdue
             if not self.capabilities.paced_by_stream:
                 self._sleep(period)
-            sample = self.device.read(now + period)
+            try:
+                sample = self.device.read(now + period)
+            except ConnectionLost as error:
+                told = without_name(str(error), self.where)
+                return f"a stop could not be read back: {told}"
             usable = sample if sample is not None and not sample.not_finite else None
             self._stopping.follow(usable, self._clock())
         return ""

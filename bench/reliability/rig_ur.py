@@ -27,6 +27,8 @@ NOTICED = 0.1
 DASHBOARD = 29999
 RUNNING = 7
 """Robot mode of an arm with power and released brakes."""
+PROTECTIVE_STOP = 3
+"""Safety mode of an arm that has stopped protectively."""
 RTDE = {"port": "rtde"}
 UNBOUNDED = "ur-rtde's program does not bound what was on its way while the controller hung"
 _MOVING = ("servo_jp", "servo_jv", "servo_cv", "interpolate_jp", "move_jp", "move_cp")
@@ -186,9 +188,16 @@ class UrNativeRig(Rig):
         return int(self.sim.control.outputs("robot_mode")["robot_mode"]) == RUNNING
 
     def unlock_protective(self) -> None:
-        """Ask for the service that unlocks a protective stop, until the controller allows it (5 s)."""
+        """Ask for the service that unlocks a protective stop, until the controller allows it (5 s).
+
+        There may be none: an arm without power does not stop protectively.
+        """
+        sim = self.sim
+        assert sim is not None
 
         def unlocked() -> bool:
+            if int(sim.control.outputs("safety_mode")["safety_mode"]) != PROTECTIVE_STOP:
+                return True
             try:
                 self.arm.unlock_protective_stop()
             except CrtkError:

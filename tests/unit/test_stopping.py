@@ -19,7 +19,13 @@ from crtk_drivers.device import (
     StopPolicy,
 )
 from crtk_drivers.engine import EngineOptions
-from crtk_drivers.errors import CommandRefused, MotionAborted, Reason, StopUnconfirmed
+from crtk_drivers.errors import (
+    CommandRefused,
+    ConnectionLost,
+    MotionAborted,
+    Reason,
+    StopUnconfirmed,
+)
 from crtk_drivers.limits import LimitPolicy
 from crtk_drivers.moves import Outcome
 from crtk_drivers.samples import JointState, Sample, vector
@@ -153,6 +159,18 @@ def test_closing_waits_for_the_stop_and_says_when_it_did_not_come() -> None:
     with pytest.raises(StopUnconfirmed, match=r"slide at 0\.300"):
         rig.engine.shut_down()
     assert rig.device.calls[-1] == "close"
+
+
+def test_a_link_that_is_lost_while_it_closes_is_a_stop_that_nobody_saw() -> None:
+    rig = Runaway(heeds=10**6).running()
+
+    def lost(deadline: float) -> None:
+        raise ConnectionLost("no drive answers", where="here")
+
+    rig.device.read = lost  # type: ignore[method-assign]
+    with pytest.raises(StopUnconfirmed, match=r"could not be read back: .*no drive answers"):
+        rig.engine.shut_down()
+    assert rig.stops
 
 
 def test_a_new_command_is_no_stop_that_failed() -> None:
