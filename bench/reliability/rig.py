@@ -376,8 +376,9 @@ class Rig(ABC):
         return np.zeros(len(self.engine.capabilities.joints))
 
     def enable(self) -> None:
-        """Enable or resume, as often as it takes."""
+        """Enable or resume, as often as it takes, once what was commanded before has come to its end."""
         deadline = time.monotonic() + PATIENCE
+        self.until(lambda: self.engine.transition_ended, PATIENCE, "a transition ends")
         while self.status.state != "ENABLED":
             with contextlib.suppress(CommandRefused):
                 self.engine.state_command("resume" if self.status.state == "PAUSED" else "enable")
