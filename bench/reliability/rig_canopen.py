@@ -140,6 +140,7 @@ WAYS = (
         detail=f"joint_{MOVING}",
         within=HEARTBEAT,
         stands=HEARTBEAT + STOP,
+        lags=True,
         activities=("servo_jp", "interpolate_jp", "move_jp"),
     ),
     _drive("F13", "safe torque off", "safe_torque_off", JOINT),

@@ -77,6 +77,7 @@ class Way:
         within: declared s from the fault until the state is announced.
         stands: declared s from the fault until the joints stand; the deceleration included.
         freezes: the joints stand in it whatever they did; what must stop them is judged from its end.
+        lags: joints that it held back, no further than a following error, catch up when it is over.
         repair: name of a method of the rig that does what a person does besides.
         activities: those in which it is met; all of the driver if empty.
         action: for `Follows.OBEYS`, what is asked for: hold, disable, pause, or close.
@@ -93,6 +94,7 @@ class Way:
     within: float = 0.1
     stands: float = 1.0
     freezes: bool = False
+    lags: bool = False
     repair: str = ""
     activities: tuple[str, ...] = ()
     action: str = ""

@@ -116,6 +116,8 @@ class Walk:
         if self._fault is not None:
             self.story.add("fault over")
             self.rig.end_fault()
+            if self._fault.lags:
+                self._asked = time.monotonic()
             self._fault = None
             self.go_on(0.05)
 

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from ur_bench import HOME, LONG, PROTECTIVE_STOP, WAYS, UrBench, driver_at, eventually, ur_bench
 
+from crtk_driver_ur import robot
 from crtk_drivers.errors import (
     CommandRefused,
     DeviceError,
@@ -27,7 +28,7 @@ from crtk_drivers.errors import (
 )
 from crtk_sim_backends.ur import SIM
 
-POWER_OFF, RUNNING = 3, 7
+POWER_OFF, POWER_ON, IDLE, RUNNING = 3, 4, 5, 7
 PLAYING = 2
 FAR = [2.5, *HOME[1:]]
 NEAR = [1.0, *HOME[1:]]
@@ -43,6 +44,9 @@ def shared(request):
 
 by_ur_rtde = pytest.mark.parametrize("shared", ["ur_rtde"], indirect=True)
 """For what concerns the control process only."""
+
+by_native = pytest.mark.parametrize("shared", ["native"], indirect=True)
+"""For what is the same either way."""
 
 both_ways = pytest.mark.parametrize("control", WAYS)
 
@@ -388,6 +392,27 @@ def test_a_lump_of_packages_is_no_burst_of_commands(bench):
     assert bench.arm.move_jp([0.2, *HOME[1:]]).wait(LONG)
     assert bench.status.state == "ENABLED"
     assert bench.arm.health().device["packages skipped"] > 0
+
+
+@by_native
+@pytest.mark.parametrize(
+    ("lost_in", "told"),
+    [((POWER_ON, IDLE), "lost its power while it came up"), ((POWER_OFF,), "did not begin")],
+)
+def test_power_that_is_lost_while_it_comes_ends_enable_at_once(bench, monkeypatch, lost_in, told):
+    monkeypatch.setattr(robot, "POWER_BEGINS", 1.0)
+    bench.arm.disable(timeout=LONG)
+    bench.engine.state_command("enable")
+
+    def failed():
+        if bench.outputs("robot_mode") in lost_in:
+            bench.sim.control.inject("power_loss")
+        return bench.engine.transition_ended
+
+    eventually(failed, "enable ends")
+    assert bench.arm.operating_state().state == "FAULT"
+    assert told in bench.engine.status.detail
+    assert_enables_at_rest(bench)
 
 
 def test_a_silent_dashboard_fails_enable_and_not_the_driver(bench):

@@ -20,6 +20,9 @@ UNLOCK_AFTER = 5.1
 """Seconds on the controller's clock that a protective stop lasts before it is unlocked: the controller
 refuses before 5 s (Dashboard Server manual)."""
 
+POWER_BEGINS = 10.0
+"""Seconds in which an arm that was told to come up shows another robot mode."""
+
 
 class Robot:
     """Everything belongs to the I/O thread, but `state` may be read from any.
@@ -160,14 +163,34 @@ class Robot:
         """Power the arm; its brakes stay engaged. Nothing if it has power."""
         if self.mode < RobotMode.IDLE:
             yield from self._link.ask("power_on")
-            yield from self.until(lambda: self.mode >= RobotMode.IDLE, safe=True)
+            yield from self._come_up(RobotMode.IDLE)
 
     def release_brakes(self) -> Steps:
         """Power the arm and release its brakes. Nothing if that is so."""
         yield from self.power_on()
         if self.mode != RobotMode.RUNNING:
             yield from self._link.ask("brake_release")
-            yield from self.until(lambda: self.mode == RobotMode.RUNNING, safe=True)
+            yield from self._come_up(RobotMode.RUNNING)
+
+    def _come_up(self, goal: RobotMode) -> Steps:
+        """Wait for `goal`; fail when a stop comes in between, the power goes, or never begins to come."""
+        begins, has_begun = self.mode, False
+        deadline = time.monotonic() + POWER_BEGINS
+        while self.mode < goal:
+            self.require_safe()
+            has_begun = has_begun or self.mode != begins
+            if has_begun and self.mode == RobotMode.POWER_OFF:
+                raise self._powerless("lost its power while it came up")
+            if not has_begun and time.monotonic() > deadline:
+                raise self._powerless(f"did not begin to come up within {POWER_BEGINS:g} s")
+            yield
+
+    def _powerless(self, what: str) -> DeviceFault:
+        return DeviceFault(
+            f"the arm {what}",
+            where=self._where,
+            remedy="Look at the message on the teach pendant, then enable again.",
+        )
 
     def power_off(self) -> Steps:
         """Switch the arm's power off. Nothing if it has none."""
