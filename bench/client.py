@@ -19,8 +19,8 @@ from sensor_msgs.msg import JointState
 
 from bench.report import options, show_calls
 from crtk_drivers.client import connect
-from crtk_drivers.ros.executors import make_executor
-from crtk_drivers.ros.link import Inbox
+from crtk_drivers.client.link import Inbox
+from crtk_drivers.ros.spinning import make_executor
 
 NAMESPACE = "/bench_client"
 

@@ -17,7 +17,6 @@ import numpy as np
 from ruckig import InputParameter, Ruckig, Trajectory
 
 from bench.report import options, show
-from crtk_drivers.chain import Chain, DHJoint, chain_from_dh
 from crtk_drivers.commands import Command, Kind, Level, Payload
 from crtk_drivers.device import (
     Capabilities,
@@ -28,7 +27,8 @@ from crtk_drivers.device import (
     Setpoint,
 )
 from crtk_drivers.engine import Engine, EngineOptions
-from crtk_drivers.kinematics import SerialChain
+from crtk_drivers.kinematics.chain import Chain, DHJoint, chain_from_dh
+from crtk_drivers.kinematics.serial import SerialChain
 from crtk_drivers.samples import (
     Array,
     AxisMode,

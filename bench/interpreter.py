@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 SWITCH_INTERVAL = 0.0005
-"""Seconds: as in the process of the driver (`crtk_drivers.runtime`)."""
+"""Seconds: as in the process of the driver (`crtk_drivers.engine.threads`)."""
 
 
 @contextmanager

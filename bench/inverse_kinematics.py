@@ -23,10 +23,10 @@ from bench.report import options, show
 from crtk_driver_ur.frames import Transform
 from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import MODELS
-from crtk_drivers.chain import DHJoint, chain_from_dh
 from crtk_drivers.errors import KinematicsError
-from crtk_drivers.geometry import matrix_from_quaternion
-from crtk_drivers.kinematics import SerialChain
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
+from crtk_drivers.kinematics.chain import DHJoint, chain_from_dh
+from crtk_drivers.kinematics.serial import SerialChain
 from crtk_drivers.samples import Array, Pose, Vector
 
 ACCURACY = 1e-9

@@ -17,11 +17,11 @@ from collections.abc import Callable
 import numpy as np
 
 from crtk_drivers.device import CartesianLimits, JointLimits
-from crtk_drivers.geometry import quaternion_from_rotvec
-from crtk_drivers.interpolation import JointInterpolator, PoseInterpolator
-from crtk_drivers.profiles import JointProfile, LineProfile
-from crtk_drivers.resolved_rate import ResolvedRate
+from crtk_drivers.gates.resolved_rate import ResolvedRate
+from crtk_drivers.geometry.quaternions import quaternion_from_rotvec
 from crtk_drivers.samples import Pose, Vector, vector
+from crtk_drivers.trajectory.interpolators import JointInterpolator, PoseInterpolator
+from crtk_drivers.trajectory.profiles import JointProfile, LineProfile
 
 CYCLE = 0.002
 TIMEOUT = 0.3

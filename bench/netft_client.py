@@ -49,7 +49,7 @@ def ours(ports: list[int], rate: float, publish: float, figures: Figures) -> Ite
     from crtk_driver_ati_netft import PLUGIN
     from crtk_drivers.config import from_values, load
     from crtk_drivers.engine import Engine
-    from crtk_drivers.runtime import Runtime
+    from crtk_drivers.engine.threads import Runtime
 
     engines = []
     for port in ports:

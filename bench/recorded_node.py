@@ -21,9 +21,9 @@ from crtk_driver_ur.rtde.stream import StateSample  # noqa: E402
 from crtk_driver_ur.samples import SampleMaker  # noqa: E402
 from crtk_drivers.cli import main  # noqa: E402
 from crtk_drivers.engine import Engine  # noqa: E402
-from crtk_drivers.health import HealthRecorder  # noqa: E402
 from crtk_drivers.ros import serving  # noqa: E402
 from crtk_drivers.samples import Sample  # noqa: E402
+from crtk_drivers.status.health import HealthRecorder  # noqa: E402
 
 MILESTONES = ("interpreter", "imports", "simulator", "node", "connected", "sample")
 

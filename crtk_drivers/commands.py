@@ -117,7 +117,7 @@ class Command:
 
 
 FRAMES = ("local", "body", "spatial")
-"""Sub-namespaces that say in which frame a Cartesian value is given, see `crtk_drivers.frames`."""
+"""Sub-namespaces that say in which frame a Cartesian value is given, see `crtk_drivers.geometry.frames`."""
 
 SUB_NAMESPACES = (*FRAMES, "jaw", "gripper", "actuators", "raw")
 """Where a device may offer the same names a second time, for example ``local/measured_cp``."""

@@ -13,7 +13,7 @@ from crtk_drivers.errors import ConnectionFailed
 
 
 class Shown(Protocol):
-    """What is shown, as dictionaries that JSON can hold; see `crtk_drivers.scene`."""
+    """What is shown, as dictionaries that JSON can hold; see `crtk_drivers.session.scene`."""
 
     def scene(self) -> Mapping[str, Any]:
         """What does not change."""

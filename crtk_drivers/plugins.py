@@ -29,14 +29,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from crtk_drivers.capabilities import offered
 from crtk_drivers.commands import Command
 from crtk_drivers.config import DeviceConfig, Layer, Settings, from_file, from_values, load
 from crtk_drivers.device import Device
+from crtk_drivers.device.offered import offered
 from crtk_drivers.errors import ConfigError, MissingExtra, PluginError
 from crtk_drivers.pages import PagePlugin
-from crtk_drivers.placed import PlacedDevice
 from crtk_drivers.sims import RunningSim, SimPlugin
+from crtk_drivers.wrappers.base_frame import PlacedDevice
 
 DEVICES: Final = "crtk_drivers.devices"
 SIMS: Final = "crtk_drivers.sims"
@@ -125,7 +125,9 @@ class DevicePlugin:
         """
         device = self.create(config)
         if config.kinematics is not None:
-            from crtk_drivers.modelled import ModelledDevice  # pinocchio is not needed otherwise
+            from crtk_drivers.wrappers.kinematic_model import (
+                ModelledDevice,  # pinocchio is not needed otherwise
+            )
 
             device = ModelledDevice(device, config.kinematics)
         if config.base is not None:

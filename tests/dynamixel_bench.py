@@ -14,10 +14,9 @@ import pytest
 
 from crtk_driver_dynamixel import PLUGIN
 from crtk_driver_dynamixel.config import DynamixelConfig
-from crtk_drivers import runtime
 from crtk_drivers.config import from_values, load
 from crtk_drivers.device import Device
-from crtk_drivers.engine import Engine, Observer
+from crtk_drivers.engine import Engine, Observer, threads
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import Stamp
@@ -344,7 +343,7 @@ def sim_for(values: Mapping[str, Any], **options: Any) -> RunningSim:
 @contextmanager
 def lenient() -> Iterator[None]:
     """Let I/O threads be silent for longer."""
-    with patch.object(runtime, "STALL_LIMIT", 2.0):
+    with patch.object(threads, "STALL_LIMIT", 2.0):
         yield
 
 

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from crtk_driver_ur import PLUGIN, abilities, control
-from crtk_drivers import runtime
 from crtk_drivers.config import from_values, load
-from crtk_drivers.engine import Observer
+from crtk_drivers.engine import Observer, threads
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
@@ -270,7 +269,7 @@ def lenient() -> Iterator[None]:
     """Let threads and processes of drivers be silent for longer, and an arm lag whose controller starves."""
     with (
         patch.object(abilities, "FOLLOWING_ERROR", FAR_BEHIND),
-        patch.object(runtime, "STALL_LIMIT", LENIENT),
+        patch.object(threads, "STALL_LIMIT", LENIENT),
         patch.object(control, "SILENCE_ALLOWED", LENIENT),
     ):
         yield

@@ -11,7 +11,7 @@ from crtk_drivers.device import Condition, Device
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost
 from crtk_drivers.samples import JointState, Sample
 from crtk_drivers.state import OperatingState
-from crtk_drivers.wrapped import WrappedDevice
+from crtk_drivers.wrappers.forwarding import WrappedDevice
 
 STUCK = "own stuck"
 DEFECT = "own defect"

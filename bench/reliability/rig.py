@@ -18,9 +18,8 @@ from bench.reliability import disturbed
 from bench.reliability.activities import EFFORTS, STANDING, Activity, Plan
 from bench.reliability.disturbed import DisturbedDevice
 from bench.reliability.table import Absent, Way
-from crtk_drivers import runtime
 from crtk_drivers.config import DeviceConfig, from_values, load
-from crtk_drivers.engine import Engine, Observer
+from crtk_drivers.engine import Engine, Observer, threads
 from crtk_drivers.errors import CommandRefused, CrtkError, DeviceError, StopUnconfirmed
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.plugins import DevicePlugin
@@ -156,7 +155,7 @@ class Rig(ABC):
     # ---------------------------------------------------------------------------------- life cycle
 
     def __enter__(self) -> Rig:
-        self._stack.enter_context(patch.object(runtime, "STALL_LIMIT", self.stall_limit))
+        self._stack.enter_context(patch.object(threads, "STALL_LIMIT", self.stall_limit))
         self.sim = self.start_sim()
         if self.sim is not None:
             self._stack.callback(self.sim.stop)
@@ -170,7 +169,7 @@ class Rig(ABC):
     @property
     def stall_limit(self) -> float:
         """Seconds for which an I/O thread may get no time."""
-        return STALL_LIMIT if self.patient else runtime.STALL_LIMIT
+        return STALL_LIMIT if self.patient else threads.STALL_LIMIT
 
     @property
     def config(self) -> DeviceConfig:

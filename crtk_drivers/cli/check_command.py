@@ -20,11 +20,11 @@ from crtk_drivers.cli.launch import Launch, launch_of, launch_options
 from crtk_drivers.cli.options import make_command
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import ERR, OUT, plain
-from crtk_drivers.counter_groups import grouped
 from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.ros import environment
 from crtk_drivers.state import OperatingState
+from crtk_drivers.status.counter_groups import grouped
 
 if TYPE_CHECKING:
     from crtk_drivers.engine import Engine

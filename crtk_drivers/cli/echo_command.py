@@ -14,8 +14,8 @@ import yaml
 from crtk_drivers.cli.terminal import ERR, OUT, plain
 from crtk_drivers.client import RemoteDevice
 from crtk_drivers.commands import Payload, find, is_name
-from crtk_drivers.conversions import as_pose
 from crtk_drivers.errors import ConfigError, DataTimeout
+from crtk_drivers.geometry.conversions import as_pose
 
 WAITING = 64
 """Messages that wait to be printed; the oldest make place for new ones."""

@@ -25,7 +25,7 @@ from crtk_drivers.config import (
     load,
     with_node,
 )
-from crtk_drivers.config_keys import heading_of, setting_names
+from crtk_drivers.config.keys import heading_of, setting_names
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DevicePlugin
 

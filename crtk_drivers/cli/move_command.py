@@ -14,7 +14,7 @@ from crtk_drivers.cli.reaching import held_when_interrupted, need
 from crtk_drivers.cli.state_view import NEXT, print_position
 from crtk_drivers.cli.terminal import ERR, OUT, plain, program
 from crtk_drivers.client import RemoteDevice
-from crtk_drivers.client.moves import START_TIMEOUT
+from crtk_drivers.client.move_handle import START_TIMEOUT
 from crtk_drivers.errors import (
     CommandRefused,
     ConfigError,
@@ -23,8 +23,8 @@ from crtk_drivers.errors import (
     MotionAborted,
     Reason,
 )
-from crtk_drivers.geometry import quaternion_product, unit
-from crtk_drivers.moves import Move
+from crtk_drivers.geometry.quaternions import quaternion_product, unit
+from crtk_drivers.move import Move
 from crtk_drivers.samples import JointState, Pose, vector
 from crtk_drivers.state import OperatingState
 

@@ -21,7 +21,7 @@ from pydantic_core import PydanticUndefined
 from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup
 from crtk_drivers.cli.terminal import plain, sentence
 from crtk_drivers.config import Layer, typed_value
-from crtk_drivers.config_keys import annotation_of, choices_of, description_of, setting_names
+from crtk_drivers.config.keys import annotation_of, choices_of, description_of, setting_names
 from crtk_drivers.ros.names import suggestion
 
 Parameters = Sequence[inspect.Parameter]

@@ -7,9 +7,9 @@ import json
 import typer
 
 from crtk_drivers import plugins
+from crtk_drivers.cli.config_reference import device_tables
 from crtk_drivers.cli.terminal import OUT
 from crtk_drivers.config import with_node
-from crtk_drivers.config_reference import device_tables
 
 
 def print_schema(name: str, markdown: bool) -> None:

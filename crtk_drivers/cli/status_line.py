@@ -13,10 +13,10 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from crtk_drivers.health import Health
 from crtk_drivers.ros.names import ANOTHER_DRIVER
 from crtk_drivers.state import OperatingState, Status
-from crtk_drivers.throttle import kind_of
+from crtk_drivers.status.health import Health
+from crtk_drivers.status.throttle import kind_of
 
 logger = logging.getLogger(__name__)
 

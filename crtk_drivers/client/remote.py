@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from crtk_drivers.client.goals import goal_test
-from crtk_drivers.client.moves import RemoteMove
+from crtk_drivers.client.move_handle import RemoteMove
 from crtk_drivers.client.space import PARTS, NotOffered, Space
-from crtk_drivers.client.transitions import Transition
+from crtk_drivers.client.state_commands import Transition
 from crtk_drivers.commands import (
     CHILDREN,
     Command,
@@ -35,18 +35,18 @@ from crtk_drivers.commands import (
     find,
     is_name,
 )
-from crtk_drivers.conversions import as_pose
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, ConnectionLost, DataTimeout
-from crtk_drivers.fronts import DEFAULT_AGE, DEFAULT_WAIT, DeviceFront
-from crtk_drivers.payloads import value_for
+from crtk_drivers.front.base import DEFAULT_AGE, DEFAULT_WAIT, DeviceFront
+from crtk_drivers.front.payloads import value_for
+from crtk_drivers.geometry.conversions import as_pose
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace
 from crtk_drivers.samples import EMPTY, Number, Pose, Value, Vector, vector
 from crtk_drivers.state import Status, parse_command, target_of
 
 if TYPE_CHECKING:
-    from crtk_drivers.client.status import StatusTracker
-    from crtk_drivers.ros.link import Inbox, Outbox, Received
+    from crtk_drivers.client.announcements import StatusTracker
+    from crtk_drivers.client.link import Inbox, Outbox, Received
 
 CONNECT_TIMEOUT = 10.0
 """Seconds in which a device, or the other end of a topic, must be found."""
@@ -455,7 +455,7 @@ def connect(
     """
     namespace = checked_namespace(f"/{namespace.strip('/')}", option="")
     environment.check()
-    from crtk_drivers.ros.link import Link
+    from crtk_drivers.client.link import Link
 
     link = Link(node=node, executor=executor, ros_args=ros_args)
     try:

@@ -10,13 +10,13 @@ from difflib import get_close_matches
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from crtk_drivers.client.announcements import StatusTracker
 from crtk_drivers.client.discovery import POLL, SETTLE, Catalogue, Feature
-from crtk_drivers.client.status import StatusTracker
 from crtk_drivers.commands import COMMANDS, Direction, Kind, Payload
 from crtk_drivers.errors import ConnectionFailed
 
 if TYPE_CHECKING:
-    from crtk_drivers.ros.link import Caller, Endpoint, Inbox, Link
+    from crtk_drivers.client.link import Caller, Endpoint, Inbox, Link
 
 PARTS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
@@ -74,7 +74,7 @@ class Space:
         Raises:
             NotOffered: it does not exist on the other side, or is of another type there.
         """
-        from crtk_drivers.ros.link import ros_type
+        from crtk_drivers.client.link import ros_type
 
         features = self.features()
         feature = features.get(name)
@@ -137,7 +137,7 @@ class Space:
             NotOffered: see `feature`.
             ConnectionFailed: no other end within `timeout` s.
         """
-        from crtk_drivers.ros.link import may_wait
+        from crtk_drivers.client.link import may_wait
 
         endpoint = self.endpoint(name)
         if not endpoint.was_connected:
@@ -161,7 +161,7 @@ class Space:
         Raises:
             ConnectionFailed: some have not; names them.
         """
-        from crtk_drivers.ros.link import Caller, Outbox, wait_connected
+        from crtk_drivers.client.link import Caller, Outbox, wait_connected
 
         if wait_connected(endpoints, time.monotonic() + timeout):
             return

@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from crtk_drivers.device import Severity
-from crtk_drivers.health import Health
 from crtk_drivers.ros.messages import set_stamp
 from crtk_drivers.state import OperatingState, Status
+from crtk_drivers.status.health import Health
 
 RATE_TOLERANCE = 0.05
 """Relative difference between the achieved and the expected rate of the I/O loop that is worth a warning."""

@@ -15,13 +15,12 @@ from crtk_drivers.device import READINGS
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.ros import qos
-from crtk_drivers.ros.commands import CommandTopics
 from crtk_drivers.ros.diagnostics import Diagnostics
-from crtk_drivers.ros.feedback import FeedbackTopics, LatchedTopics, Transforms
-from crtk_drivers.ros.graph import TypeConflicts
 from crtk_drivers.ros.manifest import manifest, type_name
 from crtk_drivers.ros.messages import TYPES
+from crtk_drivers.ros.mismatches import TypeConflicts
 from crtk_drivers.ros.names import AMONG_DRIVERS, NODE_NAME, Frames
+from crtk_drivers.ros.operating_state import StatusTopic
 from crtk_drivers.ros.parameters import (
     declare_frame_prefix,
     declare_rates,
@@ -33,8 +32,9 @@ from crtk_drivers.ros.readings import ReadingTopics
 from crtk_drivers.ros.refusals import RefusalTopic
 from crtk_drivers.ros.rosout import RosoutHandler
 from crtk_drivers.ros.senders import LOOK_RATE
-from crtk_drivers.ros.services import DeviceServices, Services
-from crtk_drivers.ros.status import StatusTopic
+from crtk_drivers.ros.servers import DeviceServices, Services
+from crtk_drivers.ros.subscriptions import CommandTopics
+from crtk_drivers.ros.topics import FeedbackTopics, LatchedTopics, Transforms
 from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import Stamp
 from crtk_drivers.state import Status

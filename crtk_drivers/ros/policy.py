@@ -17,9 +17,9 @@ from types import MappingProxyType
 from typing import Final
 from xml.etree import ElementTree
 
-from crtk_drivers.capabilities import offered
 from crtk_drivers.commands import Direction
 from crtk_drivers.device import READINGS, Device
+from crtk_drivers.device.offered import offered
 from crtk_drivers.ros.names import AMONG_DRIVERS, NODE_NAME, SERVICES_NODE_NAME
 
 VERSION: Final = "0.2.0"

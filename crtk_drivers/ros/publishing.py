@@ -15,7 +15,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 
-from crtk_drivers.throttle import Throttle
+from crtk_drivers.status.throttle import Throttle
 
 logger = logging.getLogger(__name__)
 

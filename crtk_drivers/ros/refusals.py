@@ -27,7 +27,7 @@ from crtk_drivers.commands import Level, find, is_name
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.publishing import PublishingThread
-from crtk_drivers.throttle import Throttle
+from crtk_drivers.status.throttle import Throttle
 
 logger = logging.getLogger(__name__)
 

@@ -19,7 +19,7 @@ from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
 from rclpy.waitable import NumberOfEntities, Waitable
 
-from crtk_drivers.arbiter import Client
+from crtk_drivers.motion.arbiter import Client
 from crtk_drivers.ros.unlocked import UnlockedNode, rcl_error
 
 logger = logging.getLogger(__name__)

@@ -23,8 +23,8 @@ from rclpy.signals import SignalHandlerOptions
 from crtk_drivers.config import NodeConfig
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import ConfigError, DeviceError
-from crtk_drivers.ros.executors import SPIN_PERIOD, make_executor
 from crtk_drivers.ros.node import PUBLISHER_TIMEOUT, DriverNode
+from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor
 from crtk_drivers.session import Session
 
 logger = logging.getLogger(__name__)

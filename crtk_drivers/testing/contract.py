@@ -26,11 +26,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crtk_drivers.arbiter import Client
 from crtk_drivers.commands import Payload, find
 from crtk_drivers.device import Capabilities
 from crtk_drivers.errors import CommandRefused, MotionAborted, Reason
 from crtk_drivers.front import LocalDevice
+from crtk_drivers.motion.arbiter import Client
 from crtk_drivers.samples import JointState, Matrix, Pose, Twist, Value, Vector, Wrench, vector
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState

@@ -33,7 +33,7 @@ from crtk_drivers.device import (
     StopPolicy,
 )
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, KinematicsError
-from crtk_drivers.geometry import quaternion_from_rotvec, rotvec_from_quaternion
+from crtk_drivers.geometry.quaternions import quaternion_from_rotvec, rotvec_from_quaternion
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.samples import (
     Array,

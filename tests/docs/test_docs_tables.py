@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from crtk_drivers import command_reference, plugins
+from crtk_drivers import plugins
+from crtk_drivers.cli import command_reference
 
 ROOT = Path(__file__).parents[2]
 PAGES = [

@@ -21,13 +21,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crtk_drivers.arbiter import Client
-from crtk_drivers.board import Observer
 from crtk_drivers.commands import Command, Direction, Kind, Level, Payload
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, ConfigError, Reason
 from crtk_drivers.front import LocalDevice
-from crtk_drivers.moves import Outcome
+from crtk_drivers.motion.arbiter import Client
+from crtk_drivers.move import Outcome
 from crtk_drivers.samples import (
     AxisMode,
     CartesianServo,
@@ -45,6 +44,7 @@ from crtk_drivers.samples import (
 )
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState, Status
+from crtk_drivers.status.board import Observer
 
 NOT_FINITE = (math.nan, math.inf, -math.inf)
 WAIT = 20.0

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-from crtk_drivers.client.matlab.session import _STATE_METHODS
+from crtk_drivers.client.matlab.objects import _STATE_METHODS
 from crtk_drivers.commands import COMMANDS
 
 HERE = Path(__file__).parent

@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 
 from crtk_drivers.client import matlab
-from crtk_drivers.client.matlab import session
-from crtk_drivers.client.moves import RemoteMove
+from crtk_drivers.client.matlab import objects
+from crtk_drivers.client.move_handle import RemoteMove
 from crtk_drivers.errors import ConfigError
 
 needs_ros = pytest.mark.skipif(find_spec("rclpy") is None, reason="rclpy is not installed")
@@ -157,8 +157,8 @@ def test_only_the_newest_moves_are_kept(monkeypatch: pytest.MonkeyPatch) -> None
                 lost=lambda: "",
             )
 
-    monkeypatch.setattr(session, "KEPT_MOVES", 3)
-    own = session.Session()
+    monkeypatch.setattr(objects, "KEPT_MOVES", 3)
+    own = objects.Session()
     own._devices[1] = Arm()  # type: ignore[assignment]
     moves = [own.send(1, "move_jp", [number(0.0)]) for _ in range(5)]
     assert own.is_busy(moves[2])

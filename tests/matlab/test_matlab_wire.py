@@ -13,9 +13,9 @@ from hypothesis.extra.numpy import arrays
 
 from crtk_drivers.client.matlab.wire import arguments_of, decoded, encoded, parts_of, pose
 from crtk_drivers.commands import COMMANDS
-from crtk_drivers.conversions import to_matrix
 from crtk_drivers.errors import CommandRefused
-from crtk_drivers.geometry import quaternion_from_rotvec
+from crtk_drivers.geometry.conversions import to_matrix
+from crtk_drivers.geometry.quaternions import quaternion_from_rotvec
 from crtk_drivers.samples import (
     CartesianServo,
     Flag,

@@ -13,7 +13,7 @@ import threading
 from typing import Any
 
 from crtk_drivers.plugins import DevicePlugin
-from crtk_drivers.ros import feedback
+from crtk_drivers.ros import topics
 from crtk_drivers.ros.serving import run
 from crtk_drivers.session import Session
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
@@ -41,7 +41,7 @@ def main() -> int:
     namespace, *ros_args = sys.argv[1:]
     if "--block" in ros_args:
         ros_args.remove("--block")
-        feedback.coherent = block
+        topics.coherent = block
     plugin = DevicePlugin("loopback", "says when it is held", LoopbackConfig, TalkingDevice)
     return run(Session(plugin, LoopbackConfig()), namespace, ros_args)
 

@@ -18,7 +18,7 @@ from std_msgs.msg import Empty
 import crtk_drivers.client.compat as crtk
 import crtk_drivers.client.compat.v1_4 as crtk14
 from crtk_drivers.commands import COMMANDS
-from crtk_drivers.conversions import as_pose, have_kdl, to_kdl
+from crtk_drivers.geometry.conversions import as_pose, have_kdl, to_kdl
 from crtk_drivers.samples import Pose
 from crtk_drivers.testing.loopback import LoopbackConfig
 

@@ -19,9 +19,9 @@ from std_msgs.msg import Bool, Float64
 
 import crtk_drivers.client.compat.v1_4 as crtk
 from crtk_drivers import plugins
-from crtk_drivers.conversions import as_pose, have_kdl, to_kdl
 from crtk_drivers.engine import Engine
-from crtk_drivers.geometry import matrix_from_quaternion
+from crtk_drivers.geometry.conversions import as_pose, have_kdl, to_kdl
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.samples import Pose, Wrench
 from crtk_drivers.session import Session
 

@@ -24,7 +24,7 @@ from crtk_driver_virtual import PLUGIN as VIRTUAL
 from crtk_drivers.config import from_values, load
 from crtk_drivers.errors import ConnectionFailed, DataTimeout
 from crtk_drivers.front import LocalDevice
-from crtk_drivers.geometry import matrix_from_quaternion
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 
 LONG = 20.0
 ARM, SENSOR = "/test_netft_arm", "/test_netft_sensor"

@@ -16,8 +16,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
+from crtk_drivers.ros.operating_state import BURST, StatusTopic
 from crtk_drivers.ros.publishing import PublishingThread
-from crtk_drivers.ros.status import BURST, StatusTopic
 from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import Stamp
 from crtk_drivers.state import OperatingState, Status

@@ -17,7 +17,7 @@ from std_msgs.msg import Empty
 
 from crtk_drivers.config import NodeConfig
 from crtk_drivers.engine import Engine
-from crtk_drivers.ros.feedback import coherent
+from crtk_drivers.ros.topics import coherent
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 
 JOINTS = ["x", "y", "z", "yaw"]

@@ -23,7 +23,7 @@ from crtk_drivers import plugins
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, PluginError
 from crtk_drivers.front import LocalDevice
-from crtk_drivers.scene import DeviceScene
+from crtk_drivers.session.scene import DeviceScene
 from crtk_drivers.testing.loopback import LoopbackDevice
 from crtk_sim_backends.page.device import PAGE
 from crtk_sim_backends.page.server import PERIOD

@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 from engine_rig import LONG_STEPS, Recorder, Rig, ScriptedDevice
 
-from crtk_drivers.chain import DHJoint, chain_from_dh
 from crtk_drivers.device import Capabilities, CartesianLimits, Goal, JointLimits, Mode, Setpoint
 from crtk_drivers.engine import Engine, EngineOptions
-from crtk_drivers.frames import moved
-from crtk_drivers.geometry import quaternion_from_rotvec
-from crtk_drivers.kinematics import SerialChain
-from crtk_drivers.rotation import turn
+from crtk_drivers.geometry.frames import moved
+from crtk_drivers.geometry.quaternions import quaternion_from_rotvec
+from crtk_drivers.geometry.rates import turn
+from crtk_drivers.kinematics.chain import DHJoint, chain_from_dh
+from crtk_drivers.kinematics.serial import SerialChain
 from crtk_drivers.samples import (
     AxisMode,
     CartesianServo,

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from engine_rig import LIMIT, two_joints
 
-from crtk_drivers.capabilities import missing_for, offered
 from crtk_drivers.commands import COMMANDS
 from crtk_drivers.device import Capabilities, CartesianLimits, JointLimits, Mode
+from crtk_drivers.device.offered import missing_for, offered
 from crtk_drivers.samples import Pose, vector
 
 STATE = {"operating_state", "state_command"}

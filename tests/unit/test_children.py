@@ -7,11 +7,11 @@ import pytest
 
 from crtk_drivers.device import Device
 from crtk_drivers.front import LocalDevice
-from crtk_drivers.placed import PlacedDevice
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.samples import Pose, vector
 from crtk_drivers.session import Session
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
+from crtk_drivers.wrappers.base_frame import PlacedDevice
 
 
 class WithGripper(LoopbackDevice):

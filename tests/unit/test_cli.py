@@ -18,20 +18,20 @@ import typer
 from rich.console import Console
 
 import crtk_drivers
-from crtk_drivers import config_reference, plugins
-from crtk_drivers.cli import main
+from crtk_drivers import plugins
+from crtk_drivers.cli import config_reference, main
 from crtk_drivers.cli.app import app, split_arguments
 from crtk_drivers.cli.list_command import short_names
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
 from crtk_drivers.cli.status_line import StatusLine, status_text
 from crtk_drivers.cli.terminal import OUT
 from crtk_drivers.config import from_values
-from crtk_drivers.config_keys import setting_names
+from crtk_drivers.config.keys import setting_names
 from crtk_drivers.device import Note, Severity
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.health import Health
 from crtk_drivers.ros.names import ANOTHER_DRIVER
 from crtk_drivers.state import OperatingState, Status
+from crtk_drivers.status.health import Health
 
 ENTRY_POINTS = """
 [crtk_drivers.devices]

@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 from engine_rig import Rig, jp, two_joints
 
-from crtk_drivers.arbiter import Client
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.motion.arbiter import Client
 from crtk_drivers.samples import Flag
 
 

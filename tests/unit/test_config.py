@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import Field
 
+from crtk_drivers.cli.config_reference import rows, table_of
 from crtk_drivers.config import (
     DeviceConfig,
     Interval,
@@ -24,10 +25,9 @@ from crtk_drivers.config import (
     load,
     with_node,
 )
-from crtk_drivers.config_file import MAX_SIZE, parse_toml, parse_yaml
-from crtk_drivers.config_reference import rows, table_of
+from crtk_drivers.config.file import MAX_SIZE, parse_toml, parse_yaml
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.limits import LimitPolicy
+from crtk_drivers.gates.setpoint import LimitPolicy
 
 Write = Callable[..., Path]
 

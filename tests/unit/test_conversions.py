@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_drivers import conversions
-from crtk_drivers.geometry import matrix_from_quaternion
+from crtk_drivers.geometry import conversions
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.samples import Pose
 
 coordinates = st.floats(-2.0, 2.0)

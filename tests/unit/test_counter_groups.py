@@ -2,7 +2,7 @@
 
 import math
 
-from crtk_drivers.counter_groups import grouped
+from crtk_drivers.status.counter_groups import grouped
 
 
 def test_counters_that_begin_alike_are_one_line_and_modes_are_words() -> None:

@@ -14,9 +14,9 @@ from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.joints import Chain
 from crtk_drivers.config import from_values, load
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.kinematics import SerialChain
+from crtk_drivers.kinematics.serial import SerialChain
+from crtk_drivers.kinematics.urdf import read_urdf
 from crtk_drivers.samples import Pose, vector
-from crtk_drivers.urdf import read_urdf
 from crtk_sim_backends.dynamixel.config import SimConfig
 
 NAMES = arms.names()

@@ -8,8 +8,8 @@ from engine_rig import jf
 from crtk_drivers.device import CartesianLimits, JointLimits, Mode
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import Reason
-from crtk_drivers.frames import wrench_in_base
-from crtk_drivers.geometry import matrix_from_quaternion
+from crtk_drivers.geometry.frames import wrench_in_base
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.samples import Vector, Wrench, vector
 
 PUSH = (6.0, -5.0, 9.0, 0.6, -0.8, 0.4)

@@ -6,7 +6,7 @@ from engine_rig import Rig, jp, two_joints
 
 from crtk_drivers.device import Mode
 from crtk_drivers.errors import Reason
-from crtk_drivers.geometry import quaternion_from_rotvec
+from crtk_drivers.geometry.quaternions import quaternion_from_rotvec
 from crtk_drivers.samples import JointState, Pose, Twist, vector
 
 ZERO = vector(np.zeros(3))

@@ -5,7 +5,7 @@ import pytest
 from engine_rig import JOINTS, ScriptedDevice, two_joints
 
 from crtk_drivers.device import Mode, Setpoint
-from crtk_drivers.feedback import Feedback, Point
+from crtk_drivers.motion.feedback import Feedback, Point
 from crtk_drivers.samples import JointState, Pose, Sample, Stamp, vector
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.clock import FakeClock

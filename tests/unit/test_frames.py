@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from crtk_drivers.frames import (
+from crtk_drivers.geometry.frames import (
     both,
     inverse_pose,
     jacobian_from_base,
@@ -19,8 +19,8 @@ from crtk_drivers.frames import (
     wrench_from_base,
     wrench_in_base,
 )
-from crtk_drivers.geometry import matrix_from_quaternion, quaternion_from_rotvec
-from crtk_drivers.rotation import turn
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion, quaternion_from_rotvec
+from crtk_drivers.geometry.rates import turn
 from crtk_drivers.samples import Array, Pose, Vector, vector
 
 FRAMES = st.sampled_from(["", "body", "spatial", "local"])

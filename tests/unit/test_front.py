@@ -230,7 +230,7 @@ def test_what_raises_nowhere_is_logged_once_in_a_while(
         for _ in range(50):
             with pytest.raises(CommandRefused):
                 arm.servo_jp([0.0] * 5)
-    records = [record for record in caplog.records if record.name == "crtk_drivers.front"]
+    records = [record for record in caplog.records if record.name == "crtk_drivers.front.local"]
     assert len(records) == 1
     assert "5 values in position for 4 joints" in records[0].getMessage()
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_drivers.geometry import (
+from crtk_drivers.geometry.quaternions import (
     matrix_from_quaternion,
     pose_from_rotvec,
     quaternion_from_matrix,

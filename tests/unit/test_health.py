@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.health import HealthRecorder
+from crtk_drivers.status.health import HealthRecorder
 
 
 def test_rate_and_late_cycles_come_from_the_times_of_the_cycles() -> None:

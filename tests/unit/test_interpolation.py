@@ -12,21 +12,21 @@ from numpy.typing import ArrayLike
 
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import CartesianLimits, JointLimits
-from crtk_drivers.geometry import (
+from crtk_drivers.geometry.quaternions import (
     quaternion_from_rotvec,
     quaternion_product,
     rotvec_from_quaternion,
 )
-from crtk_drivers.interpolation import (
+from crtk_drivers.geometry.rates import turn
+from crtk_drivers.samples import Pose, vector
+from crtk_drivers.trajectory.interpolators import (
     JointInterpolator,
     PoseInterpolator,
     TwistInterpolator,
     VectorInterpolator,
     WrenchInterpolator,
 )
-from crtk_drivers.interpolator import FIRST_PERIOD, StreamClock, stopping_distance
-from crtk_drivers.rotation import turn
-from crtk_drivers.samples import Pose, vector
+from crtk_drivers.trajectory.smoothing import FIRST_PERIOD, StreamClock, stopping_distance
 
 CYCLE = 0.002
 TIMEOUT = 0.3

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from crtk_drivers import plugins
-from crtk_drivers.chain import JointKind
 from crtk_drivers.config import from_values, load
 from crtk_drivers.device import Device
-from crtk_drivers.geometry import matrix_from_quaternion
-from crtk_drivers.joint_axes import chain_of, joint_kinds
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
+from crtk_drivers.kinematics.chain import JointKind
+from crtk_drivers.kinematics.joint_axes import chain_of, joint_kinds
 from crtk_drivers.samples import Array, Pose, Vector, vector
-from crtk_drivers.wrapped import WrappedDevice
+from crtk_drivers.wrappers.forwarding import WrappedDevice
 
 PLACE = {"frame_id": "world", "position": [1.0, -2.0, 0.5], "rpy": [3.0, 0.2, 0.4]}
 

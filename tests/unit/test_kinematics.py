@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 from crtk_driver_ur.frames import Transform
 from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import JOINT_NAMES, MODELS, RobotModel
-from crtk_drivers.chain import Chain, DHConvention, DHJoint, JointKind, chain_from_dh
 from crtk_drivers.errors import ConfigError, CrtkError, KinematicsError
-from crtk_drivers.geometry import (
+from crtk_drivers.geometry.quaternions import (
     matrix_from_quaternion,
     pose_from_rotvec,
     quaternion_product,
     rotvec_from_quaternion,
 )
-from crtk_drivers.kinematics import EDGE, IkFailure, InverseKinematicsError, SerialChain
+from crtk_drivers.kinematics.chain import Chain, DHConvention, DHJoint, JointKind, chain_from_dh
+from crtk_drivers.kinematics.serial import EDGE, IkFailure, InverseKinematicsError, SerialChain
 from crtk_drivers.samples import Pose, vector
 
 pytest.importorskip("pinocchio", reason="the kinematics extra is not installed")
@@ -497,8 +497,8 @@ def run(code: str) -> subprocess.CompletedProcess[str]:
 
 def test_pinocchio_is_imported_when_it_is_needed_and_missed_with_the_command_that_brings_it():
     done = run(
-        "import sys, crtk_drivers, crtk_drivers.kinematics as k\n"
-        "from crtk_drivers.chain import DHJoint, chain_from_dh\n"
+        "import sys, crtk_drivers, crtk_drivers.kinematics.serial as k\n"
+        "from crtk_drivers.kinematics.chain import DHJoint, chain_from_dh\n"
         "from crtk_drivers.errors import MissingExtra\n"
         "assert 'pinocchio' not in sys.modules\n"
         "sys.modules['pinocchio'] = None\n"

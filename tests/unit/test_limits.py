@@ -8,13 +8,13 @@ from engine_rig import JOINTS, Rig, jp, jv, two_joints
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_drivers.braking import braking_way, stoppable_speed
-from crtk_drivers.checks import LARGEST, CommandCheck
 from crtk_drivers.commands import COMMANDS
 from crtk_drivers.device import Mode, Setpoint
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.limits import LimitPolicy, SetpointLimiter
+from crtk_drivers.gates.braking import braking_way, stoppable_speed
+from crtk_drivers.gates.command import LARGEST, CommandCheck
+from crtk_drivers.gates.setpoint import LimitPolicy, SetpointLimiter
 from crtk_drivers.samples import EMPTY, JointState, Pose, Vector, vector
 
 POLICY = LimitPolicy(max_step=0.1)

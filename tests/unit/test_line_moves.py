@@ -12,10 +12,10 @@ from engine_rig import jp
 from crtk_drivers.device import CartesianLimits, JointLimits, Mode
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, MotionAborted, Reason
-from crtk_drivers.frames import moved
-from crtk_drivers.moves import Move
-from crtk_drivers.orders import JOINTS
-from crtk_drivers.rotation import turn
+from crtk_drivers.geometry.frames import moved
+from crtk_drivers.geometry.rates import turn
+from crtk_drivers.motion.orders import JOINTS
+from crtk_drivers.move import Move
 from crtk_drivers.samples import Number, Pose, Vector, vector
 
 EXACT = 1e-6

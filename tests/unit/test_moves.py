@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from crtk_drivers.device import Mode
 from crtk_drivers.errors import MotionAborted
-from crtk_drivers.moves import Move, Outcome
+from crtk_drivers.move import Move, Outcome
 
 
 @settings(max_examples=30, deadline=None)

@@ -13,7 +13,7 @@ from crtk_driver_ati_netft.compensation import (
     spread,
     transfer,
 )
-from crtk_drivers.geometry import matrix_from_quaternion
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.samples import vector
 
 small = st.floats(-0.2, 0.2)

@@ -10,8 +10,8 @@ from engine_rig import jp
 
 from crtk_drivers.device import Mode
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.frames import product
-from crtk_drivers.geometry import matrix_from_quaternion
+from crtk_drivers.geometry.frames import product
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.samples import Flag, Pose, vector
 
 ABSOLUTE = "body/set_cf_orientation_absolute"

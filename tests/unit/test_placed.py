@@ -17,16 +17,16 @@ from hypothesis import strategies as st
 from crtk_drivers.config import KinematicsConfig
 from crtk_drivers.device import Device, Goal, JointLimits, Mode, Setpoint
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.frames import inverse_pose, product
 from crtk_drivers.front import LocalDevice
-from crtk_drivers.geometry import quaternion_from_rpy
-from crtk_drivers.modelled import ModelledDevice
-from crtk_drivers.placed import PlacedDevice
+from crtk_drivers.geometry.frames import inverse_pose, product
+from crtk_drivers.geometry.quaternions import quaternion_from_rpy
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.samples import JointState, Pose, Sample, Stamp, Twist, Vector, Wrench, vector
 from crtk_drivers.session import Session
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
-from crtk_drivers.wrapped import WrappedDevice
+from crtk_drivers.wrappers.base_frame import PlacedDevice
+from crtk_drivers.wrappers.forwarding import WrappedDevice
+from crtk_drivers.wrappers.kinematic_model import ModelledDevice
 
 DATA = Path(__file__).parents[1] / "data"
 TURNED = {"frame_id": "world", "position": [1.0, 2.0, 0.5], "rpy": [0.0, 0.0, math.pi / 2]}

@@ -10,11 +10,11 @@ from xml.etree import ElementTree
 import pytest
 
 from crtk_drivers import plugins
-from crtk_drivers.capabilities import offered
 from crtk_drivers.cli import main
 from crtk_drivers.commands import Direction
 from crtk_drivers.config import from_values, load
 from crtk_drivers.device import Device
+from crtk_drivers.device.offered import offered
 from crtk_drivers.ros.policy import policy
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 

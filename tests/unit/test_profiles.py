@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from crtk_drivers.device import CartesianLimits, JointLimits, Ratios
 from crtk_drivers.errors import KinematicsError, MotionAborted
-from crtk_drivers.geometry import quaternion_from_rotvec, quaternion_product
-from crtk_drivers.profiles import JointProfile, LineProfile, check_line
-from crtk_drivers.rotation import angular_acceleration, angular_velocity, turn
+from crtk_drivers.geometry.quaternions import quaternion_from_rotvec, quaternion_product
+from crtk_drivers.geometry.rates import angular_acceleration, angular_velocity, turn
 from crtk_drivers.samples import Pose, Vector, vector
+from crtk_drivers.trajectory.profiles import JointProfile, LineProfile, check_line
 
 LIMIT = JointLimits(-2.0, 2.0, velocity=1.0, acceleration=5.0, jerk=50.0, effort=1.0)
 TOOL = CartesianLimits(0.5, 1.0, 2.0, 4.0)
@@ -80,7 +80,7 @@ def test_the_duration_of_a_known_profile() -> None:
 
 
 def test_distances_at_which_ruckig_gives_up_are_solved() -> None:
-    # Exactly 2 a³/j²; see crtk_drivers.trajectories.
+    # Exactly 2 a³/j²; see crtk_drivers.trajectory.solver.
     one = vector((0.0,))
     profile = JointProfile(vector((-1.0,)), one, one, vector((-1.1,)), (LIMIT,))
     assert profile.duration == pytest.approx(0.4, rel=1e-5)

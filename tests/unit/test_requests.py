@@ -9,6 +9,7 @@ import pytest
 
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import Answer, Input, Note, Service, Severity
+from crtk_drivers.engine.services import Requests
 from crtk_drivers.errors import (
     CommandRefused,
     ConnectionLost,
@@ -19,7 +20,6 @@ from crtk_drivers.errors import (
 )
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.plugins import DevicePlugin
-from crtk_drivers.requests import Requests
 from crtk_drivers.samples import Wrench
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState

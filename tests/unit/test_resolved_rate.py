@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from crtk_drivers.device import CartesianLimits, JointLimits
-from crtk_drivers.geometry import quaternion_from_rotvec, quaternion_product
-from crtk_drivers.resolved_rate import Damping, ResolvedRate
-from crtk_drivers.rotation import turn
+from crtk_drivers.gates.resolved_rate import Damping, ResolvedRate
+from crtk_drivers.geometry.quaternions import quaternion_from_rotvec, quaternion_product
+from crtk_drivers.geometry.rates import turn
 from crtk_drivers.samples import Array, Pose, Vector, vector
 
 CYCLE = 0.002

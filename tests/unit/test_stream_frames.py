@@ -1,4 +1,4 @@
-"""body/, spatial/ and local/ on an arm: the tool moves as crtk_drivers.frames says."""
+"""body/, spatial/ and local/ on an arm: the tool moves as crtk_drivers.geometry.frames says."""
 
 import math
 from typing import Any
@@ -12,7 +12,7 @@ from engine_rig import jp
 from crtk_drivers.device import Mode
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.geometry import matrix_from_quaternion
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.samples import Pose, Twist, Vector, Wrench, vector
 
 BASE = step(0.2, -0.1, 0.3, 0.0, 0.5, math.pi / 2.0)

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import pytest
 from engine_rig import Rig, jf, jp, jv
 
-from crtk_drivers.arbiter import Client
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.front import LocalDevice
+from crtk_drivers.motion.arbiter import Client
 from crtk_drivers.session import Session
 from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig
 

@@ -9,10 +9,10 @@ from engine_rig import jp
 
 from crtk_drivers.device import CartesianLimits, JointLimits, Mode
 from crtk_drivers.errors import MotionAborted
-from crtk_drivers.executions import ARRIVAL_TIMEOUT, PACE_TIME
-from crtk_drivers.moves import Move
-from crtk_drivers.profiles import JointProfile
+from crtk_drivers.motion.executions import ARRIVAL_TIMEOUT, PACE_TIME
+from crtk_drivers.move import Move
 from crtk_drivers.samples import Value, vector
+from crtk_drivers.trajectory.profiles import JointProfile
 
 SLOW = JointLimits(-6.0, 6.0, velocity=0.5, acceleration=2.0, jerk=40.0, effort=50.0)
 GENTLE = JointLimits(-6.0, 6.0, velocity=1.05, acceleration=1.4, jerk=14.0, effort=50.0)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from crtk_drivers.throttle import MOST_KINDS, Throttle, kind_of
+from crtk_drivers.status.throttle import MOST_KINDS, Throttle, kind_of
 
 
 def test_the_first_of_a_kind_passes_and_the_others_are_counted() -> None:

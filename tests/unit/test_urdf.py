@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from crtk_drivers.chain import Chain, JointKind
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.geometry import matrix_from_quaternion
-from crtk_drivers.kinematics import IkFailure, InverseKinematicsError, SerialChain
-from crtk_drivers.urdf import MAX_SIZE, parse_urdf, read_urdf
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
+from crtk_drivers.kinematics.chain import Chain, JointKind
+from crtk_drivers.kinematics.serial import IkFailure, InverseKinematicsError, SerialChain
+from crtk_drivers.kinematics.urdf import MAX_SIZE, parse_urdf, read_urdf
 
 pin = pytest.importorskip("pinocchio", reason="the kinematics extra is not installed")
 

@@ -12,7 +12,7 @@ from crtk_driver_virtual.models import BUILT_IN, load_arm
 from crtk_driver_virtual.plant import FREE, HOLD, OVERSPEED, SUBSTEP, Command, Drive, Plant, Wall
 from crtk_driver_virtual.servo import FOLLOWING
 from crtk_drivers.config import PoseConfig
-from crtk_drivers.kinematics import SerialChain
+from crtk_drivers.kinematics.serial import SerialChain
 
 MODELS = tuple(BUILT_IN)
 HANGING = (0.0, 0.0, 9.81)

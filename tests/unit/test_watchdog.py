@@ -2,7 +2,7 @@
 
 import math
 
-from crtk_drivers.watchdog import Deadman
+from crtk_drivers.status.deadman import Deadman
 
 
 def test_it_expires_when_it_is_not_fed_in_time() -> None:

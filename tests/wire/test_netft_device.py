@@ -20,7 +20,7 @@ from crtk_drivers.device import Severity
 from crtk_drivers.engine import Observer
 from crtk_drivers.errors import CommandRefused, TransitionFailed
 from crtk_drivers.front import LocalDevice
-from crtk_drivers.geometry import matrix_from_quaternion, quaternion_from_rotvec
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion, quaternion_from_rotvec
 from crtk_drivers.samples import Wrench, vector
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState, Status

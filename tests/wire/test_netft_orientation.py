@@ -19,7 +19,7 @@ from crtk_drivers.config import from_values, load
 from crtk_drivers.device import Severity
 from crtk_drivers.errors import CommandRefused, ConfigError, DataTimeout, DeviceFault
 from crtk_drivers.front import LocalDevice
-from crtk_drivers.geometry import matrix_from_quaternion, quaternion_from_rotvec
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion, quaternion_from_rotvec
 from crtk_drivers.samples import Pose, vector
 from crtk_drivers.session import Session
 

@@ -30,7 +30,7 @@ from crtk_driver_ati_netft.tools import (
     ConfigureOptions,
     InfoOptions,
 )
-from crtk_drivers.geometry import quaternion_from_matrix, rotvec_from_quaternion
+from crtk_drivers.geometry.quaternions import quaternion_from_matrix, rotvec_from_quaternion
 from crtk_sim_backends.netft import SIM, RunningSim
 from crtk_sim_backends.netft.profiles import PRESETS, PROFILES
 

@@ -25,7 +25,7 @@ from crtk_driver_ur.models import Limits
 from crtk_driver_ur.program_settings import AXES
 from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
 from crtk_drivers.errors import ConfigError, ConnectionFailed, MotionAborted, TransitionFailed
-from crtk_drivers.geometry import matrix_from_quaternion
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_sim_backends.ur import SIM, RunningSim
 
 STOPPED, PLAYING = 1, 2

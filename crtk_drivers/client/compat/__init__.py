@@ -20,10 +20,10 @@ from crtk_drivers.ros import environment
 
 environment.check()
 
-from crtk_drivers.client.compat.extras import JoystickButton, MeasuredCp  # noqa: E402 - needs ROS
+from crtk_drivers.client.compat.classes import JoystickButton, MeasuredCp  # noqa: E402 - needs ROS
 from crtk_drivers.client.compat.handles import WaitMoveHandle  # noqa: E402
 from crtk_drivers.client.compat.utilities import NoData, Utils  # noqa: E402
-from crtk_drivers.ros.ral import Ral  # noqa: E402
+from crtk_drivers.client.ral import Ral  # noqa: E402
 
 ral = Ral
 utils = Utils

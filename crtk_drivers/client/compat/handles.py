@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Any
 
-from crtk_drivers.client.moves import RemoteMove
+from crtk_drivers.client.move_handle import RemoteMove
 from crtk_drivers.errors import CrtkError
 
 logger = logging.getLogger(__name__)

@@ -13,18 +13,18 @@ from typing import Any
 
 import numpy as np
 
+from crtk_drivers.client.announcements import StatusTracker
 from crtk_drivers.client.compat.handles import WaitMoveHandle
 from crtk_drivers.client.goals import goal_test
-from crtk_drivers.client.moves import RemoteMove
+from crtk_drivers.client.link import Caller, Inbox, Outbox, Received
+from crtk_drivers.client.move_handle import RemoteMove
+from crtk_drivers.client.ral import Ral
 from crtk_drivers.client.space import PARTS
-from crtk_drivers.client.status import StatusTracker
 from crtk_drivers.commands import COMMANDS, Command, Direction, Level, Payload
-from crtk_drivers.conversions import as_pose, have_kdl, to_kdl
 from crtk_drivers.errors import CommandRefused, DataTimeout, KinematicsError
-from crtk_drivers.payloads import value_for
-from crtk_drivers.ros.link import Caller, Inbox, Outbox, Received
+from crtk_drivers.front.payloads import value_for
+from crtk_drivers.geometry.conversions import as_pose, have_kdl, to_kdl
 from crtk_drivers.ros.messages import TYPES
-from crtk_drivers.ros.ral import Ral
 from crtk_drivers.samples import JointState, Pose, Value, vector
 from crtk_drivers.state import OperatingState, Status
 

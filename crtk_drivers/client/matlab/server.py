@@ -21,7 +21,7 @@ import sys
 import threading
 from typing import Any
 
-from crtk_drivers.client.matlab.session import Session, described
+from crtk_drivers.client.matlab.objects import Session, described
 from crtk_drivers.errors import CrtkError
 
 logger = logging.getLogger(__name__)

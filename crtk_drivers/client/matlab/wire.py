@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from crtk_drivers.commands import Command, Kind, Payload
-from crtk_drivers.conversions import as_pose, to_matrix
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.geometry import QUATERNION_TOLERANCE
-from crtk_drivers.payloads import value_for
+from crtk_drivers.front.payloads import value_for
+from crtk_drivers.geometry.conversions import as_pose, to_matrix
+from crtk_drivers.geometry.quaternions import QUATERNION_TOLERANCE
 from crtk_drivers.samples import (
     EMPTY,
     Array,

@@ -16,7 +16,7 @@ from typing import Any, Final, Protocol
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.pipeline import Pipeline
 from crtk_drivers.errors import CommandRefused, CrtkError, DataTimeout, Reason
-from crtk_drivers.geometry import (
+from crtk_drivers.geometry.quaternions import (
     QUATERNION_TOLERANCE,
     matrix_from_quaternion,
     quaternion_from_rotvec,

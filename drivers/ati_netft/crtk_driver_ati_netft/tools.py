@@ -39,7 +39,7 @@ from crtk_drivers.errors import (
     DeviceError,
     DeviceFault,
 )
-from crtk_drivers.geometry import matrix_from_quaternion
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.plugins import Tool
 from crtk_drivers.samples import Array, vector
 

@@ -57,7 +57,7 @@ from crtk_drivers.errors import (
     MotionAborted,
     Reason,
 )
-from crtk_drivers.geometry import rotvec_from_pose
+from crtk_drivers.geometry.quaternions import rotvec_from_pose
 from crtk_drivers.samples import Array, Pose, Sample, Vector, vector
 from crtk_drivers.state import OperatingState
 

@@ -25,7 +25,7 @@ from crtk_drivers.device import (
     StopPolicy,
 )
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, ConnectionLost, Reason
-from crtk_drivers.kinematics import SerialChain
+from crtk_drivers.kinematics.serial import SerialChain
 from crtk_drivers.samples import (
     Array,
     JointState,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from crtk_driver_virtual.models import Arm
-from crtk_drivers.chain import JointKind
+from crtk_drivers.kinematics.chain import JointKind
 from crtk_drivers.samples import Array, Pose, Vector
 
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from crtk_drivers.config_file import read_file
+from crtk_drivers.config.file import read_file
 from crtk_drivers.errors import ConfigError
 
 __all__ = ["arm_file", "beneath", "names"]

@@ -1,0 +1,385 @@
+"""``operating_state`` and ``refusals`` of a device, and those who wait for them."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from crtk_drivers.errors import CommandRefused, ConnectionFailed, CrtkError, DataTimeout, Reason
+from crtk_drivers.state import Status
+
+if TYPE_CHECKING:
+    from crtk_drivers.client.link import Inbox, Link, Received
+    from crtk_drivers.client.move_handle import RemoteMove
+
+logger = logging.getLogger(__name__)
+
+SILENCE = 5.0
+"""Seconds without a heartbeat, from a device that has one, that mean that it is gone."""
+HISTORY = 0.05
+"""Seconds of silence after which no more refusals of before are expected: the last ten are latched."""
+OUT_OF_ORDER_NS = 1_000_000_000
+"""Nanoseconds by which a status may be older than the last one and be left out: the service overtakes the
+topic. One that is older still comes from a driver whose clock was set back."""
+RECENT = 3.0
+"""Seconds in which a driver may hold the next refusal of the same kind back."""
+
+
+class Watch:
+    """Collects the statuses and refusals that arrive from its making on."""
+
+    def __init__(self) -> None:
+        self._events: deque[Status | CommandRefused] = deque()
+        self._changed = threading.Condition()
+
+    def add(self, event: Status | CommandRefused) -> None:
+        """Something arrived."""
+        with self._changed:
+            self._events.append(event)
+            self._changed.notify_all()
+
+    def next(self, timeout: float) -> Status | CommandRefused | None:
+        """Return the next event, None if there is none in time."""
+        with self._changed:
+            if not self._changed.wait_for(lambda: bool(self._events), timeout):
+                return None
+            return self._events.popleft()
+
+    def raise_refusal(self, name: str, timeout: float) -> None:
+        """Raise the refusal of the command `name` if it arrives in time."""
+        deadline = time.monotonic() + timeout
+        while True:
+            event = self.next(max(0.0, deadline - time.monotonic()))
+            if event is None:
+                return
+            if isinstance(event, CommandRefused) and event.command == name:
+                raise event
+
+
+class StatusTracker:
+    """The operating state of one device as it arrives. Thread-safe; subscribes at `start`.
+
+    Args:
+        link: to ROS.
+        where: the device, for messages.
+        topic: full name of ``operating_state``.
+        type_: ROS class of its messages.
+        refusals: full name of ``refusals``; None for a device without.
+        service: full name of the service ``operating_state``; None for a device without.
+        heartbeat: whether the state is repeated.
+        alone: whether nobody but this client sends a command, so that its refusals are ours.
+        past_refusals: ask for those of before, and leave them out: none is missed while the two ends meet.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        where: str,
+        topic: str,
+        type_: type,
+        refusals: str | None,
+        service: str | None,
+        heartbeat: bool,
+        alone: Callable[[str], bool],
+        past_refusals: bool = True,
+    ) -> None:
+        self._link = link
+        self._where = where
+        self._topic = topic
+        self._type = type_
+        self._refusals = refusals
+        self._service = service
+        self._heartbeat = heartbeat
+        self._alone = alone
+        self._lock = threading.RLock()
+        self._inbox: Inbox | None = None
+        self._latest: Status | None = None
+        self._heard = 0.0
+        self._stamp_ns = 0
+        self._past_refusals = past_refusals
+        self._live = not past_refusals
+        self._started = False
+        self._told_unknown = False
+        self._watches: list[Watch] = []
+        self._moves: list[RemoteMove] = []
+        self._late: dict[str, CommandRefused] = {}
+        self._refused_at: dict[str, float] = {}
+        self._sent: set[str] = set()
+        self._status_callbacks: tuple[Callable[[Status], Any], ...] = ()
+        self._refusal_callbacks: tuple[Callable[[CommandRefused], Any], ...] = ()
+
+    # ------------------------------------------------------------------------------------ lifetime
+
+    def subscribe(self) -> list[Inbox]:
+        """Subscribe, if that is not done yet, and return the subscriptions."""
+        with self._lock:
+            if self._inbox is None:
+                latched = self._service is None and self._link.is_latched(self._topic)
+                self._inbox = self._link.inbox(self._topic, self._type, latched)
+                self._inbox.add_listener(self._receive)
+                if self._refusals is not None:
+                    box = self._link.text_inbox(self._refusals, self._past_refusals)
+                    box.add_listener(self._receive_refusal)
+            boxes = [self._inbox]
+            if self._refusals is not None:
+                boxes.append(self._link.text_inbox(self._refusals, self._past_refusals))
+            return boxes
+
+    def start(self, timeout: float) -> None:
+        """Subscribe, and wait for the first status. Does nothing once that is done.
+
+        Raises:
+            ConnectionFailed: nobody publishes it.
+            DataTimeout: somebody does, and nothing came.
+        """
+        if self._started:
+            return
+        from crtk_drivers.client.link import may_wait, wait_connected
+
+        deadline = time.monotonic() + timeout
+        boxes = self.subscribe()
+        may_wait("operating_state")
+        if not wait_connected(boxes, deadline):
+            missing = ", ".join(box.topic for box in boxes if not box.connected)
+            raise ConnectionFailed(
+                f"nobody publishes {missing}", where=self._where, remedy="Is the driver running?"
+            )
+        if self._latest is None:
+            self.refresh(max(0.0, deadline - time.monotonic()))
+        if not self.wait_for(lambda status: True, max(0.0, deadline - time.monotonic())):
+            raise DataTimeout(
+                f"{self._topic} is silent",
+                where=self._where,
+                remedy="If the node is your own, is it spun?",
+            )
+        self._let_history_pass(boxes[-1])
+
+    def _let_history_pass(self, box: Inbox) -> None:
+        seen = 0
+        end = time.monotonic() + 10.0 * HISTORY
+        while box.wait_for(partial(_newer, seen), HISTORY):
+            assert box.latest is not None
+            seen = box.latest.serial
+            if time.monotonic() > end:
+                break
+        self._live = self._started = True
+
+    def refresh(self, timeout: float) -> None:
+        """Ask the service for the state as it is now, if there is that service and it answers."""
+        if self._service is None:
+            return
+        try:
+            self._receive(self._link.state_caller(self._service).operating_state(timeout))
+        except CrtkError as error:
+            logger.debug("%s: %s", self._where, error)
+
+    # ------------------------------------------------------------------ told by the spinning thread
+
+    def _receive(self, received: Received) -> None:
+        try:
+            status = received.status
+        except ValueError as error:
+            if not self._told_unknown:
+                self._told_unknown = True
+                logger.warning("%s: operating_state: %s", self._where, error)
+            return
+        with self._lock:
+            behind = self._stamp_ns - received.wall_ns
+            if 0 < behind < OUT_OF_ORDER_NS:
+                return
+            self._stamp_ns = received.wall_ns
+            self._heard = time.monotonic()
+            changed = status != self._latest
+            self._latest = status
+            for watch in self._watches:
+                watch.add(status)
+            for move in self._moves:
+                move.status_changed(status)
+            callbacks = self._status_callbacks if changed else ()
+        for callback in callbacks:
+            _call(callback, status)
+
+    def _receive_refusal(self, received: Received) -> None:
+        refusal = self._refusal_of(received.message.data)
+        if refusal is None:
+            return
+        with self._lock:
+            self._refused_at[refusal.command] = time.monotonic()
+            if self._live or refusal.stamp_ns:
+                self._attribute(refusal)
+            if not self._live:
+                return
+            for watch in self._watches:
+                watch.add(refusal)
+            callbacks = self._refusal_callbacks
+        for callback in callbacks:
+            _call(callback, refusal)
+
+    def _refusal_of(self, text: str) -> CommandRefused | None:
+        try:
+            content = json.loads(text)
+            refusal = CommandRefused(
+                content["command"],
+                Reason(content["reason"]),
+                content["message"],
+                where=self._where,
+                remedy=content["remedy"],
+            )
+            stamp = content["stamp"]
+            refusal.stamp_ns = stamp["sec"] * 1_000_000_000 + stamp["nanosec"]
+        except (ValueError, KeyError, TypeError) as error:
+            logger.warning("%s: a refusal that cannot be read: %s", self._where, error)
+            return None
+        return refusal
+
+    def _attribute(self, refusal: CommandRefused) -> None:
+        """Hand a refusal to the command of ours that it is about, if it is about one of ours.
+
+        Its stamp tells; what was sent without one is ours while nobody else sends the same.
+        """
+        name = refusal.command
+        mine = [
+            move
+            for move in self._moves
+            if move.name == name
+            and move.stamp_ns == refusal.stamp_ns
+            and not move.refusal
+            and not (move.accepted and move.has_ended)
+        ]
+        if mine and (refusal.stamp_ns or not mine[-1].accepted or self._alone(name)):
+            mine[-1].refused(refusal)
+        elif refusal.reason is Reason.STREAM_ENDED:
+            return  # nothing that is sent now is refused
+        elif name in self._sent and self._alone(name):
+            self._sent.discard(name)
+            self._late[name] = refusal
+
+    # ------------------------------------------------------------------------------ for the client
+
+    @property
+    def inbox(self) -> Inbox:
+        """The subscription."""
+        assert self._inbox is not None, "start comes first"
+        return self._inbox
+
+    @property
+    def latest(self) -> Status:
+        """The status heard last; DISABLED before there was one."""
+        return self._latest or Status()
+
+    @property
+    def has_status(self) -> bool:
+        """Whether a status was heard."""
+        return self._latest is not None
+
+    def lost(self) -> str:
+        """Return why the device counts as gone; empty if it does not."""
+        if self._inbox is not None and not self._inbox.connected:
+            return f"nobody publishes {self._topic} any more"
+        silent = time.monotonic() - self._heard
+        if self._heartbeat and silent > SILENCE:
+            return f"{self._topic} has been silent for {silent:.1f} s"
+        return ""
+
+    def watch(self) -> Watch:
+        """Return what collects from now on; to be given to `unwatch`."""
+        watch = Watch()
+        with self._lock:
+            self._watches.append(watch)
+        return watch
+
+    def unwatch(self, watch: Watch) -> None:
+        """Collect no more."""
+        with self._lock:
+            self._watches.remove(watch)
+
+    def wait_for(self, test: Callable[[Status], bool], timeout: float) -> bool:
+        """Wait until `test` holds for a status, also one that lasts for an instant only."""
+        watch = Watch()
+        with self._lock:
+            if self._latest is not None and test(self._latest):
+                return True
+            self._watches.append(watch)
+        deadline = time.monotonic() + timeout
+        try:
+            while True:
+                event = watch.next(max(0.0, deadline - time.monotonic()))
+                if event is None:
+                    return False
+                if isinstance(event, Status) and test(event):
+                    return True
+        finally:
+            self.unwatch(watch)
+
+    def refused_lately(self, name: str) -> bool:
+        """Whether this command was refused a moment ago."""
+        return time.monotonic() - self._refused_at.get(name, -RECENT) < RECENT
+
+    def follow(self, move: RemoteMove) -> None:
+        """Tell `move` what arrives from now on."""
+        with self._lock:
+            self._moves = [other for other in self._moves if not other.has_ended] + [move]
+
+    def replace(self, name: str, but: RemoteMove | None = None) -> None:
+        """`name` has taken the place of every move but one."""
+        with self._lock:
+            for move in self._moves:
+                if move is not but:
+                    move.replaced(name)
+            self._moves = [move for move in self._moves if move is but]
+
+    def sending(self, name: str) -> None:
+        """A command without an answer is about to be sent.
+
+        Raises:
+            CommandRefused: an earlier one was refused; this is the first chance to say so.
+        """
+        late = self._late.pop(name, None) if self._late else None
+        if late is not None:
+            raise late
+        self._sent.add(name)
+
+    def on_status(self, callback: Callable[[Status], Any]) -> Callable[[], None]:
+        """Call `callback` with each new status; return what ends that."""
+        with self._lock:
+            self._status_callbacks = (*self._status_callbacks, callback)
+
+        def end() -> None:
+            with self._lock:
+                self._status_callbacks = _without(self._status_callbacks, callback)
+
+        return end
+
+    def on_refusal(self, callback: Callable[[CommandRefused], Any]) -> Callable[[], None]:
+        """Call `callback` with each refusal, of whomsoever; return what ends that."""
+        with self._lock:
+            self._refusal_callbacks = (*self._refusal_callbacks, callback)
+
+        def end() -> None:
+            with self._lock:
+                self._refusal_callbacks = _without(self._refusal_callbacks, callback)
+
+        return end
+
+
+def _newer(serial: int, received: Received) -> bool:
+    return received.serial > serial
+
+
+def _without(callbacks: tuple[Any, ...], callback: Any) -> tuple[Any, ...]:
+    left = list(callbacks)
+    left.remove(callback)
+    return tuple(left)
+
+
+def _call(callback: Callable[[Any], Any], event: object) -> None:
+    try:
+        callback(event)
+    except Exception:
+        logger.exception("a callback for the operating state failed")

@@ -1,0 +1,517 @@
+"""The client's side of ROS: a node, its endpoints by topic, and what the graph says of the other side.
+
+`crtk_drivers.client` is made of these and imports no ROS itself. A message is kept as it came and turned
+into a value when somebody asks for it: a topic that is heard at 500 Hz and read at 10 Hz costs ten
+conversions a second.
+"""
+
+from __future__ import annotations
+
+import atexit
+import itertools
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import rclpy
+from crtk_msgs.srv import TriggerOperatingState
+from rclpy.context import Context
+from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Empty, String
+
+from crtk_drivers.commands import Command, Payload
+from crtk_drivers.errors import (
+    ConfigError,
+    ConnectionFailed,
+    ConnectionLost,
+    CrtkError,
+    DataTimeout,
+    KinematicsError,
+)
+from crtk_drivers.ros import qos
+from crtk_drivers.ros.manifest import type_name
+from crtk_drivers.ros.messages import TYPES, fill, pose_of, set_pose, set_stamp, stamp_ns, value_of
+from crtk_drivers.ros.plain import fill_plain
+from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor
+from crtk_drivers.samples import Matrix, Pose, Value, Vector, vector
+from crtk_drivers.state import OperatingState, Status
+
+logger = logging.getLogger(__name__)
+
+GRAPH_PERIOD = 0.005
+"""Seconds between two looks at the graph while something is waited for."""
+
+_numbers = itertools.count(1)
+
+
+def ros_type(command: Command) -> str:
+    """Return the ROS name of what a command carries: ``sensor_msgs/msg/JointState``."""
+    return type_name(TYPES[command.payload])
+
+
+class _InCallback(threading.local):
+    active = False
+
+
+_in_callback = _InCallback()
+
+
+def may_wait(what: str) -> None:
+    """Make sure that this thread may wait for a message.
+
+    Raises:
+        CrtkError: it is delivering one, so that no other could arrive.
+    """
+    if _in_callback.active:
+        raise CrtkError(
+            f"{what} would wait inside a callback, and nothing arrives before that returns",
+            remedy="Set a flag or an event in the callback, and do the rest in your own thread.",
+        )
+
+
+def _matrix_of(message: Any) -> Matrix:
+    sizes = [dimension.size for dimension in message.layout.dim]
+    values = np.array(message.data, dtype=np.float64)
+    values = values.reshape(sizes) if len(sizes) == 2 else np.atleast_2d(values)
+    values.setflags(write=False)
+    return Matrix(values)
+
+
+@dataclass
+class Received:
+    """One message.
+
+    `wall_ns` is its stamp, 0 for what is not valid. `since` is when (monotonic, s) the first message with
+    this stamp arrived: the age of a value that is sent again and again grows, whatever the clocks say.
+    """
+
+    message: Any
+    wall_ns: int
+    since: float
+    serial: int
+
+    @cached_property
+    def value(self) -> Value:
+        """What it says."""
+        header = getattr(self.message, "header", None)
+        if header is None and hasattr(self.message, "layout"):
+            return _matrix_of(self.message)
+        if header is None:
+            return value_of(self.message, "")
+        return value_of(self.message, header.frame_id)
+
+    @cached_property
+    def status(self) -> Status:
+        """What an operating state says."""
+        message = self.message
+        return Status(OperatingState(message.state), message.is_homed, message.is_busy)
+
+
+class Inbox:
+    """The newest message of one topic. Made by `Link`."""
+
+    was_connected = False
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+        self.latest: Received | None = None
+        self.subscription: Any = None
+        self._arrived = threading.Condition()
+        self._listeners: tuple[Callable[[Received], None], ...] = ()
+
+    def add_listener(self, listener: Callable[[Received], None]) -> None:
+        """Call `listener` with each message, from the thread that spins."""
+        with self._arrived:
+            self._listeners = (*self._listeners, listener)
+
+    def remove_listener(self, listener: Callable[[Received], None]) -> None:
+        """Call `listener` no more."""
+        with self._arrived:
+            self._listeners = tuple(other for other in self._listeners if other != listener)
+
+    def receive(self, message: Any) -> None:
+        """A message arrived."""
+        now = time.monotonic()
+        header = getattr(message, "header", None)
+        with self._arrived:
+            last = self.latest
+            serial = 1 if last is None else last.serial + 1
+            wall_ns = time.time_ns() if header is None else stamp_ns(header.stamp)
+            since = last.since if last is not None and wall_ns == last.wall_ns else now
+            self.latest = received = Received(message, wall_ns, since, serial)
+            self._arrived.notify_all()
+        _in_callback.active = True
+        try:
+            for listener in self._listeners:
+                try:
+                    listener(received)
+                except Exception:
+                    logger.exception("a callback for %s failed", self.topic)
+        finally:
+            _in_callback.active = False
+
+    def wait_for(self, accept: Callable[[Received], bool], timeout: float) -> Received | None:
+        """Return the newest message once `accept` likes it, None if it does not in time."""
+        latest = self.latest
+        if latest is not None and accept(latest):
+            return latest
+        if timeout <= 0.0:
+            return None
+        may_wait(f"reading {self.topic}")
+        with self._arrived:
+            ready = self._arrived.wait_for(
+                lambda: self.latest is not None and accept(self.latest), timeout
+            )
+            return self.latest if ready else None
+
+    @property
+    def connected(self) -> bool:
+        """Whether somebody publishes."""
+        return bool(self.subscription.get_publisher_count())
+
+
+class Outbox:
+    """One topic that is sent on. Thread-safe. Made by `Link`."""
+
+    was_connected = False
+
+    def __init__(self, topic: str, publisher: Any, message_type: type) -> None:
+        self.topic = topic
+        self._publisher = publisher
+        self._type = message_type
+        self._message = message_type()
+        self._has_header = hasattr(self._message, "header")
+        self._lock = threading.Lock()
+
+    def stamp(self, value: Any) -> int:
+        """Return the stamp (ns) that `value` goes out with: its own if it is a ready message, else now."""
+        if self._has_header and self.accepts(value):
+            return stamp_ns(value.header.stamp)
+        return time.time_ns() if self._has_header else 0
+
+    def send(self, value: Value | str | None, frame_id: str = "", stamp: int = 0) -> None:
+        """Send a value, a text, or nothing but the message; stamped now unless `stamp` (ns) is given.
+
+        Raises:
+            ConnectionLost: nobody listens.
+        """
+        if not self.connected:
+            raise ConnectionLost(
+                f"nobody listens to {self.topic} any more",
+                remedy="Was the driver stopped? It is found again when it is back.",
+            )
+        self.publish(value, frame_id, stamp)
+
+    def publish(self, value: Value | str | None, frame_id: str = "", stamp: int = 0) -> None:
+        """As `send`, whether anybody listens or not."""
+        with self._lock:
+            message = self._message
+            if self._has_header:
+                set_stamp(message.header.stamp, stamp or time.time_ns())
+                message.header.frame_id = frame_id
+            if isinstance(value, str):
+                message.string = value
+            elif value is not None:
+                fill(message, value)
+            self._publisher.publish(message)
+
+    def send_message(self, message: Any) -> None:
+        """Send a ready message of the topic's type."""
+        self._publisher.publish(message)
+
+    def accepts(self, message: object) -> bool:
+        """Whether `message` is a ready message of the topic's type."""
+        return isinstance(message, self._type)
+
+    @property
+    def connected(self) -> bool:
+        """Whether somebody listens."""
+        return bool(self._publisher.get_subscription_count())
+
+
+class Caller:
+    """One service that is called. Thread-safe. Made by `Link`."""
+
+    was_connected = False
+
+    def __init__(self, name: str, client: Any, service_type: type) -> None:
+        self.topic = name
+        self._client = client
+        self._type = service_type
+
+    @property
+    def connected(self) -> bool:
+        """Whether somebody serves it."""
+        return bool(self._client.service_is_ready())
+
+    def call(self, timeout: float, **fields: Any) -> Any:
+        """Return the answer to a request with these fields.
+
+        Raises:
+            ConnectionFailed: nobody serves it.
+            DataTimeout: no answer in `timeout` s.
+        """
+        request: Any = self._type.Request()  # type: ignore[attr-defined]
+        for name, value in fields.items():
+            setattr(request, name, value)
+        return self._ask(request, timeout)
+
+    def call_plain(self, timeout: float, fields: Mapping[str, Any]) -> Any:
+        """Return the answer to a request with fields as plain data; see `call` and `fill_plain`."""
+        request: Any = self._type.Request()  # type: ignore[attr-defined]
+        fill_plain(request, fields)
+        return self._ask(request, timeout)
+
+    def _ask(self, request: Any, timeout: float) -> Any:
+        may_wait(f"calling {self.topic}")
+        deadline = time.monotonic() + timeout
+        if not wait_connected([self], deadline):
+            raise ConnectionFailed(
+                f"nobody serves {self.topic}", remedy="Is the driver running, in this ROS domain?"
+            )
+        answered = threading.Event()
+        future = self._client.call_async(request)
+        future.add_done_callback(lambda _: answered.set())
+        if not answered.wait(max(0.0, deadline - time.monotonic())):
+            self._client.remove_pending_request(future)
+            raise DataTimeout(
+                f"{self.topic} did not answer in {timeout:g} s",
+                remedy="Give a longer timeout; if the node is your own, is it spun?",
+            )
+        return future.result()
+
+    def forward_kinematics(self, joints: Vector, timeout: float) -> Pose:
+        """Return the pose of a joint position (n,).
+
+        Raises:
+            KinematicsError: the device answers that there is none, and why.
+        """
+        answer = self.call(timeout, jp=joints.tolist())
+        if not answer.result:
+            raise KinematicsError(answer.message or "no reason given", where=self.topic)
+        return pose_of(answer.cp)
+
+    def inverse_kinematics(self, pose: Pose, reference: Vector, timeout: float) -> Vector:
+        """Return the joint position (n,) of a pose, nearest to `reference`.
+
+        Raises:
+            KinematicsError: the device answers that there is none, and why.
+        """
+        wanted = TYPES[Payload.POSE]().pose
+        set_pose(wanted, pose)
+        answer = self.call(timeout, cp=wanted, jp=reference.tolist())
+        if not answer.result:
+            raise KinematicsError(answer.message or "no reason given", where=self.topic)
+        return vector(answer.jp)
+
+    def operating_state(self, timeout: float) -> Received:
+        """Return the status that TriggerOperatingState answers with."""
+        message = self.call(timeout).operating_state
+        return Received(message, stamp_ns(message.header.stamp), time.monotonic(), 0)
+
+
+Endpoint = Inbox | Outbox | Caller
+
+
+def wait_connected(endpoints: Sequence[Endpoint], deadline: float) -> bool:
+    """Wait until all `endpoints` have met their other end; return whether they did in time."""
+    while not all(endpoint.connected for endpoint in endpoints):
+        if time.monotonic() >= deadline:
+            return False
+        time.sleep(GRAPH_PERIOD)
+    for endpoint in endpoints:
+        endpoint.was_connected = True
+    return True
+
+
+class Link:
+    """A node with endpoints that are made when they are first asked for. Thread-safe.
+
+    Args:
+        name: of the node, if one is made.
+        node: your own; then you spin it, and it is not destroyed here.
+        executor: your own; a node is made and added to it, and you spin it.
+        ros_args: for the node that is made: ``["--ros-args", "-r", "/a:=/b"]``.
+
+    Raises:
+        ConfigError: the ROS arguments cannot be used.
+    """
+
+    def __init__(
+        self,
+        name: str = "crtk_client",
+        *,
+        node: Node | None = None,
+        executor: Executor | None = None,
+        ros_args: Sequence[str] = (),
+    ) -> None:
+        self._lock = threading.RLock()
+        self._inboxes: dict[str, Inbox] = {}
+        self._outboxes: dict[str, Outbox] = {}
+        self._callers: dict[str, Caller] = {}
+        self._context: Context | None = None
+        self._executor = executor
+        self._thread: threading.Thread | None = None
+        self._stop = threading.Event()
+        self._owns_node = node is None
+        if node is None:
+            context = executor.context if executor is not None else self._own_context(ros_args)
+            node = rclpy.create_node(
+                f"{name}_{os.getpid()}_{next(_numbers)}",
+                context=context,
+                cli_args=list(ros_args) if executor is not None else None,
+                enable_rosout=False,
+                start_parameter_services=False,
+            )
+            if executor is not None:
+                executor.add_node(node)
+        self.node = node
+
+    def _own_context(self, ros_args: Sequence[str]) -> Context:
+        context = Context()
+        try:
+            rclpy.init(
+                args=list(ros_args), context=context, signal_handler_options=SignalHandlerOptions.NO
+            )
+        except Exception as error:
+            raise ConfigError(
+                f"ROS does not accept the arguments {' '.join(ros_args)}: {error}",
+                remedy="They are as for any ROS 2 node: --ros-args -r from:=to -p name:=value",
+            ) from error
+        self._context = context
+        return context
+
+    def start(self) -> None:
+        """Spin, if the node is this link's own and no executor was given."""
+        if self._context is None or self._thread is not None:
+            return
+        self._executor = make_executor(self._context)
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._spin, name="crtk client", daemon=True)
+        self._thread.start()
+        atexit.register(self.close)
+
+    def _spin(self) -> None:
+        assert self._executor is not None
+        while not self._stop.is_set():
+            try:
+                self._executor.spin_once(timeout_sec=SPIN_PERIOD)
+            except ExternalShutdownException:
+                return
+            except Exception:
+                if not self._stop.is_set():
+                    logger.exception("a ROS callback failed")
+
+    def close(self) -> None:
+        """End everything that this link made. May be called twice; not from a callback."""
+        atexit.unregister(self.close)
+        self._stop.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(10.0 * SPIN_PERIOD)
+        with self._lock:
+            for box in self._inboxes.values():
+                self.node.destroy_subscription(box.subscription)
+            for outbox in self._outboxes.values():
+                self.node.destroy_publisher(outbox._publisher)  # noqa: SLF001 - made here
+            for caller in self._callers.values():
+                self.node.destroy_client(caller._client)  # noqa: SLF001 - made here
+            self._inboxes, self._outboxes, self._callers = {}, {}, {}
+        if self._executor is not None and self._owns_node:
+            self._executor.remove_node(self.node)
+        if self._context is not None and self._executor is not None:
+            self._executor.shutdown(timeout_sec=SPIN_PERIOD)
+        if self._owns_node:
+            self.node.destroy_node()
+            self._owns_node = False
+        if self._context is not None:
+            self._context.try_shutdown()
+
+    @property
+    def spins_itself(self) -> bool:
+        """Whether this link has a thread of its own."""
+        return self._context is not None
+
+    # ------------------------------------------------------------------------------------ endpoints
+
+    def inbox(self, topic: str, message_type: type, latched: bool | None = None) -> Inbox:
+        """Return the subscription of a topic.
+
+        Args:
+            topic: full name.
+            message_type: ROS class.
+            latched: ask for what was said before; None: if all that publish it now offer that.
+        """
+        with self._lock:
+            if topic not in self._inboxes:
+                if latched is None:
+                    latched = self.is_latched(topic)
+                box = self._inboxes[topic] = Inbox(topic)
+                box.subscription = self.node.create_subscription(
+                    message_type, topic, box.receive, qos.REFUSALS if latched else qos.DATA
+                )
+            return self._inboxes[topic]
+
+    def text_inbox(self, topic: str, latched: bool = True) -> Inbox:
+        """Return the subscription of a std_msgs/String."""
+        return self.inbox(topic, String, latched)
+
+    def outbox(self, topic: str, payload: Payload) -> Outbox:
+        """Return the publisher of a topic."""
+        kind = Empty if payload is Payload.EMPTY else TYPES[payload]
+        with self._lock:
+            if topic not in self._outboxes:
+                # Volatile: a driver that starts later must not get the commands of before.
+                publisher = self.node.create_publisher(kind, topic, qos.DATA)
+                self._outboxes[topic] = Outbox(topic, publisher, kind)
+            return self._outboxes[topic]
+
+    def caller(self, name: str, service_type: type) -> Caller:
+        """Return the client of a service."""
+        with self._lock:
+            if name not in self._callers:
+                client = self.node.create_client(service_type, name)
+                self._callers[name] = Caller(name, client, service_type)
+            return self._callers[name]
+
+    def state_caller(self, name: str) -> Caller:
+        """Return the client of an ``operating_state`` service."""
+        return self.caller(name, TriggerOperatingState)
+
+    @property
+    def endpoints(self) -> dict[str, Endpoint]:
+        """All endpoints that were made, by full name."""
+        with self._lock:
+            return {**self._callers, **self._inboxes, **self._outboxes}
+
+    # ---------------------------------------------------------------------------------------- graph
+
+    def topics(self) -> dict[str, list[str]]:
+        """Return the types of each topic that anybody uses, this link included."""
+        return dict(self.node.get_topic_names_and_types())
+
+    def services(self) -> dict[str, list[str]]:
+        """Return the types of each service that anybody serves."""
+        return dict(self.node.get_service_names_and_types())
+
+    def publishers(self, topic: str) -> int:
+        """Return how many publish a topic."""
+        return int(self.node.count_publishers(topic))
+
+    def subscribers(self, topic: str) -> int:
+        """Return how many listen to a topic."""
+        return int(self.node.count_subscribers(topic))
+
+    def is_latched(self, topic: str) -> bool:
+        """Whether all that publish a topic offer what was said before; False if nobody does."""
+        infos = self.node.get_publishers_info_by_topic(topic)
+        latched = DurabilityPolicy.TRANSIENT_LOCAL
+        return bool(infos) and all(info.qos_profile.durability is latched for info in infos)

@@ -1,0 +1,45 @@
+"""Configuration: typed tables, read from defaults, a file and the command line, later ones first."""
+
+from crtk_drivers.config.layers import (
+    Layer,
+    from_assignments,
+    from_file,
+    from_values,
+    load,
+    typed_value,
+)
+from crtk_drivers.config.settings import (
+    BaseConfig,
+    DeviceConfig,
+    DhRowConfig,
+    Interval,
+    KinematicsConfig,
+    LimitsConfig,
+    NodeConfig,
+    PoseConfig,
+    Seconds,
+    Settings,
+    ToolLimitsConfig,
+    with_node,
+)
+
+__all__ = [
+    "BaseConfig",
+    "DeviceConfig",
+    "DhRowConfig",
+    "Interval",
+    "KinematicsConfig",
+    "Layer",
+    "LimitsConfig",
+    "NodeConfig",
+    "PoseConfig",
+    "Seconds",
+    "Settings",
+    "ToolLimitsConfig",
+    "from_assignments",
+    "from_file",
+    "from_values",
+    "load",
+    "typed_value",
+    "with_node",
+]

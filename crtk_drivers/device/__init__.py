@@ -1,0 +1,58 @@
+"""The contract between the core and a device, on one page each: what it can do, and what it is asked.
+
+`Device` is what a plugin implements; `crtk_drivers.device.interface` has the rules.
+"""
+
+from crtk_drivers.device.capabilities import (
+    Capabilities,
+    CartesianLimits,
+    Following,
+    JointLimits,
+    Mode,
+    StopPolicy,
+)
+from crtk_drivers.device.extras import (
+    READINGS,
+    Answer,
+    Input,
+    Note,
+    Reading,
+    Service,
+    Severity,
+    Steps,
+)
+from crtk_drivers.device.interface import (
+    Device,
+)
+from crtk_drivers.device.values import (
+    FULL,
+    Condition,
+    Goal,
+    MoveProgress,
+    Ratios,
+    Setpoint,
+)
+
+__all__ = [
+    "FULL",
+    "READINGS",
+    "Answer",
+    "Capabilities",
+    "CartesianLimits",
+    "Condition",
+    "Device",
+    "Following",
+    "Goal",
+    "Input",
+    "JointLimits",
+    "Mode",
+    "MoveProgress",
+    "Note",
+    "Ratios",
+    "Reading",
+    "Service",
+    "Setpoint",
+    "Severity",
+    "Steps",
+    "StopPolicy",
+]

@@ -1,0 +1,153 @@
+"""A device's own services (`crtk_drivers.device.Service`), while they are carried out.
+
+`ask` is for clients' threads, the rest for the I/O thread. One is carried out at a time, and none outlives
+the connection that it was asked for in.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+
+from crtk_drivers.device import Answer, Service
+from crtk_drivers.errors import (
+    REPORT,
+    CommandRefused,
+    CrtkError,
+    DataTimeout,
+    Reason,
+    TransitionFailed,
+    unexpected,
+)
+from crtk_drivers.status.procedures import close
+
+
+class Request:
+    """A service that was asked for. Thread-safe."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._ended = threading.Event()
+        self._text = ""
+        self._error: CrtkError | None = None
+
+    def finish(self, text: str = "", error: CrtkError | None = None) -> None:
+        """Record the answer; the first one counts."""
+        if not self._ended.is_set():
+            self._text, self._error = text, error
+            self._ended.set()
+
+    def wait(self, timeout: float) -> str:
+        """Return the answer.
+
+        Raises:
+            CrtkError: what the device raised.
+            DataTimeout: none in `timeout` s; it goes on all the same.
+        """
+        if not self._ended.wait(timeout):
+            raise DataTimeout(
+                f"{self.name} has not ended in {timeout:g} s", remedy="Is the device connected?"
+            )
+        if self._error is not None:
+            raise self._error
+        return self._text
+
+
+class Requests:
+    """Carries out the services of one device.
+
+    Args:
+        services: by name.
+        where: the device, for messages.
+        timeout: seconds that one may take.
+    """
+
+    def __init__(self, services: Mapping[str, Service], where: str, timeout: float) -> None:
+        self._services = services
+        self._where = where
+        self._timeout = timeout
+        self._lock = threading.Lock()
+        self._request: Request | None = None
+        self._answer: Answer | None = None
+        self._deadline = 0.0
+        self._gone = "not connected yet"
+
+    def begin(self) -> None:
+        """The device is there."""
+        with self._lock:
+            self._gone = ""
+
+    def ask(self, name: str) -> Request:
+        """Begin with the next cycle.
+
+        Raises:
+            CommandRefused: there is no such service, one is running, or the device is not connected.
+        """
+        if name not in self._services:
+            raise CommandRefused(
+                name,
+                Reason.UNSUPPORTED,
+                "this device has no such service",
+                where=self._where,
+                remedy=f"It has: {', '.join(self._services) or 'none'}.",
+            )
+        with self._lock:
+            if self._gone:
+                raise CommandRefused(
+                    name,
+                    Reason.NOT_CONNECTED,
+                    self._gone,
+                    where=self._where,
+                    remedy="The driver keeps trying to connect; ask again afterwards.",
+                )
+            if self._request is not None:
+                raise CommandRefused(
+                    name,
+                    Reason.TRANSITION_RUNNING,
+                    f"{self._request.name} is running",
+                    where=self._where,
+                    remedy="Wait for it.",
+                )
+            self._request = request = Request(name)
+        return request
+
+    def step(self, now: float) -> None:
+        """Resume the service that runs, if one does.
+
+        Raises:
+            Exception: what the device must not raise; the service has failed by it.
+        """
+        request = self._request
+        if request is None:
+            return
+        try:
+            if self._answer is None:
+                self._answer = self._services[request.name].run()
+                self._deadline = now + self._timeout
+            next(self._answer)
+        except StopIteration as end:
+            self._finish(end.value or "")
+        except CrtkError as error:
+            self._finish(error=error)
+        except Exception as error:
+            text = f"{request.name}: {unexpected(error)}"
+            self._finish(error=TransitionFailed(text, where=self._where, remedy=REPORT))
+            raise
+        else:
+            if now > self._deadline:
+                text = f"{request.name} did not end in {self._timeout:g} s"
+                self._finish(error=TransitionFailed(text, where=self._where))
+
+    def end(self, error: CrtkError) -> None:
+        """The device is gone, or was never reached."""
+        with self._lock:
+            self._gone = error.message
+        self._finish(error=error)
+
+    def _finish(self, text: str = "", error: CrtkError | None = None) -> None:
+        answer, self._answer = self._answer, None
+        with self._lock:
+            request, self._request = self._request, None
+        close(answer, self._where)
+        if request is not None:
+            request.finish(text, error)

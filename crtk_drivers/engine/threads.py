@@ -1,0 +1,303 @@
+"""Threads: one for the I/O of each bus, and one watchdog that looks after them.
+
+An I/O thread drives every engine on its bus, one after the other, on an absolute clock (or on the
+hardware's own, if it paces the stream). A cycle that comes too late is skipped and counted; nothing is
+caught up. When a device is lost it is opened again, with a delay that grows until a sample arrives, and its
+neighbours go on.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import sys
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from crtk_drivers.engine.cycle import Engine
+from crtk_drivers.errors import REPORT, ConnectionFailed, DeviceError, unexpected
+from crtk_drivers.status.deadman import Deadman
+
+logger = logging.getLogger(__name__)
+
+FIRST_RETRY = 0.25
+LONGEST_RETRY = 5.0
+WATCHDOG_PERIOD = 0.05
+SWITCH_INTERVAL = 0.0005
+"""Seconds after which a busy thread lets another one run: at Python's default, 5 ms, I/O would be late by as
+much each time that it waits for something."""
+REAL_TIME_PRIORITY = 10
+"""Of the I/O threads, under SCHED_FIFO: above everything ordinary, below the kernel's own threads."""
+STALL_LIMIT = 0.5
+"""Seconds, besides two periods, after which an I/O thread that does not come back counts as stuck."""
+NEIGHBOURLY_OPEN = 0.25
+"""Seconds that `open` may take while another device on the same bus is connected."""
+
+
+@dataclass(slots=True)
+class _Reconnect:
+    """When to try next, in monotonic seconds."""
+
+    next_try: float = 0.0
+    delay: float = FIRST_RETRY
+
+    def failed(self, now: float) -> None:
+        """Wait longer each time."""
+        self.next_try = now + self.delay
+        self.delay = min(2.0 * self.delay, LONGEST_RETRY)
+
+    def succeeded(self) -> None:
+        """Start from the shortest wait again."""
+        self.delay = FIRST_RETRY
+
+
+@dataclass(slots=True)
+class _Member:
+    engine: Engine
+    open_timeout: float
+    reconnect: _Reconnect = field(default_factory=_Reconnect)
+
+
+class BusThread:
+    """The I/O thread of one bus.
+
+    Args:
+        bus: its name.
+        members: the engines on it with their time for `open`; a bus that is paced by its stream has one.
+    """
+
+    def __init__(self, bus: str, members: Iterable[tuple[Engine, float]]) -> None:
+        self.bus = bus
+        self._members = [_Member(engine, timeout) for engine, timeout in members]
+        rates = [member.engine.capabilities.rate for member in self._members]
+        self._period = 1.0 / max(rates)
+        self._streamed = any(m.engine.capabilities.paced_by_stream for m in self._members)
+        if self._streamed and len(self._members) > 1:
+            raise ValueError(f"{bus}: a device that paces its stream cannot share its bus")
+        self._heartbeat = Deadman(STALL_LIMIT + 2.0 * self._period)
+        self._stopping = threading.Event()
+        self._failures: list[DeviceError] = []
+        self._thread = threading.Thread(target=self._run, name=f"io {bus}", daemon=True)
+
+    @property
+    def engines(self) -> list[Engine]:
+        """The engines that it drives."""
+        return [member.engine for member in self._members]
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask the thread to shut its devices down and to end."""
+        self._stopping.set()
+        for engine in self.engines:
+            engine.device.abort_open()
+
+    @property
+    def failures(self) -> list[DeviceError]:
+        """What went wrong while its devices were shut down."""
+        return list(self._failures)
+
+    @property
+    def time_to_close(self) -> float:
+        """Seconds in which its devices say that they have stopped."""
+        return sum(engine.time_to_stop for engine in self.engines)
+
+    def join(self, deadline: float) -> bool:
+        """Wait for the end until the monotonic `deadline`; return whether it came."""
+        self._thread.join(max(0.0, deadline - time.monotonic()))
+        return not self._thread.is_alive()
+
+    def trouble(self, now: float) -> str:
+        """Return what is wrong with the thread, in words; empty if nothing is."""
+        if self._stopping.is_set():
+            return ""
+        if not self._thread.is_alive():
+            return f"the I/O thread of {self.bus} has died"
+        if self._heartbeat.expired(now):
+            return f"the I/O thread of {self.bus} is stuck"
+        return ""
+
+    def _run(self) -> None:
+        _ask_for_real_time()
+        try:
+            due = time.monotonic()
+            while not self._stopping.is_set():
+                due = self._pace(due)
+                begin = max(due, time.monotonic())
+                deadline = begin + (2.0 if self._streamed else 0.5) * self._period
+                for member in self._members:
+                    self._serve(member, deadline)
+                self._heartbeat.feed(time.monotonic())
+        finally:
+            for member in self._members:
+                self._shut_down(member)
+
+    def _pace(self, due: float) -> float:
+        """Wait for the next cycle and return when it was due; a stream is waited for by its reader."""
+        now = time.monotonic()
+        if not self._anyone_connected():
+            # Nobody to talk to: wait for the earliest attempt, or for the end.
+            self._heartbeat.disarm()
+            self._stopping.wait(min(m.reconnect.next_try for m in self._members) - now)
+            return time.monotonic()
+        if self._streamed:
+            return now
+        due += self._period
+        if due < now - self._period:
+            due = now
+        if due > now:
+            time.sleep(due - now)
+        return due
+
+    def _anyone_connected(self) -> bool:
+        return any(member.engine.connected for member in self._members)
+
+    def _serve(self, member: _Member, deadline: float) -> None:
+        engine = member.engine
+        try:
+            if engine.connected:
+                engine.cycle(deadline)
+                if engine.has_sample:  # a link that opens and brings nothing is no success
+                    member.reconnect.succeeded()
+            elif time.monotonic() >= member.reconnect.next_try:
+                self._open(member)
+        except DeviceError as error:
+            self._lost(member, error.statement, error.remedy)
+        except Exception as error:
+            logger.exception("%s: unexpected error in the I/O thread", engine.where)
+            self._lost(member, unexpected(error), REPORT)
+
+    def _open(self, member: _Member) -> None:
+        # Those on the same bus that are connected must not be left alone for long.
+        limit = NEIGHBOURLY_OPEN if self._anyone_connected() else math.inf
+        deadline = time.monotonic() + min(member.open_timeout, limit)
+        self._heartbeat.feed(deadline)
+        engine, is_first = member.engine, member.reconnect.delay == FIRST_RETRY
+        try:
+            engine.connect(deadline)
+        except ConnectionFailed as error:  # the engine tells why
+            member.reconnect.failed(time.monotonic())
+            logger.debug("%s; next attempt in %.2g s", error.statement, member.reconnect.delay)
+            if is_first:
+                logger.info(
+                    "%s: keeps trying to connect, in the end every %g s",
+                    engine.where,
+                    LONGEST_RETRY,
+                )
+        else:
+            logger.info("%s: connected", engine.where)
+
+    def _lost(self, member: _Member, reason: str, remedy: str) -> None:
+        member.reconnect.failed(time.monotonic())
+        try:
+            member.engine.disconnect(reason, remedy)
+        except DeviceError as error:
+            logger.error("closing: %s", error)
+        except Exception:
+            logger.exception("%s: closing failed", member.engine.where)
+
+    def _shut_down(self, member: _Member) -> None:
+        try:
+            member.engine.shut_down()
+        except DeviceError as error:
+            logger.error("shutting down: %s", error)
+            self._failures.append(error)
+        except Exception as error:
+            logger.exception("%s: shutting down failed", member.engine.where)
+            self._failures.append(DeviceError(f"unexpected {error}", where=member.engine.where))
+
+
+def _ask_for_real_time() -> None:
+    """Run the calling thread, and no process that it starts, before all that is not real-time.
+
+    Where the system does not permit it, nothing happens.
+    """
+    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    try:
+        os.sched_setscheduler(0, policy, os.sched_param(REAL_TIME_PRIORITY))
+    except PermissionError:
+        logger.debug("real-time priority is not permitted; see `crtk-driver check`")
+
+
+class Runtime:
+    """All threads of a process.
+
+    Args:
+        engines: with their time for `open`, in s.
+    """
+
+    def __init__(self, engines: Iterable[tuple[Engine, float]]) -> None:
+        by_bus: dict[str, list[tuple[Engine, float]]] = defaultdict(list)
+        for engine, timeout in engines:
+            by_bus[engine.device.bus].append((engine, timeout))
+        self._buses = [BusThread(bus, members) for bus, members in by_bus.items()]
+        self._stopping = threading.Event()
+        self._watchdog = threading.Thread(target=self._watch, name="watchdog", daemon=True)
+        self._started = False
+
+    def start(self) -> None:
+        """Start all threads, in an interpreter that passes its lock on in time; it stays so."""
+        sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_INTERVAL))
+        self._started = True
+        for bus in self._buses:
+            bus.start()
+        self._watchdog.start()
+
+    def close(self, timeout: float = 1.5) -> None:
+        """Stop and close every device, and end the threads.
+
+        Args:
+            timeout: seconds, besides those that the devices declare for stopping.
+
+        Raises:
+            StopUnconfirmed: a device was not seen to stand.
+            DeviceError: it could not be told to stop, or a thread did not end in time.
+        """
+        if not self._started:
+            return
+        self._started = False
+        timeout += max((bus.time_to_close for bus in self._buses), default=0.0)
+        deadline = time.monotonic() + timeout
+        for bus in self._buses:
+            bus.stop()
+        stuck = [bus for bus in self._buses if not bus.join(deadline)]
+        self._stopping.set()
+        self._watchdog.join(timeout)
+        for bus in stuck:
+            for engine in bus.engines:
+                self._alarm(engine, f"the I/O thread of {bus.bus} did not end")
+        if stuck:
+            raise DeviceError(
+                f"the I/O thread of {', '.join(bus.bus for bus in stuck)} "
+                f"did not end in {timeout:g} s",
+                remedy="The hardware's own watchdog stops it. Please report this.",
+            )
+        for bus in self._buses:
+            for failure in bus.failures:
+                raise failure
+
+    def _watch(self) -> None:
+        alarmed: set[str] = set()
+        while not self._stopping.wait(WATCHDOG_PERIOD):
+            now = time.monotonic()
+            for bus in self._buses:
+                trouble = bus.trouble(now)
+                if not trouble:
+                    alarmed.discard(bus.bus)
+                elif bus.bus not in alarmed:
+                    alarmed.add(bus.bus)
+                    for engine in bus.engines:
+                        self._alarm(engine, trouble)
+
+    @staticmethod
+    def _alarm(engine: Engine, trouble: str) -> None:
+        try:
+            engine.alarm(trouble)
+        except Exception:
+            logger.exception("%s: stopping after an alarm failed", engine.where)

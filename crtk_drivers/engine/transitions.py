@@ -1,0 +1,312 @@
+"""State commands while they are carried out: a device's procedure, stepped once a cycle, with a bound.
+
+`accept` judges in the client's thread; `step` works in the I/O thread. What a procedure raises decides
+where it ends: `CommandRefused` leaves the state as it was, `ConnectionLost` means that there is nobody to
+talk to, and any other error of ours is FAULT with the reason. Before a procedure begins, motion is stopped.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from crtk_drivers.device import Device, Steps
+from crtk_drivers.errors import (
+    REPORT,
+    CommandRefused,
+    ConnectionLost,
+    CrtkError,
+    Reason,
+    unexpected,
+)
+from crtk_drivers.motion.stopping import Stopping
+from crtk_drivers.state import (
+    HOMING_COMMANDS,
+    HOMING_STATES,
+    TRANSITIONS,
+    OperatingState,
+    StateCommand,
+    target_of,
+)
+from crtk_drivers.status.board import StatusBoard
+from crtk_drivers.status.procedures import close
+
+logger = logging.getLogger(__name__)
+
+_DONE_WHERE_REACHED = frozenset({StateCommand.ENABLE, StateCommand.PAUSE, StateCommand.RESUME})
+"""State commands that have nothing to do in the state that they lead to.
+
+Not `disable`: after a connection DISABLED says nothing of the hardware, and power may be on. `home` has
+nothing to do on a device that is homed, `unhome` on one that is not."""
+
+
+_PAUSED_IN = frozenset(
+    {StateCommand.PAUSE, StateCommand.RESUME, StateCommand.HOME, StateCommand.UNHOME}
+)
+"""State commands that `pause` ends: those in which there is something to pause."""
+
+
+def _ends(command: StateCommand, running: StateCommand) -> bool:
+    """Whether a state command takes the place of one that is being carried out."""
+    is_stop = command is StateCommand.PAUSE and running in _PAUSED_IN
+    return command is StateCommand.DISABLE or is_stop
+
+
+@dataclass(slots=True)
+class _Running:
+    command: StateCommand
+    target: OperatingState
+    stamp_ns: int
+    stops: bool = False
+    steps: Steps | None = None
+    deadline: float = 0.0
+
+
+class Transitions:
+    """Carries out the state commands of one device.
+
+    Args:
+        device: whose procedures are run.
+        where: the device, for messages.
+        board: where the reached state is announced.
+        end_motion: called before a procedure begins.
+        stopping: stops the device, before a procedure begins and where one fails.
+        seed: called when ENABLED is reached, and after `home`, which moves and changes what positions mean:
+            the setpoint becomes the measured position. The end waits for as long as it returns False: there
+            is no fresh sample.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        where: str,
+        board: StatusBoard,
+        end_motion: Callable[[str], None],
+        stopping: Stopping,
+        seed: Callable[[float], bool],
+    ) -> None:
+        self._device = device
+        self._needs_homing = device.capabilities.needs_homing
+        self._timeout = device.capabilities.transition_timeout
+        self._where = where
+        self._board = board
+        self._end_motion = end_motion
+        self._stopping = stopping
+        self._seed = seed
+        self._running: _Running | None = None
+        self._next: StateCommand | None = None
+        self._abandoned: list[_Running] = []
+        self._procedures: dict[StateCommand, Callable[[], Steps]] = {
+            StateCommand.ENABLE: device.enable,
+            StateCommand.DISABLE: device.disable,
+            StateCommand.PAUSE: device.pause,
+            StateCommand.RESUME: device.resume,
+            StateCommand.HOME: device.home,
+            StateCommand.UNHOME: device.unhome,
+        }
+
+    @property
+    def running(self) -> StateCommand | None:
+        """The command that is being carried out. With it ends its announcement, under the board's lock."""
+        with self._board.lock:
+            return None if self._running is None else self._running.command
+
+    @property
+    def leads_to(self) -> OperatingState | None:
+        """The state that the command leads to that is being carried out; None if there is none."""
+        with self._board.lock:
+            return None if self._running is None else self._running.target
+
+    def accept(self, command: StateCommand, stamp_ns: int = 0) -> bool:
+        """Begin with the next cycle, or announce the status at once if there is nothing to do.
+
+        Args:
+            command: that is asked for.
+            stamp_ns: the sender's stamp, 0 if it gave none.
+
+        Returns:
+            Whether there is anything to do.
+
+        Raises:
+            CommandRefused: invalid in this state, without effect, or another one is running. `disable`
+                replaces any, and `pause` all but enable and disable: a stop is never refused. `enable` waits
+                for a `disable` in DISABLED.
+        """
+        with self._board.lock:
+            if self._has_nothing_to_do(command):
+                self._board.announce()
+                return False
+            running = self._running
+            if running is not None:
+                if running.target is self._board.status.state is OperatingState.DISABLED and (
+                    command is StateCommand.ENABLE
+                ):
+                    self._next = command  # nothing is on its way that it could contradict
+                    return True
+                if not _ends(command, running.command):
+                    raise CommandRefused(
+                        "state_command",
+                        Reason.TRANSITION_RUNNING,
+                        f"{command}: {running.command} is running",
+                        where=self._where,
+                        remedy="Wait for it, or send disable.",
+                    )
+                if running.command is command:
+                    self._next = None
+                    return True
+            target = target_of(self._board.status.state, command)
+            if command is StateCommand.UNHOME and not self._needs_homing:
+                raise self._without_effect(command)
+            self.cancel()
+            self._running = _Running(command, target, stamp_ns)
+            return True
+
+    def _has_nothing_to_do(self, command: StateCommand) -> bool:
+        """Whether what a command asks for is so already, or is being brought about."""
+        running, status = self._running, self._board.status
+        homing = running is not None and running.command in HOMING_COMMANDS
+        if command is StateCommand.UNHOME:
+            return running is None and not status.is_homed
+        if command is StateCommand.HOME:
+            ends_in = status.state if running is None else running.target
+            return status.is_homed and ends_in in HOMING_STATES and not homing
+        if running is not None and not (homing and command is StateCommand.ENABLE):
+            return False
+        reached = TRANSITIONS.get((status.state, command)) is status.state
+        return reached and command in _DONE_WHERE_REACHED
+
+    def _without_effect(self, command: StateCommand) -> CommandRefused:
+        """Return what to say of a homing command that changes nothing."""
+        if not self._needs_homing:
+            what = "this device needs no homing: its positions always count"
+            remedy = f"Leave {command} out: is_homed stays true."
+        else:
+            what = f"the device is {'' if command is StateCommand.UNHOME else 'not '}homed still"
+            remedy = "Its diagnostics may say why."
+        return CommandRefused(
+            "state_command",
+            Reason.NO_EFFECT,
+            f"{command}: {what}",
+            where=self._where,
+            remedy=remedy,
+        )
+
+    def end_homing(self) -> None:
+        """End `home`, which moves, for `hold`. From any thread."""
+        with self._board.lock:
+            if self._running is not None and self._running.command is StateCommand.HOME:
+                self.cancel()
+
+    def cancel(self) -> None:
+        """Forget the running command. From any thread; `step` or `close_cancelled` ends its procedure."""
+        with self._board.lock:
+            self._next = None
+            if self._running is not None:
+                self._abandoned.append(self._running)
+                self._running = None
+
+    def close_cancelled(self) -> None:
+        """Let the procedures of commands that were cancelled clean up. I/O thread only."""
+        while self._abandoned:
+            close(self._abandoned.pop().steps, self._where)
+
+    def step(self, now: float) -> None:
+        """Resume the running procedure, if there is one.
+
+        Raises:
+            ConnectionLost: by the procedure.
+        """
+        self.close_cancelled()
+        running = self._running
+        if running is None:
+            return
+        try:
+            if running.steps is None and not self._begin(running, now):
+                return
+            assert running.steps is not None
+            next(running.steps)
+        except StopIteration:
+            if self._reached(running, now):
+                return
+        except ConnectionLost:
+            raise
+        except CommandRefused as refusal:
+            self._refused(running, refusal)
+            return
+        except CrtkError as error:
+            self._failed(running, f"{running.command}: {error.statement}", error.remedy)
+            return
+        except Exception as error:
+            logger.exception("%s: %s", self._where, running.command)
+            self._failed(running, f"{running.command}: {unexpected(error)}", REPORT)
+            return
+        if now > running.deadline:
+            close(running.steps, self._where)
+            self._failed(running, f"{running.command} did not finish in {self._timeout:g} s")
+
+    def _begin(self, running: _Running, now: float) -> bool:
+        """Begin the procedure, and return True; False while the hardware comes to rest before it."""
+        if not running.stops:
+            running.stops = True
+            self._end_motion(str(running.command))
+            if self._board.status.state is OperatingState.ENABLED:
+                self._stopping.stop()
+                return False
+        if not self._stopping.confirmed and not self._stopping.overdue(now):
+            return False
+        if running.command in HOMING_COMMANDS:
+            self._board.update(busy=True)
+        if running.command is not StateCommand.DISABLE:
+            self._stopping.moves_again()
+        running.steps = self._procedures[running.command]()
+        running.deadline = now + self._timeout
+        return True
+
+    def _ended(self, running: _Running) -> bool:
+        """Whether `running` was still the command that runs; now none does."""
+        if self._running is not running:
+            return False
+        self._running = None
+        return True
+
+    def _refused(self, running: _Running, refusal: CommandRefused) -> None:
+        refusal.stamp_ns = running.stamp_ns
+        refusal.where = refusal.where or self._where
+        with self._board.lock:
+            self._ended(running)
+            self._board.update(busy=False)
+            self._board.refused(refusal)
+            self._board.announce()
+
+    def _failed(self, running: _Running, reason: str, remedy: str = "") -> None:
+        moving = self._board.status.state is OperatingState.ENABLED
+        with self._board.lock:
+            if self._ended(running):
+                self._board.update(OperatingState.FAULT, reason, remedy=remedy, busy=False)
+        if moving:
+            self._stopping.stop()
+
+    def _reached(self, running: _Running, now: float) -> bool:
+        """Announce the end, and return True; False if it is not known yet where the device is."""
+        homing = running.command in HOMING_COMMANDS
+        if running.command is StateCommand.DISABLE and not self._stopping.confirmed:
+            self._stopping.begin_anew()  # without power it may stand soon
+        stays_put = running.command is StateCommand.UNHOME
+        if running.target is OperatingState.ENABLED and not stays_put and not self._seed(now):
+            return False
+        homed = self._device.is_homed if self._needs_homing else True
+        if homing and homed is (running.command is StateCommand.UNHOME):
+            self._refused(running, self._without_effect(running.command))
+            return True
+        with self._board.lock:
+            if self._ended(running):
+                before = self._board.status
+                carried_out = "" if running.command is StateCommand.DISABLE else None
+                self._board.update(running.target, carried_out, homed=homed, busy=False)
+                if self._board.status is before:
+                    self._board.announce()
+                following, self._next = self._next, None
+                if following is not None:
+                    self.accept(following)
+        return True

@@ -1,0 +1,449 @@
+"""The plain Python front: a device in your own process, with the CRTK names as methods.
+
+    with crtk_drivers.connect("ur", sim=True) as arm:
+        arm.enable()
+        arm.move_jp(arm.setpoint_js().position + 0.1).wait()
+
+Every CRTK name that the device offers is a method; one that it does not offer is absent, and asking for
+it says which devices have it. Names and values are those of the topics.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crtk_drivers import plugins
+from crtk_drivers.commands import Command, Direction, Kind, Level, Payload, find, is_name
+from crtk_drivers.config import from_values
+from crtk_drivers.device import READINGS, Reading
+from crtk_drivers.device.offered import missing_for
+from crtk_drivers.engine import Engine, Observer
+from crtk_drivers.errors import (
+    CommandRefused,
+    ConnectionFailed,
+    DataTimeout,
+    TransitionFailed,
+)
+from crtk_drivers.front.base import DEFAULT_AGE, DEFAULT_WAIT, DeviceFront
+from crtk_drivers.front.payloads import converted, value_for
+from crtk_drivers.motion.arbiter import Client
+from crtk_drivers.move import Move
+from crtk_drivers.samples import (
+    EMPTY,
+    Flag,
+    Number,
+    Numbers,
+    Pose,
+    Stamp,
+    Text,
+    Value,
+    Vector,
+    vector,
+)
+from crtk_drivers.session import Session, open_session
+from crtk_drivers.sims import RunningSim
+from crtk_drivers.state import StateCommand, Status, target_of
+from crtk_drivers.status.health import Health
+from crtk_drivers.status.throttle import Throttle
+
+logger = logging.getLogger(__name__)
+
+LOG_INTERVAL = 2.0
+"""Seconds in which a refusal of one kind is logged once."""
+
+SERVICE_TIMEOUT = 30.0
+"""Seconds to wait for a device's own service."""
+
+_POLL = 0.001
+
+
+class _Wait:
+    """A client's thread that waits for a status."""
+
+    def __init__(self, test: Callable[[Status], bool]) -> None:
+        self.test = test
+        self.seen = threading.Event()
+
+
+class _StatusWatch(Observer):
+    """Lets a client's thread wait for a status, also one that lasts for an instant only.
+
+    It also logs warnings, and refusals of one kind once in `LOG_INTERVAL`: those of the I/O thread raise
+    nowhere.
+    """
+
+    def __init__(self, status: Status, where: str) -> None:
+        self.latest = status
+        self._where = where
+        self._lock = threading.Lock()
+        self._waits: list[_Wait] = []
+        self._refusals = Throttle(LOG_INTERVAL)
+
+    def status_changed(self, status: Status, stamp: Stamp) -> None:
+        with self._lock:
+            self.latest = status
+            for wait in self._waits:
+                if wait.test(status):
+                    wait.seen.set()
+
+    def command_refused(self, refusal: CommandRefused) -> None:
+        if self._refusals.passes((refusal.command, refusal.reason), time.monotonic()):
+            logger.warning("%s", refusal)
+
+    def warned(self, text: str) -> None:
+        logger.warning("%s: %s", self._where, text)
+
+    def wait_for(self, test: Callable[[Status], bool], timeout: float) -> bool:
+        """Wait until `test` holds for an announced status; return whether it did in time."""
+        wait = _Wait(test)
+        with self._lock:
+            if test(self.latest):
+                return True
+            self._waits.append(wait)
+        try:
+            return wait.seen.wait(timeout)
+        finally:
+            with self._lock:
+                self._waits.remove(wait)
+
+
+class LocalDevice(DeviceFront):
+    """A device in this process. Made by `connect`; close it, or use it in a ``with`` statement.
+
+    A device behind it is an attribute and closed with it: ``arm.gripper.move_jp(0.02)``.
+    """
+
+    def __init__(self, session: Session, child: str = "") -> None:
+        self._session = session
+        self._engine = session.children[child] if child else session.engine
+        self._client = _Handle()
+        self._watch = _StatusWatch(self._engine.status, self._engine.where)
+        self._engine.add_observer(self._watch)
+        for name, command in self._engine.commands.items():
+            self._add(name, command)
+        for name, service in self._engine.services.items():
+            self._attach(name, partial(self._request, name), service.summary)
+        for name, taken in self._engine.inputs.items():
+            self._attach(name, partial(self._give, name, taken.payload), taken.summary)
+        for name, reading in self._engine.readings.items():
+            self._attach(f"{READINGS}/{name}", partial(self._told, name, reading), reading.summary)
+        if not child:
+            for behind in session.children:
+                setattr(self, behind, LocalDevice(session, behind))
+
+    # ----------------------------------------------------------------------------------- life cycle
+
+    def close(self) -> None:
+        """Leave the hardware holding and disconnect; with all that belongs to it."""
+        self._client.is_open = False
+        self._session.close()
+
+    def __getattr__(self, name: str) -> Any:
+        """Explain why a CRTK name is absent on this device."""
+        if name.startswith("_") or not is_name(name):
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        engine = self._engine
+        others = [other for other in plugins.devices() if name in plugins.commands_of(other)]
+        hint = f" Devices that offer it: {', '.join(others)}." if others else ""
+        raise AttributeError(
+            f"{engine.name} does not offer {name}. {missing_for(name, engine.capabilities)}{hint}"
+        )
+
+    @property
+    def crtk_commands(self) -> Mapping[str, Command]:
+        """The CRTK names that this device offers."""
+        return self._engine.commands
+
+    @property
+    def engine(self) -> Engine:
+        """The engine behind this front."""
+        return self._engine
+
+    @property
+    def sim(self) -> RunningSim | None:
+        """The simulator behind the device, to inject faults into; None for real hardware."""
+        return self._session.sim
+
+    @property
+    def page(self) -> str:
+        """Address of the page that shows the device in a browser; empty without ``web=True``."""
+        page = self._session.page
+        return "" if page is None else page.address
+
+    def health(self) -> Health:
+        """Return the counters: rate, late cycles, refusals by reason, ..."""
+        return self._engine.health()
+
+    # ------------------------------------------------------------------------------ operating state
+
+    def operating_state(self) -> Status:
+        """Return state, is_homed and is_busy."""
+        return self._watch.latest
+
+    def wait_for_status(self, test: Callable[[Status], bool], timeout: float) -> bool:
+        """Wait until `test` holds for an announced status; return whether it did in time."""
+        return self._watch.wait_for(test, timeout)
+
+    def state_command(self, command: str, timeout: float = 30.0) -> None:
+        """See the base class."""
+        refusals: list[CommandRefused] = []
+        stamp = time.time_ns()
+        watch = _RefusalWatch(refusals, stamp)
+        self._engine.add_observer(watch)
+        try:
+            before = self._engine.status.state
+            self._engine.state_command(command, stamp)
+            if timeout <= 0.0:
+                return
+            target = target_of(before, StateCommand(command))
+            deadline = time.monotonic() + timeout
+            while not self._engine.transition_ended:
+                if time.monotonic() > deadline:
+                    raise TransitionFailed(
+                        f"{command} did not end in {timeout:g} s", where=self._engine.where
+                    )
+                time.sleep(_POLL)
+            if refusals:
+                raise refusals[-1]
+            status = self._engine.status
+            if status.state is not target:
+                raise TransitionFailed(
+                    f"{command} ended in {status.state}: {status.cause}",
+                    where=self._engine.where,
+                    remedy=status.remedy or "Remove the cause, then send enable.",
+                )
+        finally:
+            self._engine.remove_observer(watch)
+
+    # ------------------------------------------------------------------------------------ CRTK names
+
+    def _add(self, name: str, command: Command) -> None:
+        makers: dict[Direction, Callable[[str, Command], None]] = {
+            Direction.PUBLISHED: self._add_feedback,
+            Direction.COMMANDED: self._add_command,
+            Direction.SERVICE: self._add_query,
+        }
+        makers[command.direction](name, command)
+
+    def _request(self, name: str, timeout: float = SERVICE_TIMEOUT) -> str:
+        return self._engine.request(name).wait(timeout)
+
+    def _give(self, name: str, payload: Payload, value: Any) -> None:
+        where = self._engine.where
+        self._engine.give(name, self._reported(lambda: converted(name, payload, value, where)))
+
+    def _told(self, name: str, reading: Reading) -> Any:
+        value = reading.tell()
+        if value is None:
+            raise DataTimeout(
+                f"{READINGS}/{name}: not known now; the device is {self._engine.status.state}",
+                where=self._engine.where,
+                remedy="Is the device connected, and does it report this?",
+            )
+        match value:
+            case Number() | Flag() | Text():
+                return value.value
+            case Numbers():
+                return value.values
+        return value
+
+    def _attach(self, name: str, method: Any, doc: str) -> None:
+        method.__name__ = name
+        method.__doc__ = doc
+        owner: Any = self
+        *spaces, last = name.split("/")
+        for space in spaces:
+            owner = vars(owner).setdefault(space, _SubNamespace(self, space))
+        setattr(owner, last, method)
+
+    def _add_feedback(self, name: str, command: Command) -> None:
+        if command.payload is Payload.OPERATING_STATE:
+            return
+
+        def getter(age: float | None = None, wait: float | None = None, extra: bool = False) -> Any:
+            value, stamp = self._fresh(name, age, wait)
+            told = value.value if isinstance(value, Number) else value
+            return (told, stamp.wall_ns / 1e9) if extra else told
+
+        self._attach(name, getter, f"Return {command.summary} ({command.units}).")
+        if command.kind is not Kind.STATE:
+            return
+        for kind, field in (("p", "position"), ("v", "velocity"), ("f", "effort")):
+            self._attach(
+                f"{name[:-1]}{kind}",
+                self._part_getter(name, field),
+                f"Return the {field} of {name} (n,).",
+            )
+
+    def _part_getter(self, name: str, field: str) -> Callable[..., Any]:
+        def getter(age: float | None = None, wait: float | None = None, extra: bool = False) -> Any:
+            value, stamp = self._fresh(name, age, wait)
+            part = getattr(value, field)
+            return (part, stamp.wall_ns / 1e9) if extra else part
+
+        return getter
+
+    def _fresh(self, name: str, age: float | None, wait: float | None) -> tuple[Value, Stamp]:
+        """Return feedback at most `age` old, waiting at most `wait`; age 0 takes what there is."""
+        oldest = DEFAULT_AGE if age is None else age
+        deadline = time.monotonic() + (DEFAULT_WAIT if wait is None else wait)
+        latched = find(name).level in (Level.GOAL, Level.SETTING)
+        while True:
+            found = self._engine.latched(name) if latched else self._engine.feedback(name)
+            if found is not None:
+                _, stamp = found
+                valid = stamp.wall_ns != 0
+                if (
+                    oldest == 0.0
+                    or latched
+                    or (valid and time.monotonic() - stamp.monotonic <= oldest)
+                ):
+                    return found
+            if time.monotonic() >= deadline:
+                raise self._no_data(name, found, oldest)
+            time.sleep(_POLL)
+
+    def _no_data(self, name: str, found: tuple[Value, Stamp] | None, oldest: float) -> DataTimeout:
+        status = self._engine.status
+        what = "no value yet" if found is None else f"nothing valid and newer than {oldest:g} s"
+        return DataTimeout(
+            f"{name}: {what}; the device is {status.state}"
+            + (f" ({status.cause})" if status.cause else ""),
+            where=self._engine.where,
+            remedy="Pass age=0 to take the last value whatever its age.",
+        )
+
+    def _add_command(self, name: str, command: Command) -> None:
+        if name == "state_command":
+            return
+        if command.payload is Payload.EMPTY:
+
+            def plain() -> None:
+                self._engine.submit(name, client=self._client)
+
+            self._attach(name, plain, f"{command.summary[0].upper()}{command.summary[1:]}.")
+            return
+
+        def sender(value: Any) -> Move | None:
+            return self._engine.submit(name, self._payload(command, value), client=self._client)
+
+        self._attach(name, sender, f"{command.level}: {command.summary} ({command.units}).")
+
+    def _payload(self, command: Command, value: Any) -> Value:
+        return self._reported(lambda: value_for(command, value, self._engine.where))
+
+    def _reported(self, convert: Callable[[], Value]) -> Value:
+        try:
+            return convert()
+        except CommandRefused as refusal:
+            self._engine.report_refusal(refusal)
+            raise
+
+    def _add_query(self, name: str, command: Command) -> None:
+        engine = self._engine
+        if command.payload is Payload.FORWARD_KINEMATICS:
+
+            def forward(joints: ArrayLike) -> Pose:
+                return engine.forward_kinematics(vector(np.asarray(joints, dtype=float)), name)
+
+            self._attach(name, forward, "Return the tool pose of a joint position (n,).")
+        else:
+
+            def inverse(pose: Pose, reference: ArrayLike = EMPTY) -> Vector:
+                return engine.inverse_kinematics(pose, vector(np.asarray(reference, dtype=float)))
+
+            self._attach(name, inverse, "Return the joint position (n,) nearest to `reference`.")
+
+
+class _RefusalWatch(Observer):
+    """Collects the refusals of the state command that has a stamp."""
+
+    def __init__(self, refusals: list[CommandRefused], stamp_ns: int) -> None:
+        self._refusals = refusals
+        self._stamp_ns = stamp_ns
+
+    def command_refused(self, refusal: CommandRefused) -> None:
+        if refusal.command == "state_command" and refusal.stamp_ns == self._stamp_ns:
+            self._refusals.append(refusal)
+
+
+class _Handle(Client):
+    """The client that a `LocalDevice` is, until it is closed."""
+
+    def __init__(self) -> None:
+        super().__init__("another handle of the driver's own program")
+        self.is_open = True
+
+    @property
+    def is_there(self) -> bool:
+        """See the base class."""
+        return self.is_open
+
+
+class _SubNamespace:
+    """Holds the methods of a sub-namespace: ``arm.local.measured_cp()``."""
+
+    def __init__(self, device: LocalDevice, name: str) -> None:
+        self._device = device
+        self._name = name
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self._device, f"{self._name}/{name}")
+
+
+def connect(
+    device: str,
+    *,
+    sim: bool = False,
+    config: Mapping[str, Any] | str | Path | None = None,
+    timeout: float = 10.0,
+    sim_options: Mapping[str, Any] | None = None,
+    **values: Any,
+) -> LocalDevice:
+    """Bring a device up in this process and return it connected. ROS is neither needed nor imported.
+
+    Args:
+        device: the name of a plugin: ``ur``, ...
+        sim: start a simulator and connect to that.
+        config: a configuration, or the path of a TOML or YAML file.
+        timeout: seconds to wait for the connection.
+        sim_options: for the simulator.
+        values: single configuration values, over `config`: ``host="192.168.1.10"``.
+
+    Raises:
+        PluginError, MissingExtra, ConfigError: it cannot be started as asked.
+        ConnectionFailed: not connected in time; everything is closed again.
+    """
+    plugin = plugins.device(device)
+    if sim:
+        plugin.check_simulated(from_values(values))
+    settings = plugin.load_config(config, values)
+    session = open_session(device, settings, sim=sim, sim_options=sim_options)
+    arm = LocalDevice(session)
+    try:
+        session.start()
+        deadline = time.monotonic() + timeout
+        for engine in session.engines:
+            while not (engine.connected and engine.has_sample):
+                if time.monotonic() > deadline:
+                    raise ConnectionFailed(
+                        f"{engine.status.cause or 'no sample arrived'}; it was tried for {timeout:g} s",
+                        where=engine.where,
+                        remedy=engine.status.remedy,
+                    )
+                time.sleep(_POLL)
+    except BaseException:
+        arm.close()
+        raise
+    return arm

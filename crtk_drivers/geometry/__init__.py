@@ -1,0 +1,1 @@
+"""Rotations, poses, rates and frames as numbers."""

@@ -1,0 +1,229 @@
+"""A serial arm from a URDF.
+
+A URDF may come from anywhere: its size is capped, a document type declaration (and with it every
+entity, internal or external) is refused, and nothing that it names is opened.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Final, NoReturn
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+import numpy as np
+
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.files import read_capped
+from crtk_drivers.kinematics.chain import LARGEST, Chain, ChainJoint, JointKind, placed, turn
+from crtk_drivers.samples import Array
+
+__all__ = ["parse_urdf", "read_urdf"]
+
+MAX_SIZE: Final = 4 * 1024 * 1024
+"""Largest URDF that is read, in bytes; the largest humanoids have about a tenth of it."""
+MAX_DEPTH: Final = 32
+"""Deepest nesting of XML elements; URDF itself needs six."""
+
+
+def read_urdf(path: Path | str, *, base: str, tip: str, joints: Sequence[str] = ()) -> Chain:
+    """Return the chain between two links of a URDF file; see `parse_urdf`.
+
+    Raises:
+        ConfigError: missing, not a regular file, too large, or as `parse_urdf`; names the file.
+    """
+    document = read_capped(Path(path), MAX_SIZE, "a URDF file")
+    return parse_urdf(document, base=base, tip=tip, joints=joints, where=str(path))
+
+
+def parse_urdf(
+    urdf: bytes | str, *, base: str, tip: str, joints: Sequence[str] = (), where: str = "URDF"
+) -> Chain:
+    """Return the chain between two links of a URDF (xacro must have been expanded).
+
+    Format: http://wiki.ros.org/urdf/XML/joint. Only the joints on the way from `base` to `tip` matter;
+    others (grippers, other arms) are left out.
+
+    Args:
+        urdf: the document.
+        base: link that carries the chain; need not be the root of the URDF.
+        tip: link at the end of the chain.
+        joints: the moving joints, in the order of joint vectors; by default that of the chain.
+        where: what to call the document in errors.
+
+    Raises:
+        ConfigError: too large, not XML, a document type declaration, no such link, no way from base
+            to tip, a joint that is no serial arm's (floating, planar, mimic), limits missing or wrong.
+    """
+    reader = _UrdfReader(_parse_xml(urdf, where), where)
+    moving: list[ChainJoint] = []
+    placement = np.eye(4)
+    for element in reader.path(base, tip):
+        placement = placement @ reader.origin(element)
+        if element.get("type") != "fixed":
+            moving.append(reader.joint(element, placement))
+            placement = np.eye(4)
+    try:
+        return Chain(tuple(moving), placement, tuple(joints))
+    except ConfigError as error:
+        raise ConfigError(error.message, where=where, remedy=error.remedy) from None
+
+
+class _UrdfReader:
+    """Joints of one parsed URDF."""
+
+    def __init__(self, robot: Element, where: str) -> None:
+        self._where = where
+        if robot.tag != "robot":
+            self._refuse(f"is XML of <{_short(robot.tag)}>", "A URDF begins with <robot>.")
+        self._links = [link.get("name", "") for link in robot.iterfind("link")]
+        self._above: dict[str, Element] = {}
+        for joint in robot.iterfind("joint"):
+            child = self._link(joint, "child")
+            if child in self._above:
+                self._refuse(f"link {_short(child)} is the child of two joints", "Remove one.")
+            self._above[child] = joint
+
+    def path(self, base: str, tip: str) -> list[Element]:
+        """Return the joints from link `base` to link `tip`."""
+        for name in (base, tip):
+            if name not in self._links:
+                meant = get_close_matches(name, self._links, n=1) or self._links[:8]
+                self._refuse(
+                    f"there is no link {_short(name)}",
+                    f"Did you mean {', '.join(map(_short, meant))}?"
+                    if meant
+                    else "It has no links.",
+                )
+        joints: list[Element] = []
+        link = tip
+        while link != base:
+            joint = self._above.get(link)
+            if joint is None or len(joints) > len(self._above):
+                self._refuse(
+                    f"link {_short(tip)} does not hang from link {_short(base)}",
+                    "The base must lie between the root and the tip.",
+                )
+            joints.append(joint)
+            link = self._link(joint, "parent")
+        return joints[::-1]
+
+    def origin(self, joint: Element) -> Array:
+        """Return the placement of a joint in its parent link."""
+        element = joint.find("origin")
+        if element is None:
+            return np.eye(4)
+        x, y, z = self._numbers(joint, element, "xyz", 3, "0 0 0")
+        roll, pitch, yaw = self._numbers(joint, element, "rpy", 3, "0 0 0")
+        return placed(turn(2, yaw) @ turn(1, pitch) @ turn(0, roll), (x, y, z))
+
+    def joint(self, joint: Element, placement: Array) -> ChainJoint:
+        """Return a moving joint at `placement` in the frame of the moving joint before it."""
+        name, kind = joint.get("name", ""), joint.get("type", "")
+        if kind not in ("revolute", "continuous", "prismatic"):
+            self._refuse(
+                f"joint {_short(name)} is of type {_short(kind)}",
+                "Revolute, continuous, prismatic and fixed joints can be part of a serial arm.",
+            )
+        if joint.find("mimic") is not None:
+            self._refuse(
+                f"joint {_short(name)} mimics another",
+                "Choose a tip above it; no arm has such joints.",
+            )
+        axis = joint.find("axis")
+        direction = (
+            [1.0, 0.0, 0.0] if axis is None else self._numbers(joint, axis, "xyz", 3, "1 0 0")
+        )
+        lower, upper = -math.inf, math.inf
+        if kind != "continuous":
+            limit = joint.find("limit")
+            if limit is None:
+                self._refuse(
+                    f"joint {_short(name)} has no limit",
+                    "Add <limit lower= upper= velocity= effort=/>, or make it continuous.",
+                )
+            (lower,) = self._numbers(joint, limit, "lower", 1, "0")
+            (upper,) = self._numbers(joint, limit, "upper", 1, "0")
+        motion = JointKind.PRISMATIC if kind == "prismatic" else JointKind.REVOLUTE
+        try:
+            return ChainJoint(name, motion, placement, np.array(direction), lower, upper)
+        except ConfigError as error:
+            self._refuse(error.message, error.remedy)
+
+    def _link(self, joint: Element, end: str) -> str:
+        element = joint.find(end)
+        name = "" if element is None else element.get("link", "")
+        if not name:
+            self._refuse(f"joint {_short(joint.get('name', ''))} has no {end} link", "Name it.")
+        return name
+
+    def _numbers(
+        self, joint: Element, element: Element, key: str, count: int, default: str
+    ) -> list[float]:
+        text = element.get(key, default)
+        try:
+            numbers = [float(word) for word in text.split()]
+        except ValueError:
+            numbers = []
+        if len(numbers) != count or not all(abs(number) <= LARGEST for number in numbers):
+            self._refuse(
+                f"joint {_short(joint.get('name', ''))}: {element.tag} {key} is {_short(text)}",
+                f"It takes {count} finite number{'s' if count > 1 else ''}.",
+            )
+        return numbers
+
+    def _refuse(self, message: str, remedy: str) -> NoReturn:
+        raise ConfigError(message, where=self._where, remedy=remedy)
+
+
+def _parse_xml(document: bytes | str, where: str) -> Element:
+    data = document.encode() if isinstance(document, str) else document
+    if len(data) > MAX_SIZE:
+        raise ConfigError(
+            f"is larger than {MAX_SIZE} bytes", where=where, remedy="Is it the right document?"
+        )
+    # Text has no encoding left to declare; bytes may declare one.
+    parser = expat.ParserCreate("utf-8" if isinstance(document, str) else None)
+    builder = TreeBuilder()
+    depth = 0
+
+    def refuse_doctype(*_declaration: object) -> None:
+        raise ConfigError(
+            "has a document type declaration (DOCTYPE)",
+            where=where,
+            remedy="Remove it: a URDF needs none, and entities are not expanded.",
+        )
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > MAX_DEPTH:
+            raise ConfigError(
+                f"nests elements deeper than {MAX_DEPTH}", where=where, remedy="Is it a URDF?"
+            )
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    parser.StartDoctypeDeclHandler = refuse_doctype
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    try:
+        parser.Parse(data, True)
+        return builder.close()
+    except (expat.ExpatError, LookupError, ValueError) as error:  # the latter: unknown encoding
+        if isinstance(error, ConfigError):
+            raise
+        raise ConfigError(
+            f"is not well-formed XML: {error}", where=where, remedy="Expand xacro files first."
+        ) from None
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= 60 else f"{text[:57]}...")

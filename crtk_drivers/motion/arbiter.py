@@ -1,0 +1,236 @@
+"""Who commands now: the mailbox between the clients' threads and the I/O thread.
+
+It is one deep. A newer absolute command replaces an older one; increments are added up, so that none
+is lost; `hold`, `free` and moves replace whatever lies there.
+
+A stream has an owner, the client that began it, until it has ended: by its owner's move, by anybody's
+`hold`, or because no command came for its timeout. Streams, moves and `free` of others are refused meanwhile.
+Who goes on sending after somebody else's `hold` is refused as well, until it has been silent as long. Nor do
+two kinds of stream alternate: another kind of the same owner is refused until the first has been silent for
+the dwell.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from crtk_drivers.commands import Level, find
+from crtk_drivers.device import Goal, Mode, Setpoint
+from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.geometry.frames import both
+from crtk_drivers.move import Move
+from crtk_drivers.samples import EMPTY, Pose, Value, Vector, empty, vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Order:
+    """A command that passed its checks.
+
+    A servo has a `setpoint`, or an `increment` (n,) to the joint setpoint. A stream that goes on between its
+    commands has its `target`, or an `increment` to the newest one; a pose that joints follow has both, the
+    target and the joints that reach it. A relative Cartesian command has instead its `displacement`, in the
+    frame of its sub-namespace; a move has its `goal` and the
+    joint position `joints` (n,) where the goal lies and in `goals` what ``goal_*`` will say; hold and free
+    have none. `stamp_ns` is the sender's stamp, 0 if it gave none.
+    """
+
+    name: str
+    setpoint: Setpoint | None = None
+    increment: Vector = field(default_factory=empty)
+    target: Value | None = None
+    displacement: Pose | None = None
+    goal: Goal | None = None
+    joints: Vector = field(default_factory=empty)
+    goals: Mapping[str, Value] = field(default_factory=dict)
+    move: Move | None = None
+    stamp_ns: int = 0
+
+    @property
+    def frame(self) -> str:
+        """That of the command's sub-namespace, see `crtk_drivers.geometry.frames`."""
+        return find(self.name).frame
+
+    @property
+    def level(self) -> Level:
+        """That of the command."""
+        return find(self.name).level
+
+    @property
+    def is_stream(self) -> bool:
+        """Whether it belongs to a stream."""
+        return self.level in (Level.SERVO, Level.INTERPOLATE)
+
+
+class Client:
+    """Somebody who commands. Each object is one, unless a subclass knows better.
+
+    Args:
+        name: for messages.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    @property
+    def name(self) -> str:
+        """For messages."""
+        return self._name
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it may still command. Must not wait."""
+        return True
+
+    def is_same(self, other: Client) -> bool:
+        """Whether the two are one client. Must not wait."""
+        return self is other
+
+
+NOBODY = Client("an unnamed client")
+"""Commands for whom no client is given: all of them are one client's."""
+
+
+class Arbiter:
+    """The mailbox. Thread-safe.
+
+    Args:
+        dwell: seconds that a servo stream must be silent before one of another kind may take over.
+        slow_dwell: the same for an interpolated stream, whose commands are further apart.
+        timeout: seconds that a servo stream must be silent before it has ended.
+        slow_timeout: the same for an interpolated stream.
+    """
+
+    def __init__(
+        self,
+        dwell: float,
+        where: str,
+        slow_dwell: float | None = None,
+        timeout: float = 0.1,
+        slow_timeout: float = 0.5,
+    ) -> None:
+        slow = dwell if slow_dwell is None else slow_dwell
+        self._dwells = {Level.SERVO: dwell, Level.INTERPOLATE: slow}
+        self._timeouts = {Level.SERVO: timeout, Level.INTERPOLATE: slow_timeout}
+        self._where = where
+        self._lock = threading.Lock()
+        self._order: Order | None = None
+        self._stream = ""
+        self._level = Level.SERVO
+        self._streamed = 0.0
+        self._owner = NOBODY
+        self._holder: Client | None = None  # who ended the owner's stream
+
+    def admit(self, name: str, client: Client, now: float) -> None:
+        """Judge who asks for a motion, before what is asked for is looked at.
+
+        Raises:
+            CommandRefused: another client owns the stream that is running, or has held this one's.
+        """
+        if name == "hold":
+            return
+        with self._lock:
+            stream, holder, owner = self._stream, self._holder, self._owner
+            timeout = self._timeouts[self._level]
+            if not stream or now - self._streamed >= timeout:
+                return
+        is_owner = client.is_same(owner)
+        is_stream = find(name).level in (Level.SERVO, Level.INTERPOLATE)
+        if holder is None and not is_owner:
+            raise CommandRefused(
+                name,
+                Reason.STREAM_OWNED,
+                f"{owner.name} streams {stream}",
+                where=self._where,
+                remedy=f"Wait until it has been silent for {timeout:g} s, or send hold, which ends it.",
+            )
+        if holder is not None and is_owner and is_stream:
+            with self._lock:
+                self._streamed = now
+            raise CommandRefused(
+                name,
+                Reason.STREAM_OWNED,
+                f"{holder.name} ended this stream with hold",
+                where=self._where,
+                remedy=f"Send nothing for {timeout:g} s, then begin from where the device is.",
+            )
+
+    def put(self, order: Order, now: float, client: Client = NOBODY) -> Move | None:
+        """Leave an order for the I/O thread, and return the move that it replaced unexecuted.
+
+        Raises:
+            CommandRefused: see `admit`; or another kind of stream is running.
+        """
+        self.admit(order.name, client, now)
+        with self._lock:
+            if order.is_stream:
+                self._keep_stream(order, now, client)
+            elif client.is_same(self._owner):
+                self._stream = ""
+            elif self._stream and self._holder is None:
+                self._holder = client
+            replaced = self._order.move if self._order is not None else None
+            self._order = combined(self._order, order)
+        return replaced
+
+    @property
+    def move_waits(self) -> bool:
+        """Whether a move lies here that has not begun."""
+        order = self._order
+        return order is not None and order.move is not None
+
+    def streams(self, now: float) -> bool:
+        """Whether an order lies here, or commands of a stream came within the dwell."""
+        with self._lock:
+            return self._streams(now) or self._order is not None
+
+    def take(self) -> Order | None:
+        """Return the newest order, once."""
+        if self._order is None:
+            return None
+        with self._lock:
+            order, self._order = self._order, None
+        return order
+
+    def clear(self) -> Move | None:
+        """Forget what lies here and which stream ran; return the move that is lost by it."""
+        with self._lock:
+            lost = self._order.move if self._order is not None else None
+            self._order = None
+            self._stream = ""
+        return lost
+
+    def _streams(self, now: float) -> bool:
+        """Whether the stream counts as running for one of another kind."""
+        is_running = self._stream != "" and self._holder is None
+        return is_running and now - self._streamed < self._dwells[self._level]
+
+    def _keep_stream(self, order: Order, now: float, client: Client) -> None:
+        name = order.name
+        if self._stream != name and self._streams(now):
+            raise CommandRefused(
+                name,
+                Reason.MODE_SWITCH,
+                f"a stream of {self._stream} is running",
+                where=self._where,
+                remedy=f"Stop it for {self._dwells[self._level]} s, or send hold, before you send {name}.",
+            )
+        self._stream, self._level, self._streamed = name, order.level, now
+        self._owner, self._holder = client, None
+
+
+def combined(old: Order | None, new: Order) -> Order:
+    """Return the order that stands for both: the newer one, with the increments of the older one added."""
+    if old is None or not find(new.name).is_relative:
+        return new
+    if old.name == new.name and old.increment.size:
+        return replace(new, increment=vector(old.increment + new.increment))
+    if old.name == new.name and old.displacement is not None and new.displacement is not None:
+        return replace(new, displacement=both(old.displacement, new.displacement, new.frame))
+    on_position = old.setpoint is not None and old.setpoint.mode is Mode.JOINT_POSITION
+    if on_position and new.level is Level.SERVO and new.increment.size:
+        assert old.setpoint is not None
+        moved = vector(old.setpoint.values + new.increment)
+        return replace(new, setpoint=Setpoint(Mode.JOINT_POSITION, moved), increment=EMPTY)
+    return new

@@ -1,0 +1,496 @@
+"""Streams that go on between their commands, in the I/O thread.
+
+interpolate_* all do; of servo_*, those do that change with the arm's own motion: twists and wrenches that
+joints carry out or that are given in the tool's axes, poses that joints follow, and mixed setpoints.
+
+A stream takes commands as they come (`feed`) and says in each cycle what is to be sent (`step`). It begins
+with the velocity and acceleration of the motion that it replaces, as far as they are known, and ends by
+itself when no command came for its timeout and the motion has come to its end.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from crtk_drivers.commands import Kind, find
+from crtk_drivers.device import Device, Mode, Setpoint
+from crtk_drivers.gates.setpoint import SetpointLimiter
+from crtk_drivers.geometry.frames import (
+    moved,
+    twist_from_base,
+    twist_in_base,
+    wrench_from_base,
+    wrench_in_base,
+)
+from crtk_drivers.motion.arbiter import Order
+from crtk_drivers.motion.feedback import Feedback, Point
+from crtk_drivers.motion.inverse import Reach
+from crtk_drivers.motion.tool import PoseOutput, Pursuit, TwistOutput, WrenchOutput
+from crtk_drivers.samples import (
+    JointState,
+    Pose,
+    Twist,
+    Value,
+    Vector,
+    Wrench,
+    empty,
+    joint_state,
+    joint_values,
+    vector,
+)
+from crtk_drivers.status.deadman import Deadman
+from crtk_drivers.trajectory.interpolators import (
+    JointInterpolator,
+    PoseInterpolator,
+    TwistInterpolator,
+    WrenchInterpolator,
+)
+from crtk_drivers.trajectory.smoothing import LONGEST_STEP
+
+STREAM_MODES = {
+    Kind.POSITION: (Mode.JOINT_POSITION, Mode.CARTESIAN_POSITION),
+    Kind.RELATIVE: (Mode.JOINT_POSITION, Mode.CARTESIAN_POSITION),
+    Kind.VELOCITY: (Mode.JOINT_VELOCITY, Mode.CARTESIAN_VELOCITY),
+    Kind.EFFORT: (Mode.JOINT_EFFORT, Mode.CARTESIAN_EFFORT),
+}
+"""The modes that a stream of each kind is meant for, of joints and of the tool."""
+
+Clamp = Callable[[str, Vector, Vector], Vector]
+"""Puts joint positions into their range: (command, positions, positions that it starts from)."""
+
+
+class Stream(ABC):
+    """One stream while it runs; `name` is its command."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    @abstractmethod
+    def feed(self, order: Order, now: float) -> None:
+        """Take a command of this name.
+
+        Raises:
+            CommandRefused: nothing is changed.
+        """
+
+    @abstractmethod
+    def step(self, now: float) -> Point:
+        """Return what to send now.
+
+        Raises:
+            CommandRefused: it cannot go on.
+        """
+
+    def sent(self, setpoint: Setpoint) -> None:  # noqa: B027 - to most streams it makes no difference
+        """What went out of this cycle's `step`, within the limits."""
+
+    @property
+    @abstractmethod
+    def is_over(self) -> bool:
+        """Whether it has timed out and its motion has ended."""
+
+    @property
+    def behind(self) -> Vector:
+        """How far (n,) the joints are from the pose that was sent last; empty if they are there."""
+        return empty()
+
+    @property
+    @abstractmethod
+    def goals(self) -> Mapping[str, Value]:
+        """What ``goal_*`` say."""
+
+
+class JointStream(Stream):
+    """interpolate_jp, _jr, _jv and _jf.
+
+    Args:
+        name: of the command.
+        device: whose limits and rate it keeps.
+        feedback: where it begins.
+        clamp: for goals out of range.
+        timeout: seconds without a command after which it ends.
+        now: monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        device: Device,
+        feedback: Feedback,
+        clamp: Clamp,
+        timeout: float,
+        now: float,
+    ) -> None:
+        super().__init__(name)
+        self._device = device
+        self._clamp = clamp
+        self._kind = find(name).kind
+        self._mode = STREAM_MODES[self._kind][0]
+        capabilities = device.capabilities
+        cycle = 1.0 / capabilities.rate
+        self._interpolator = JointInterpolator(capabilities.limits, cycle, timeout, self._kind)
+        position, velocity, acceleration = feedback.motion(now)
+        before = now - cycle  # when that went out
+        if self._mode is Mode.JOINT_POSITION:
+            self._interpolator.start(position, before, velocity, acceleration)
+        elif self._mode is Mode.JOINT_VELOCITY:
+            self._interpolator.start(velocity, before, acceleration)
+        else:
+            effort = feedback.commanded_effort()
+            at_rest = np.zeros(len(capabilities.joints))
+            self._interpolator.start(effort if effort.size else at_rest, before)
+
+    def feed(self, order: Order, now: float) -> None:
+        """See the base class."""
+        before = self._interpolator.goal
+        if order.increment.size:
+            goal = before + order.increment
+        else:
+            assert isinstance(order.target, JointState)
+            goal = joint_values(self._kind, order.target)
+        if self._mode is Mode.JOINT_POSITION:
+            goal = self._clamp(self.name, goal, before)
+        self._interpolator.command(goal, now)
+
+    def step(self, now: float) -> Point:
+        """See the base class."""
+        point = self._interpolator.point(now)
+        acceleration = {
+            Mode.JOINT_POSITION: self._interpolator.acceleration,
+            Mode.JOINT_VELOCITY: self._interpolator.rate,
+        }.get(self._mode, empty())
+        values = joint_values(self._kind, point)
+        return Point(Setpoint(self._mode, values), point, acceleration)
+
+    def sent(self, setpoint: Setpoint) -> None:
+        """See the base class. The end of a range slows velocities: they go on from what it left."""
+        if self._mode is Mode.JOINT_VELOCITY:
+            self._interpolator.held_at(setpoint.values)
+
+    @property
+    def is_over(self) -> bool:
+        """See the base class."""
+        return self._interpolator.is_over
+
+    @property
+    def goals(self) -> Mapping[str, Value]:
+        """See the base class."""
+        capabilities = self._device.capabilities
+        state = joint_state(self._kind, self._interpolator.goal)
+        goals: dict[str, Value] = {"goal_js": replace(state, name=capabilities.joints)}
+        if self._mode is Mode.JOINT_POSITION and capabilities.has_kinematics:
+            goals["goal_cp"] = self._device.forward_kinematics(state.position)
+        return goals
+
+
+class PoseStream(Stream):
+    """interpolate_cp and _cr.
+
+    Args:
+        name: of the command.
+        device: whose limits and rate it keeps.
+        feedback: where it begins, and how the tool moves there.
+        reach: what can be reached.
+        timeout: seconds without a command after which it ends.
+        now: monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        device: Device,
+        feedback: Feedback,
+        reach: Reach,
+        timeout: float,
+        now: float,
+    ) -> None:
+        super().__init__(name)
+        self._command = find(name)
+        self._reach = reach
+        capabilities = device.capabilities
+        limits = capabilities.cartesian_limits
+        assert limits is not None
+        self._base = capabilities.base_pose
+        self._takes_poses = Mode.CARTESIAN_POSITION in capabilities.modes
+        cycle = 1.0 / capabilities.rate
+        self._interpolator = PoseInterpolator(limits, cycle, timeout)
+        self._interpolator.start(
+            reach.pose(self._command),
+            now - cycle,
+            feedback.reference_twist(now),
+            feedback.reference_twist_change(now),
+        )
+        self._output = PoseOutput(self._command, device, feedback, reach, now)
+        self._last = now - cycle
+        self._longest = LONGEST_STEP * cycle
+
+    def feed(self, order: Order, now: float) -> None:
+        """See the base class."""
+        if order.displacement is not None:
+            goal = moved(self._interpolator.goal, order.displacement, order.frame, self._base)
+            if self._takes_poses:
+                self._reach.check_way(self._command, goal)
+            else:
+                self._reach.joints(self._command, goal, self._reach.reference(self._command))
+        else:
+            assert isinstance(order.target, Pose)
+            goal = order.target
+        self._interpolator.command(goal, now)
+
+    def step(self, now: float) -> Point:
+        """See the base class."""
+        pose, twist = self._interpolator.step(now)
+        step = min(max(0.0, now - self._last), self._longest)  # as far as that has gone on
+        self._last = now
+        return self._output.point(pose, vector(twist.vector), step)
+
+    @property
+    def is_over(self) -> bool:
+        """See the base class."""
+        return self._interpolator.is_over
+
+    @property
+    def goals(self) -> Mapping[str, Value]:
+        """See the base class."""
+        return {"goal_cp": self._interpolator.goal}
+
+
+class PursuitStream(Stream):
+    """servo_cp and _cr on joints.
+
+    Args:
+        name: of the command.
+        device: whose limits and rate it keeps.
+        feedback: where the joints are.
+        reach: what can be reached.
+        limiter: that the joints pass.
+        timeout: seconds without a command after which it goes no further.
+        now: monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        device: Device,
+        feedback: Feedback,
+        reach: Reach,
+        limiter: SetpointLimiter,
+        timeout: float,
+        now: float,
+    ) -> None:
+        super().__init__(name)
+        self._command = find(name)
+        self._base = device.capabilities.base_pose
+        self._cycle = 1.0 / device.capabilities.rate
+        self._feedback = feedback
+        self._reach = reach
+        self._limiter = limiter
+        self._pursuit = Pursuit(device, limiter)
+        self._silence = Deadman(timeout)
+        self._silence.feed(now)
+        self._goal: Pose | None = None
+        self._joints = empty()
+        self._velocity: Vector | None = feedback.motion(now)[1]  # until the first step
+
+    def feed(self, order: Order, now: float) -> None:
+        """See the base class."""
+        if order.displacement is not None:
+            here = self._reach.pose(self._command)
+            goal = moved(self._goal or here, order.displacement, order.frame, self._base)
+            near = self._feedback.expected_joints(self._cycle)
+            joints = self._reach.joints(self._command, goal, near)
+            self._limiter.judge_tool(self.name, goal, here)
+        else:
+            assert isinstance(order.target, Pose)
+            assert order.setpoint is not None
+            goal, joints = order.target, order.setpoint.values
+        self._goal, self._joints = goal, joints
+        self._silence.feed(now)
+
+    def step(self, now: float) -> Point:
+        """See the base class."""
+        assert self._goal is not None
+        if self._silence.expired(now):
+            self._silence.disarm()
+        before = self._feedback.reference_joints()
+        if not self._silence.armed:
+            return Point(Setpoint(Mode.JOINT_POSITION, before))
+        velocity, self._velocity = self._velocity, None
+        may_jump = velocity is None or self._limiter.can_start(self._joints, before, velocity)
+        return self._pursuit.point(before, self._goal, self._joints, now, may_jump)
+
+    @property
+    def behind(self) -> Vector:
+        """See the base class."""
+        return self._pursuit.behind
+
+    @property
+    def is_over(self) -> bool:
+        """See the base class."""
+        return not self._silence.armed
+
+    @property
+    def goals(self) -> Mapping[str, Value]:
+        """None: a servo stream has no goal."""
+        return {}
+
+
+class _InFrame:
+    """A twist or wrench that is given in the frame of a command's sub-namespace."""
+
+    def __init__(self, name: str, device: Device, reach: Reach) -> None:
+        self._command = find(name)
+        self._base = device.capabilities.base_pose
+        self._reach = reach
+        is_twist = self._command.kind is Kind.VELOCITY
+        self._in_base = twist_in_base if is_twist else wrench_in_base
+        self._from_base = twist_from_base if is_twist else wrench_from_base
+
+    def in_base(self, values: Vector) -> Vector:
+        """Return it (6,) in base axes at the tool point, where the tool is now."""
+        return self._turned(self._in_base, values)
+
+    def from_base(self, values: Vector) -> Vector:
+        """Return in its frame what is given in base axes."""
+        return self._turned(self._from_base, values)
+
+    def _turned(self, convert: Callable[..., Vector], values: Vector) -> Vector:
+        frame = self._reach.frame_of(self._command)
+        if not frame:
+            return values
+        return convert(values, frame, self._reach.pose(self._command), self._base)
+
+
+def _output(
+    name: str, device: Device, feedback: Feedback, now: float
+) -> TwistOutput | WrenchOutput:
+    if find(name).kind is Kind.VELOCITY:
+        return TwistOutput(device, feedback, now)
+    return WrenchOutput(device, feedback)
+
+
+class HeldStream(Stream):
+    """servo_cv and servo_cf: the newest twist or wrench, carried out anew in each cycle.
+
+    Args:
+        name: of the command.
+        device: whose limits and rate it keeps.
+        feedback: where it begins.
+        reach: where the tool is.
+        timeout: seconds without a command after which it comes to rest.
+        now: monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        device: Device,
+        feedback: Feedback,
+        reach: Reach,
+        timeout: float,
+        now: float,
+    ) -> None:
+        super().__init__(name)
+        self._frame = _InFrame(name, device, reach)
+        self._output = _output(name, device, feedback, now)
+        self._silence = Deadman(timeout)
+        self._silence.feed(now)
+        self._values = vector(np.zeros(6))
+
+    def feed(self, order: Order, now: float) -> None:
+        """See the base class."""
+        assert isinstance(order.target, Twist | Wrench)
+        self._silence.feed(now)
+        self._values = vector(order.target.vector)
+
+    def step(self, now: float) -> Point:
+        """See the base class."""
+        if self._silence.expired(now):
+            self._silence.disarm()
+            self._values = vector(np.zeros(6))
+        return self._output.point(self._frame.in_base(self._values))
+
+    @property
+    def is_over(self) -> bool:
+        """See the base class."""
+        return not self._silence.armed and self._output.is_at_rest
+
+    @property
+    def goals(self) -> Mapping[str, Value]:
+        """None: a servo stream has no goal."""
+        return {}
+
+
+class SmoothStream(Stream):
+    """interpolate_cv and interpolate_cf: as `HeldStream`, smoothed in the frame in which they are given.
+
+    Args:
+        name: of the command.
+        device: whose limits and rate it keeps.
+        feedback: where it begins.
+        reach: where the tool is.
+        timeout: seconds without a command after which it ends.
+        now: monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        device: Device,
+        feedback: Feedback,
+        reach: Reach,
+        timeout: float,
+        now: float,
+    ) -> None:
+        super().__init__(name)
+        capabilities = device.capabilities
+        limits = capabilities.cartesian_limits
+        assert limits is not None
+        command, cycle = find(name), 1.0 / capabilities.rate
+        self._base_frame = capabilities.base_frame
+        self._is_twist = command.kind is Kind.VELOCITY
+        self._frame = _InFrame(name, device, reach)
+        self._output = _output(name, device, feedback, now)
+        self._interpolator: TwistInterpolator | WrenchInterpolator
+        if self._is_twist:
+            self._interpolator = TwistInterpolator(limits, cycle, timeout)
+            start = feedback.reference_twist(now)
+        else:
+            self._interpolator = WrenchInterpolator(limits, cycle, timeout)
+            start = feedback.commanded_wrench()
+        self._interpolator.start(self._frame.from_base(start), now - cycle)
+
+    def feed(self, order: Order, now: float) -> None:
+        """See the base class."""
+        assert isinstance(order.target, Twist | Wrench)
+        self._interpolator.command(order.target.vector, now)
+
+    def step(self, now: float) -> Point:
+        """See the base class."""
+        values, _ = self._interpolator.step(now)
+        point = self._output.point(self._frame.in_base(values))
+        if isinstance(self._output, TwistOutput):
+            self._interpolator.held_at(vector(self._output.share * values))
+        return point
+
+    def sent(self, setpoint: Setpoint) -> None:
+        """See the base class."""
+        if setpoint.mode is Mode.CARTESIAN_VELOCITY:
+            self._interpolator.held_at(self._frame.from_base(setpoint.values))
+
+    @property
+    def is_over(self) -> bool:
+        """See the base class."""
+        return self._interpolator.is_over and self._output.is_at_rest
+
+    @property
+    def goals(self) -> Mapping[str, Value]:
+        """See the base class."""
+        if not self._is_twist:
+            return {}
+        goal = self._frame.in_base(self._interpolator.goal)
+        return {"goal_cv": Twist(goal[:3], goal[3:], self._base_frame)}

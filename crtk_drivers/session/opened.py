@@ -1,0 +1,182 @@
+"""A running device and everything that it needs: its simulator (if any), its threads, its engine.
+
+Both fronts, plain Python and ROS, stand on a session.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from types import TracebackType
+from typing import Any, Self
+
+from crtk_drivers import pages, plugins
+from crtk_drivers.config import DeviceConfig, from_values
+from crtk_drivers.engine import Engine, EngineOptions
+from crtk_drivers.engine.threads import Runtime
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.gates.setpoint import LimitPolicy
+from crtk_drivers.pages import RunningPage
+from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.session.scene import DeviceScene
+from crtk_drivers.sims import RunningSim, start
+
+
+class Session:
+    """Owns simulator, runtime, engines and page of one device. No thread of it runs before `start`.
+
+    Attributes:
+        engine: of the device.
+        page: that shows it in a browser; None if the configuration wants none.
+        children: of the devices behind it, by the name of their sub-namespace.
+    """
+
+    def __init__(
+        self, plugin: DevicePlugin, config: DeviceConfig, sim: RunningSim | None = None
+    ) -> None:
+        self.plugin = plugin
+        self.config = config
+        self.sim = sim
+        device, name = plugin.make(config), config.name or plugin.name
+        options = engine_options(config)
+        self.engine = Engine(device, name, options)
+        self.children = {
+            child: Engine(behind, f"{name}/{child}", options)
+            for child, behind in device.children.items()
+        }
+        self.page: RunningPage | None = None
+        self._runtime = Runtime((engine, config.open_timeout) for engine in self.engines)
+
+    @property
+    def engines(self) -> tuple[Engine, ...]:
+        """All of them, that of the device first."""
+        return (self.engine, *self.children.values())
+
+    def open_page(self) -> None:
+        """Serve the page, if the configuration wants it.
+
+        Raises:
+            PluginError: no package that brings it is installed.
+            ConnectionFailed: it did not start, as its port is in use.
+        """
+        if self.config.web:
+            detail = "simulated" if self.sim else "CRTK device"
+            scene = DeviceScene(self.engine, self.children, detail)
+            self.page = pages.start(plugins.page(), scene, self.config.web_port)
+
+    def start(self) -> None:
+        """Start the threads; the device is opened by them."""
+        self._runtime.start()
+
+    def close(self, timeout: float = 1.5) -> None:
+        """Leave the device holding, end the threads, the page and the simulator. May be called twice."""
+        with ExitStack() as stack:
+            for other in (self.sim, self.page):
+                if other is not None:
+                    stack.callback(other.stop)
+            self._runtime.close(timeout)
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def engine_options(config: DeviceConfig) -> EngineOptions:
+    """Return the engine's share of a configuration."""
+    limits = config.limits
+    return EngineOptions(
+        stream_timeout=config.stream_timeout,
+        interpolate_timeout=config.interpolate_timeout,
+        on_stream_timeout=config.on_stream_timeout,
+        sample_timeout=config.sample_timeout,
+        mode_switch_dwell=config.mode_switch_dwell,
+        move_cp=config.move_cp,
+        on_client_gone=config.on_client_gone,
+        free_timeout=config.free_timeout,
+        limits=LimitPolicy(
+            clamp_servo=limits.clamp_servo,
+            max_step=limits.max_step,
+            max_linear_step=limits.max_linear_step,
+            max_command_age=limits.max_command_age,
+            following_error=limits.following_error,
+        ),
+    )
+
+
+def open_session(
+    device: str,
+    config: DeviceConfig,
+    *,
+    sim: bool = False,
+    sim_options: Mapping[str, Any] | None = None,
+) -> Session:
+    """Return a session for `device`, not yet started; its simulator and its page, if wanted, are running.
+
+    Args:
+        device: the name of a plugin.
+        config: of the plugin's configuration class.
+        sim: start the plugin's simulator in a process of its own and connect to it.
+        sim_options: for the simulator, over those that suit the configuration.
+
+    Raises:
+        PluginError, MissingExtra: no such device or page, or a library of it is missing.
+        ConfigError: `sim` for a device without a simulator, or a wrong option for it.
+        ConnectionFailed: the simulator or the page did not start.
+    """
+    plugin = plugins.device(device)
+    if not sim:
+        plugin.check_real(config)
+        session = Session(plugin, config)
+        session.open_page()
+        return session
+    running = _start_sim(plugin, config, sim_options)
+    try:
+        session = Session(plugin, plugin.sim_config(config, running), running)
+        session.open_page()
+    except BaseException:
+        running.stop()
+        raise
+    return session
+
+
+@contextmanager
+def reached(
+    plugin: DevicePlugin,
+    config: DeviceConfig,
+    *,
+    sim: bool = False,
+    sim_options: Mapping[str, Any] | None = None,
+) -> Iterator[DeviceConfig]:
+    """The configuration that points at the hardware, or at a simulator that runs meanwhile. Makes no device.
+
+    Raises:
+        as `open_session`; what real hardware needs is not checked.
+    """
+    if not sim:
+        yield config
+        return
+    running = _start_sim(plugin, config, sim_options)
+    try:
+        yield plugin.sim_config(config, running)
+    finally:
+        running.stop()
+
+
+def _start_sim(
+    plugin: DevicePlugin, config: DeviceConfig, options: Mapping[str, Any] | None
+) -> RunningSim:
+    if plugin.sim is None:
+        raise ConfigError(f"{plugin.name} has no simulator", remedy="Leave --sim out.")
+    return start(
+        plugins.simulator(plugin.sim),
+        from_values(plugin.sim_options(config), f"the configuration of {plugin.name}"),
+        from_values(options or {}, "the options of the simulator"),
+    )

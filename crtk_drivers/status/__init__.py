@@ -1,0 +1,1 @@
+"""How a device is: its state, its health, what watches over it."""

@@ -1,0 +1,1 @@
+"""Devices around a device: with kinematics, in another base frame."""

@@ -1,0 +1,109 @@
+"""A device that stands somewhere: its own base has a pose in another frame, in which it is then used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from crtk_drivers.commands import Space
+from crtk_drivers.device import Capabilities, Device, Goal, Mode, Setpoint
+from crtk_drivers.geometry.frames import inverse_pose, product, twist_from_base, twist_in_base
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
+from crtk_drivers.samples import Array, Pose, Sample, Twist, Value, Vector, Wrench, vector
+from crtk_drivers.wrappers.forwarding import WrappedDevice
+
+
+class PlacedDevice(WrappedDevice):
+    """Gives and takes everything Cartesian in another frame; what is measured is there as ``local/`` too.
+
+    Args:
+        inner: the device, in its own base.
+        base: pose of that base in the frame `base.frame_id`.
+    """
+
+    def __init__(self, inner: Device, base: Pose) -> None:
+        super().__init__(inner)
+        own = inner.capabilities
+        self._own_frame = own.base_frame
+        self._base = base
+        self._inverse = inverse_pose(base)
+        self._rotation = matrix_from_quaternion(base.orientation)
+        local = [f"local/{name}" for name in own.measured if name.startswith("measured_c")]
+        self._capabilities = replace(
+            own,
+            base_frame=base.frame_id,
+            base_pose=base,
+            measured=tuple(dict.fromkeys((*own.measured, *local))),
+        )
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """See the base class."""
+        return self._capabilities
+
+    def read(self, deadline: float) -> Sample | None:
+        """Put what was read into the other frame."""
+        sample = self.inner.read(deadline)
+        if sample is None or sample.not_finite:
+            return sample  # the core drops what is not finite
+        values: dict[str, Value] = {}
+        for name, value in sample.values.items():
+            values[name] = value
+            if isinstance(value, Pose | Twist | Wrench) and "/" not in name:
+                values[name] = self._outwards(value)
+                if name.startswith("measured_"):
+                    values[f"local/{name}"] = replace(value, frame_id="local")
+        return replace(sample, values=values)
+
+    def write(self, setpoint: Setpoint) -> None:
+        """Put a setpoint of the tool into the device's own base."""
+        if setpoint.mode.space is Space.CARTESIAN:
+            setpoint = Setpoint(setpoint.mode, self._inwards(setpoint))
+        self.inner.write(setpoint)
+
+    def move(self, goal: Goal) -> None:
+        """Put a pose into the device's own base."""
+        if goal.pose is not None:
+            goal = replace(goal, pose=self._pose_inwards(goal.pose))
+        self.inner.move(goal)
+
+    def forward_kinematics(self, joints: Vector) -> Pose:
+        """See the base class."""
+        return self._pose_outwards(self.inner.forward_kinematics(joints))
+
+    def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
+        """See the base class."""
+        return self.inner.inverse_kinematics(self._pose_inwards(pose), reference)
+
+    def nearby_inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
+        """See the base class."""
+        return self.inner.nearby_inverse_kinematics(self._pose_inwards(pose), reference)
+
+    def jacobian(self, joints: Vector) -> Array:
+        """See the base class."""
+        jacobian = self.inner.jacobian(joints)
+        return np.concatenate((self._rotation @ jacobian[:3], self._rotation @ jacobian[3:]))
+
+    def _pose_outwards(self, pose: Pose) -> Pose:
+        return product(self._base, pose)
+
+    def _pose_inwards(self, pose: Pose) -> Pose:
+        return replace(product(self._inverse, pose), frame_id=self._own_frame)
+
+    def _outwards(self, value: Pose | Twist | Wrench) -> Value:
+        """Return a value in the other frame; what is in the tool's axes stays there."""
+        if value.frame_id not in ("", self._own_frame):
+            return value
+        if isinstance(value, Pose):
+            return self._pose_outwards(value)
+        turned = twist_in_base(vector(value.vector), "local", self._base, self._base)
+        return type(value)(turned[:3], turned[3:], self._base.frame_id)
+
+    def _inwards(self, setpoint: Setpoint) -> Vector:
+        values = setpoint.values
+        if setpoint.mode is Mode.CARTESIAN_POSITION:
+            pose = self._pose_inwards(Pose(values[:3], values[3:]))
+            return vector((*pose.position, *pose.orientation))
+        # A wrench turns as a twist does: both are at the tool point.
+        return twist_from_base(values, "local", self._base, self._base)
