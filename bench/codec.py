@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 
 from bench.report import options, show_calls
-from crtk_driver_ur import control_frames
-from crtk_driver_ur.control_frames import MotionCommand, MotionKind
 from crtk_driver_ur.frames import Transform
 from crtk_driver_ur.kinematics import ArmKinematics
+from crtk_driver_ur.library import packets
+from crtk_driver_ur.library.packets import MotionCommand, MotionKind
 from crtk_driver_ur.models import model_named
 from crtk_driver_ur.rtde import codec
 from crtk_driver_ur.rtde.stream import StateSample
@@ -43,7 +43,7 @@ def main() -> None:
     kinematics = ArmKinematics(model_named("ur5e"))
     pose = kinematics.forward(JOINTS)
     command = MotionCommand(1, MotionKind.SERVO_JOINT, JOINTS, 0.0, 0.0)
-    frame = control_frames.encode(command)
+    frame = packets.encode(command)
     show_calls(
         f"UR driver: one RTDE package ({len(data)} bytes, {len(OUTPUTS)} variables) and one command",
         {
@@ -51,8 +51,8 @@ def main() -> None:
             "frame and decode the package": lambda: decoder.feed(data)[0].values(),  # type: ignore[union-attr]
             "make the CRTK sample": lambda: maker.make(state),
             "make it for a tool of one's own": lambda: moved.make(state),
-            "encode a command for the control process": lambda: control_frames.encode(command),
-            "decode it there": lambda: control_frames.decode(frame),
+            "encode a command for the control process": lambda: packets.encode(command),
+            "decode it there": lambda: packets.decode(frame),
             "forward kinematics": lambda: kinematics.forward(JOINTS),
             "inverse kinematics, nearest": lambda: kinematics.inverse(pose, JOINTS),
             "Jacobian": lambda: kinematics.jacobian(JOINTS),

@@ -18,14 +18,7 @@ from ruckig import InputParameter, Ruckig, Trajectory
 
 from bench.report import options, show
 from crtk_drivers.commands import Command, Kind, Level, Payload
-from crtk_drivers.device import (
-    Capabilities,
-    CartesianLimits,
-    Device,
-    JointLimits,
-    Mode,
-    Setpoint,
-)
+from crtk_drivers.device import Capabilities, CartesianLimits, Device, JointLimits, Mode, Setpoint
 from crtk_drivers.engine import Engine, EngineOptions
 from crtk_drivers.kinematics.chain import Chain, DHJoint, chain_from_dh
 from crtk_drivers.kinematics.serial import SerialChain

@@ -167,6 +167,6 @@ def client(records: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 def pids(node: subprocess.Popen[str], sim: RunningSim) -> Mapping[str, int]:
     """Return the processes of one driver by what they are; it has a control process with ur-rtde only."""
-    control = child_running(node.pid, "crtk_driver_ur.control_process")
+    control = child_running(node.pid, "crtk_driver_ur.library.process")
     found = {"node": node.pid, "simulator": sim.pid}
     return {**found, "control process": control} if control else found

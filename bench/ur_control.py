@@ -29,7 +29,7 @@ from bench.report import options, ratio, show
 from crtk_sim_backends.process import RunningSim
 
 WAYS = ("ur_rtde", "native")
-CHILD = "crtk_driver_ur.control_process"
+CHILD = "crtk_driver_ur.library.process"
 PATIENCE = 30.0
 POLL = 0.001
 SETTLE = 1.0

@@ -11,7 +11,8 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from crtk_driver_ur import PLUGIN, abilities, control
+from crtk_driver_ur import PLUGIN, abilities
+from crtk_driver_ur.library import supervisor
 from crtk_drivers.config import from_values, load
 from crtk_drivers.engine import Observer, threads
 from crtk_drivers.errors import CommandRefused
@@ -270,7 +271,7 @@ def lenient() -> Iterator[None]:
     with (
         patch.object(abilities, "FOLLOWING_ERROR", FAR_BEHIND),
         patch.object(threads, "STALL_LIMIT", LENIENT),
-        patch.object(control, "SILENCE_ALLOWED", LENIENT),
+        patch.object(supervisor, "SILENCE_ALLOWED", LENIENT),
     ):
         yield
 

@@ -26,15 +26,7 @@ from crtk_drivers.client.goals import goal_test
 from crtk_drivers.client.move_handle import RemoteMove
 from crtk_drivers.client.space import PARTS, NotOffered, Space
 from crtk_drivers.client.state_commands import Transition
-from crtk_drivers.commands import (
-    CHILDREN,
-    Command,
-    Direction,
-    Level,
-    Payload,
-    find,
-    is_name,
-)
+from crtk_drivers.commands import CHILDREN, Command, Direction, Level, Payload, find, is_name
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, ConnectionLost, DataTimeout
 from crtk_drivers.front.base import DEFAULT_AGE, DEFAULT_WAIT, DeviceFront
 from crtk_drivers.front.payloads import value_for

@@ -9,20 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import (
-    Annotated,
-    ClassVar,
-    Literal,
-    Self,
-)
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    create_model,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
 from crtk_drivers.geometry.quaternions import QUATERNION_TOLERANCE, quaternion_from_rpy
 from crtk_drivers.samples import Pose, vector

@@ -21,17 +21,8 @@ from crtk_drivers.device.extras import (
     Severity,
     Steps,
 )
-from crtk_drivers.device.interface import (
-    Device,
-)
-from crtk_drivers.device.values import (
-    FULL,
-    Condition,
-    Goal,
-    MoveProgress,
-    Ratios,
-    Setpoint,
-)
+from crtk_drivers.device.interface import Device
+from crtk_drivers.device.values import FULL, Condition, Goal, MoveProgress, Ratios, Setpoint
 
 __all__ = [
     "FULL",

@@ -43,13 +43,7 @@ from crtk_drivers.motion.orders import LINE, OrderMaker
 from crtk_drivers.motion.stopping import Stopping
 from crtk_drivers.move import Move, Outcome
 from crtk_drivers.samples import EMPTY, Flag, Number, Pose, Sample, Stamp, Value, Vector
-from crtk_drivers.state import (
-    HOMING_COMMANDS,
-    OperatingState,
-    StateCommand,
-    Status,
-    parse_command,
-)
+from crtk_drivers.state import HOMING_COMMANDS, OperatingState, StateCommand, Status, parse_command
 from crtk_drivers.status.board import Observer, StatusBoard
 from crtk_drivers.status.deadman import Deadman
 from crtk_drivers.status.health import Health, HealthRecorder

@@ -27,12 +27,7 @@ from crtk_drivers.config import from_values
 from crtk_drivers.device import READINGS, Reading
 from crtk_drivers.device.offered import missing_for
 from crtk_drivers.engine import Engine, Observer
-from crtk_drivers.errors import (
-    CommandRefused,
-    ConnectionFailed,
-    DataTimeout,
-    TransitionFailed,
-)
+from crtk_drivers.errors import CommandRefused, ConnectionFailed, DataTimeout, TransitionFailed
 from crtk_drivers.front.base import DEFAULT_AGE, DEFAULT_WAIT, DeviceFront
 from crtk_drivers.front.payloads import converted, value_for
 from crtk_drivers.motion.arbiter import Client

@@ -21,11 +21,7 @@ from crtk_drivers.ros.messages import TYPES
 from crtk_drivers.ros.mismatches import TypeConflicts
 from crtk_drivers.ros.names import AMONG_DRIVERS, NODE_NAME, Frames
 from crtk_drivers.ros.operating_state import StatusTopic
-from crtk_drivers.ros.parameters import (
-    declare_frame_prefix,
-    declare_rates,
-    declare_share_namespace,
-)
+from crtk_drivers.ros.parameters import declare_frame_prefix, declare_rates, declare_share_namespace
 from crtk_drivers.ros.presence import Presence
 from crtk_drivers.ros.publishing import PublishingThread
 from crtk_drivers.ros.readings import ReadingTopics

@@ -1,11 +1,6 @@
 """A device that runs, with all that it needs; and what a page for the browser shows of it."""
 
-from crtk_drivers.session.opened import (
-    Session,
-    engine_options,
-    open_session,
-    reached,
-)
+from crtk_drivers.session.opened import Session, engine_options, open_session, reached
 
 __all__ = [
     "Session",

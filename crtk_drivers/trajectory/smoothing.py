@@ -42,9 +42,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Ruckig, Synchronization, Trajectory
 
-from crtk_drivers.samples import (
-    Vector,
-)
+from crtk_drivers.samples import Vector
 from crtk_drivers.trajectory.solver import solve
 
 FIRST_PERIOD = 0.05

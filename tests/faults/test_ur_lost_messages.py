@@ -9,7 +9,7 @@ import pytest
 from ur_bench import HOME, LONG, WAYS, UrBench, driver_at, eventually
 from ur_proxy import RTDE, Proxy, proxy_to
 
-from crtk_driver_ur.control_program import Kind
+from crtk_driver_ur.native.program import Kind
 from crtk_drivers.errors import CommandRefused, CrtkError, MotionAborted
 from crtk_sim_backends.ur import SIM
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from ur_bench import HOME, LONG, WAYS, UrBench, driver_at, eventually, ur_bench
 
+from crtk_driver_ur.library.sequencer import LONGEST_STEP
 from crtk_driver_ur.models import JOINT_NAMES, model_named
-from crtk_driver_ur.motion_sequencer import LONGEST_STEP
 from crtk_drivers.errors import ConfigError
 from crtk_sim_backends.ur import SIM
 

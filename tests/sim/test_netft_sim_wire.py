@@ -11,16 +11,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import pytest
-from netft_clients import (
-    FREE_PORTS,
-    LONG,
-    RdtClient,
-    ask_tcp,
-    eventually,
-    page,
-    request,
-    tags,
-)
+from netft_clients import FREE_PORTS, LONG, RdtClient, ask_tcp, eventually, page, request, tags
 
 from crtk_sim_backends.control import ControlError
 from crtk_sim_backends.netft import SIM, ConfigError, RunningSim, SimStartError

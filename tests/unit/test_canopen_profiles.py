@@ -7,12 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from crtk_driver_canopen.profiles import (
-    ProfileRates,
-    arrival,
-    shared_rates,
-    velocities_from_motion,
-)
+from crtk_driver_canopen.profiles import ProfileRates, arrival, shared_rates, velocities_from_motion
 
 rates = st.floats(0.01, 100.0)
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_driver_ur.control_frames import (
+from crtk_driver_ur.control_requests import CallError, Reply, Request
+from crtk_driver_ur.library.packets import (
     MAX_FRAME,
     Alive,
-    CallError,
     Calling,
     Event,
     EventKind,
@@ -18,8 +18,6 @@ from crtk_driver_ur.control_frames import (
     Heartbeat,
     MotionCommand,
     MotionKind,
-    Reply,
-    Request,
     decode,
     encode,
     six,

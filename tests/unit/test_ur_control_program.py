@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_driver_ur.control_program import (
+from crtk_driver_ur.models import Limits
+from crtk_driver_ur.native.program import (
     FEED,
     MOTION,
     SETTING,
@@ -18,7 +19,6 @@ from crtk_driver_ur.control_program import (
     Setting,
     program_text,
 )
-from crtk_driver_ur.models import Limits
 
 NEWER = {
     "freedrive_mode": {(5, 10), (5, 23)},

@@ -24,12 +24,7 @@ from netft_bench import (
 )
 
 from crtk_driver_ati_netft import tools
-from crtk_driver_ati_netft.tools import (
-    UPWARDS,
-    CalibrateOptions,
-    ConfigureOptions,
-    InfoOptions,
-)
+from crtk_driver_ati_netft.tools import UPWARDS, CalibrateOptions, ConfigureOptions, InfoOptions
 from crtk_drivers.geometry.quaternions import quaternion_from_matrix, rotvec_from_quaternion
 from crtk_sim_backends.netft import SIM, RunningSim
 from crtk_sim_backends.netft.profiles import PRESETS, PROFILES

@@ -12,16 +12,16 @@ from contextlib import contextmanager
 
 import pytest
 
-from crtk_driver_ur.control import ControlSupervisor, Notice
-from crtk_driver_ur.control_frames import (
+from crtk_driver_ur.control_requests import Reply
+from crtk_driver_ur.library.packets import (
     Event,
     EventKind,
     FrameError,
     MotionCommand,
     MotionKind,
-    Reply,
     encode,
 )
+from crtk_driver_ur.library.supervisor import ControlSupervisor, Notice
 from crtk_drivers.errors import ConnectionLost
 from crtk_sim_backends.ur import SIM
 
@@ -455,7 +455,7 @@ def test_close_stops_the_arm_and_the_program(process):
 
 DRIVER_PROGRAM = """
 import sys, time
-from crtk_driver_ur.control import ControlSupervisor
+from crtk_driver_ur.library.supervisor import (ControlSupervisor,)
 supervisor = ControlSupervisor(sys.argv[1])
 supervisor.start()
 supervisor.connect()

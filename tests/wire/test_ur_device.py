@@ -11,12 +11,7 @@ import pytest
 from ur_bench import HOME, LONG, PATIENT, WAYS, UrBench, driver_at, eventually, ur_bench
 
 from crtk_drivers.device import Mode, Setpoint
-from crtk_drivers.errors import (
-    CommandRefused,
-    KinematicsError,
-    MotionAborted,
-    TransitionFailed,
-)
+from crtk_drivers.errors import CommandRefused, KinematicsError, MotionAborted, TransitionFailed
 from crtk_drivers.samples import Pose, vector
 from crtk_sim_backends.ur import SIM
 

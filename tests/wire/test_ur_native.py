@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from ur_bench import HOME, LONG, UrBench, eventually, ur_bench
 
-from crtk_driver_ur import native_link
-from crtk_driver_ur.control_channel import ControlChannel
-from crtk_driver_ur.control_program import (
+from crtk_driver_ur.models import Limits
+from crtk_driver_ur.native import link
+from crtk_driver_ur.native.program import (
     SERVOJ_LOOKAHEAD,
     Kind,
     Phase,
@@ -21,7 +21,7 @@ from crtk_driver_ur.control_program import (
     Setting,
     program_text,
 )
-from crtk_driver_ur.models import Limits
+from crtk_driver_ur.native.registers import ControlChannel
 from crtk_driver_ur.program_settings import AXES
 from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
 from crtk_drivers.errors import ConfigError, ConnectionFailed, MotionAborted, TransitionFailed
@@ -353,7 +353,7 @@ def test_a_lost_connection_for_commands_is_a_fault_and_the_arm_stops(bench):
 def test_a_program_that_does_not_compile_is_told_in_the_controllers_words(bench, monkeypatch):
     bench.arm.disable(timeout=LONG)
     text = "def crtk_control():\n  no_such_function()\nend\n"
-    monkeypatch.setattr(native_link, "program_text", lambda options, program: text)
+    monkeypatch.setattr(link, "program_text", lambda options, program: text)
     with bench.nothing_moves(), pytest.raises(TransitionFailed, match="no_such_function"):
         bench.enable()
     monkeypatch.undo()

@@ -18,12 +18,7 @@ from crtk_driver_ur.primary import read_robot_info
 from crtk_driver_ur.tools import InfoOptions, ask_dashboard, info
 from crtk_drivers.config import from_file, from_values, load
 from crtk_drivers.device import Severity
-from crtk_drivers.errors import (
-    ConfigError,
-    ConnectionFailed,
-    ProtocolError,
-    TransitionFailed,
-)
+from crtk_drivers.errors import ConfigError, ConnectionFailed, ProtocolError, TransitionFailed
 from crtk_drivers.samples import Pose, vector
 from crtk_sim_backends.ur import SIM
 

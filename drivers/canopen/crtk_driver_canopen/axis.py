@@ -8,19 +8,8 @@ from typing import Final
 from crtk_driver_canopen.commissioning import Prepared
 from crtk_driver_canopen.config import JointConfig
 from crtk_driver_canopen.homing import Homing
-from crtk_driver_canopen.modes import (
-    WAYS,
-    ModeBits,
-    ModeChange,
-    OpMode,
-    SetpointHandshake,
-    Way,
-)
-from crtk_driver_canopen.safeguards import (
-    PositionLimits,
-    position_limits,
-    write_position_limits,
-)
+from crtk_driver_canopen.modes import WAYS, ModeBits, ModeChange, OpMode, SetpointHandshake, Way
+from crtk_driver_canopen.safeguards import PositionLimits, position_limits, write_position_limits
 from crtk_driver_canopen.sdo import Sdo
 from crtk_driver_canopen.statemachine import POWERED, Drive402, State, Status
 from crtk_driver_canopen.units import home_counts

@@ -19,16 +19,9 @@ from numpy.typing import NDArray
 
 from crtk_driver_dynamixel.blocks import BlockReads, Member, values_of
 from crtk_driver_dynamixel.bus import Bus
-from crtk_driver_dynamixel.calibration import (
-    Calibration,
-    unshifted,
-)
+from crtk_driver_dynamixel.calibration import Calibration, unshifted
 from crtk_driver_dynamixel.config import DynamixelConfig
-from crtk_driver_dynamixel.control_tables import (
-    POSITION,
-    Item,
-    control_table,
-)
+from crtk_driver_dynamixel.control_tables import POSITION, Item, control_table
 from crtk_driver_dynamixel.groups import GroupWrite
 from crtk_driver_dynamixel.joints import Chain, ChainServo
 from crtk_driver_dynamixel.models import GOALS, PROTOCOL_1_ERRORS, OperatingMode, model_numbered

@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Generator, Mapping, Sequence
 from typing import Any
 
-from crtk_driver_ur.control_frames import Reply
+from crtk_driver_ur.control_requests import Reply
 from crtk_driver_ur.dashboard_worker import client_of
 from crtk_driver_ur.models import RobotModel
 from crtk_driver_ur.request_worker import Controller
@@ -253,7 +253,7 @@ class ControlLink(ABC):
         """Send a slow request and return the value of its answer.
 
         Control program: ``set_payload(mass, center_of_gravity)``, ``set_tcp(pose)``,
-        ``set_gravity(direction)``, ``zero_ft_sensor``; our own has more, see `native_link`. Inputs
+        ``set_gravity(direction)``, ``zero_ft_sensor``; our own has more, see `native.link`. Inputs
         and outputs: ``write_inputs(values)``, ``set_tool_voltage(voltage)``. Dashboard: the names in
         `crtk_driver_ur.dashboard.REQUESTS`.
 

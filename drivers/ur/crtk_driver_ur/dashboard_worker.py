@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from crtk_driver_ur.control_frames import Request
+from crtk_driver_ur.control_requests import Request
 from crtk_driver_ur.dashboard import DashboardClient
 from crtk_driver_ur.request_worker import Controller, RequestWorker
 from crtk_driver_ur.robot_api import POLYSCOPE_X, RobotApiClient

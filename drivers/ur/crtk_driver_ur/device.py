@@ -1,8 +1,8 @@
 """A Universal Robots arm as a CRTK device.
 
 Two ways lead to the controller. The state comes over an RTDE connection of our own (`rtde.stream`), read
-in the I/O thread. Commands go over a `ControlLink`: to a control program of our own (`native_link`), or to a
-control process that owns the vendor library (`process_link`), which may hang or crash without harm to this
+in the I/O thread. Commands go over a `ControlLink`: to a control program of our own (`native`), or to a
+control process that owns the vendor library (`library`), which may hang or crash without harm to this
 one. In both the controller's watchdog stops the arm when nothing is heard of them.
 """
 
@@ -11,19 +11,19 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping
+from pkgutil import resolve_name
+from types import MappingProxyType
+from typing import Final
 
 from crtk_driver_ur.abilities import capabilities_of
 from crtk_driver_ur.arm_geometry import ArmGeometry
 from crtk_driver_ur.config import UrConfig
-from crtk_driver_ur.control import ControlOptions
 from crtk_driver_ur.control_link import ControlLink
+from crtk_driver_ur.control_options import ControlOptions, MotionOptions
 from crtk_driver_ur.frames import Transform
 from crtk_driver_ur.inputs import UrInputs
+from crtk_driver_ur.io_settings import output_settings
 from crtk_driver_ur.models import CB3, RobotModel
-from crtk_driver_ur.motion_sequencer import MotionOptions
-from crtk_driver_ur.native_link import NativeLink
-from crtk_driver_ur.outputs import output_settings
-from crtk_driver_ur.process_link import ProcessLink
 from crtk_driver_ur.program_settings import AT_REST, ProgramSettings
 from crtk_driver_ur.readings import UrReadings
 from crtk_driver_ur.reports import numbers_of, reports_of
@@ -78,6 +78,14 @@ OTHER_PROGRAM_TIMEOUT = 1.0
 REMOTE_CONTROL_SINCE = (5, 6)
 """PolyScope version from which on there is remote and local control (Dashboard Server manual)."""
 
+_LINKS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "native": "crtk_driver_ur.native.link:NativeLink",
+        "ur_rtde": "crtk_driver_ur.library.link:ProcessLink",
+    }
+)
+"""The link of each `control`, imported when it is asked for: neither needs the other to be there."""
+
 _PROGRAM_STOPPED = Condition(
     OperatingState.PAUSED,
     "the control program was stopped on the controller (teach pendant, or its watchdog). "
@@ -96,7 +104,7 @@ class UrDevice(Device):
         self._config = config
         self._model: RobotModel = config.arm
         self._geometry = ArmGeometry(config, self._model, f"ur {self.address}")
-        link = NativeLink if config.control == "native" else ProcessLink
+        link = resolve_name(_LINKS[config.control])
         options = _control_options(config, self._model)
         self._link: ControlLink = link(config.host, options, f"ur {self.address}")
         self._stream: RtdeStream | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from typing import Any, Final
 
-from crtk_driver_ur.control_frames import Request
+from crtk_driver_ur.control_requests import Request
 from crtk_driver_ur.request_worker import Controller, RequestWorker
 from crtk_driver_ur.rtde.inputs import RtdeInputs
 

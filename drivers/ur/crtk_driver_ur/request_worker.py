@@ -12,8 +12,7 @@ import time
 from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
-from crtk_driver_ur.control_frames import CallError, Reply, Request
-from crtk_driver_ur.library_calls import explain
+from crtk_driver_ur.control_requests import CallError, Reply, Request, explain
 from crtk_drivers.errors import CrtkError
 
 __all__ = ["Controller", "RequestWorker"]

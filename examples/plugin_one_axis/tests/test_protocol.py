@@ -1,13 +1,7 @@
 """Known lines, lines cut anywhere, and lines that are none."""
 
 import pytest
-from crtk_driver_one_axis.protocol import (
-    BadLine,
-    Decoder,
-    Report,
-    position_line,
-    velocity_line,
-)
+from crtk_driver_one_axis.protocol import BadLine, Decoder, Report, position_line, velocity_line
 
 STREAM = b"M 0.250000 -0.010000 1\nM 0.260000 0.000000 0 motor overload\n"
 REPORTS = [Report(0.25, -0.01, True, ""), Report(0.26, 0.0, False, "motor overload")]

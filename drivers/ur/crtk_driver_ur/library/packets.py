@@ -15,23 +15,7 @@ from dataclasses import asdict, dataclass, field
 from enum import IntEnum, StrEnum
 from typing import Any, NamedTuple, TypeAlias
 
-__all__ = [
-    "MAX_FRAME",
-    "Alive",
-    "CallError",
-    "Calling",
-    "Event",
-    "EventKind",
-    "Frame",
-    "FrameError",
-    "Heartbeat",
-    "MotionCommand",
-    "MotionKind",
-    "Reply",
-    "Request",
-    "decode",
-    "encode",
-]
+from crtk_driver_ur.control_requests import CallError, Reply, Request
 
 MAX_FRAME = 32768
 """Longest frame in bytes."""
@@ -81,14 +65,6 @@ class Alive(NamedTuple):
     """The driver lives; sent when there is nothing else to say."""
 
 
-class Request(NamedTuple):
-    """A slow request, answered by a `Reply` with the same sequence number."""
-
-    sequence: int
-    name: str
-    arguments: Mapping[str, Any]
-
-
 class Heartbeat(NamedTuple):
     """The state of the control process, sent at least ten times a second unless it is in a call."""
 
@@ -112,25 +88,6 @@ class Calling(NamedTuple):
 
     call: str
     allowed: float
-
-
-@dataclass(frozen=True, slots=True)
-class CallError:
-    """A library call that failed: which, what it said, and what to do."""
-
-    call: str
-    text: str
-    hint: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Reply:
-    """The end of a request; `error` is None if it succeeded."""
-
-    sequence: int
-    name: str
-    value: Any = None
-    error: CallError | None = None
 
 
 class EventKind(StrEnum):

@@ -12,9 +12,10 @@ import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any
 
-from crtk_driver_ur.control import ControlOptions, ControlSupervisor
-from crtk_driver_ur.control_frames import Event, EventKind
 from crtk_driver_ur.control_link import INTERRUPTED, PROGRAM_STOPPED, ControlLink
+from crtk_driver_ur.control_options import ControlOptions
+from crtk_driver_ur.library.packets import Event, EventKind
+from crtk_driver_ur.library.supervisor import ControlSupervisor
 from crtk_driver_ur.request_worker import Controller
 from crtk_driver_ur.rtde.stream import StateSample
 from crtk_driver_ur.safety import STANDING_PROGRAM

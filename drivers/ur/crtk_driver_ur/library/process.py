@@ -1,4 +1,4 @@
-"""The child process that owns the ur_rtde library: `python -m crtk_driver_ur.control_process FD PARENT`.
+"""The child process that owns the ur_rtde library: `python -m crtk_driver_ur.library.process FD PARENT`.
 
 The library crashes after a stall of the controller, blocks for minutes on a dead one, and holds the
 interpreter lock while it connects. Here it can do so without harm: the driver watches this process,
@@ -24,10 +24,14 @@ from dataclasses import fields
 from types import MappingProxyType
 from typing import ClassVar, TypeAlias
 
-from crtk_driver_ur.control_frames import (
+from crtk_driver_ur.control_options import MotionOptions
+from crtk_driver_ur.control_requests import CallError, Reply, Request, explain
+from crtk_driver_ur.dashboard import REQUESTS
+from crtk_driver_ur.dashboard_worker import DashboardWorker
+from crtk_driver_ur.library.calls import LibraryCalls, LibraryError
+from crtk_driver_ur.library.packets import (
     MAX_FRAME,
     Alive,
-    CallError,
     Calling,
     Event,
     EventKind,
@@ -36,16 +40,11 @@ from crtk_driver_ur.control_frames import (
     Heartbeat,
     MotionCommand,
     MotionKind,
-    Reply,
-    Request,
     decode,
     encode,
     six,
 )
-from crtk_driver_ur.dashboard import REQUESTS
-from crtk_driver_ur.dashboard_worker import DashboardWorker
-from crtk_driver_ur.library_calls import LibraryCalls, LibraryError, explain
-from crtk_driver_ur.motion_sequencer import MotionOptions, MotionSequencer
+from crtk_driver_ur.library.sequencer import MotionSequencer
 from crtk_driver_ur.output_worker import OUTPUT_REQUESTS, OutputWorker
 from crtk_driver_ur.request_worker import Controller, RequestWorker
 

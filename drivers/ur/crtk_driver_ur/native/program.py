@@ -246,7 +246,7 @@ def program_text(options: ProgramOptions, program: int) -> str:
         ),
         "end_freedrive": "end_freedrive_mode()" if freedrive else "end_teach_mode()",
     }
-    template = files("crtk_driver_ur").joinpath("control_program.script").read_text("utf-8")
+    template = files("crtk_driver_ur.native").joinpath("program.script").read_text("utf-8")
     _, _, body = template.partition("\n\n")
     return Template(body).substitute(values)
 

@@ -11,13 +11,14 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any, TypeAlias
 
-from crtk_driver_ur.control_frames import (
+from crtk_driver_ur.control_options import ControlOptions
+from crtk_driver_ur.control_requests import CallError, Reply, Request
+from crtk_driver_ur.library.packets import (
     MAX_FRAME,
     Alive,
-    CallError,
     Calling,
     Event,
     EventKind,
@@ -26,16 +27,11 @@ from crtk_driver_ur.control_frames import (
     Heartbeat,
     MotionCommand,
     MotionKind,
-    Reply,
-    Request,
     decode,
     encode,
     six,
 )
-from crtk_driver_ur.motion_sequencer import MotionOptions
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost
-
-__all__ = ["ControlOptions", "ControlStatus", "ControlSupervisor", "Notice"]
 
 Notice: TypeAlias = Reply | Event
 
@@ -48,26 +44,6 @@ _ERROR_LINES = 20
 _NO_BEAT = Heartbeat(0, MotionKind.NONE, False, False, False, 0, 0.0)
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class ControlOptions:
-    """How the control process connects.
-
-    Attributes:
-        watchdog_frequency: the controller stops the control program, and so the arm, when it was not
-            fed for one period of this frequency, in Hz.
-        upper_range_registers: use the registers from 24 up, where a fieldbus claims the lower ones.
-        robot_api_port: of the Robot API, on PolyScope X.
-        joint_acceleration: with which a joint speeds up at most when it follows positions, rad/s².
-        motion: how motions are carried out.
-    """
-
-    watchdog_frequency: float = 5.0
-    upper_range_registers: bool = False
-    robot_api_port: int = 80
-    joint_acceleration: float = 5.0
-    motion: MotionOptions = field(default_factory=MotionOptions)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +133,7 @@ class ControlSupervisor:
         command = (
             sys.executable,
             "-m",
-            "crtk_driver_ur.control_process",
+            "crtk_driver_ur.library.process",
             str(theirs.fileno()),
             str(os.getpid()),
         )

@@ -1,6 +1,6 @@
 """Commands by a control program of our own: setpoints go out from the I/O thread, over RTDE registers.
 
-The program (`control_program.script`) is uploaded by `start_program`. What waits for the network (the
+The program (`program.script`) is uploaded by `start_program`. What waits for the network (the
 dashboard, outputs, connecting) is done by threads of their own.
 """
 
@@ -17,11 +17,12 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
-from crtk_driver_ur.control import ControlOptions
-from crtk_driver_ur.control_channel import FEED_PERIOD, ControlChannel
-from crtk_driver_ur.control_frames import CallError, Reply, Request
 from crtk_driver_ur.control_link import INTERRUPTED, PROGRAM_STOPPED, ControlLink
-from crtk_driver_ur.control_program import (
+from crtk_driver_ur.control_options import ControlOptions
+from crtk_driver_ur.control_requests import CallError, Reply, Request
+from crtk_driver_ur.dashboard import REQUESTS
+from crtk_driver_ur.dashboard_worker import DashboardWorker
+from crtk_driver_ur.native.program import (
     UPPER_RANGE,
     Kind,
     Phase,
@@ -30,11 +31,10 @@ from crtk_driver_ur.control_program import (
     Setting,
     program_text,
 )
-from crtk_driver_ur.dashboard import REQUESTS
-from crtk_driver_ur.dashboard_worker import DashboardWorker
+from crtk_driver_ur.native.registers import FEED_PERIOD, ControlChannel
+from crtk_driver_ur.native.upload import PROGRAM_REQUESTS, ProgramWorker
 from crtk_driver_ur.output_worker import OUTPUT_REQUESTS, OutputWorker
 from crtk_driver_ur.primary import MessageReader, PrimaryError
-from crtk_driver_ur.program_worker import PROGRAM_REQUESTS, ProgramWorker
 from crtk_driver_ur.request_worker import Controller, RequestWorker
 from crtk_driver_ur.rtde.stream import StateSample
 from crtk_driver_ur.safety import STANDING_PROGRAM, RuntimeState

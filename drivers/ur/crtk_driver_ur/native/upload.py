@@ -5,8 +5,8 @@ from __future__ import annotations
 import socket
 from typing import Any, Final
 
-from crtk_driver_ur.control_channel import ControlChannel
-from crtk_driver_ur.control_frames import Request
+from crtk_driver_ur.control_requests import Request
+from crtk_driver_ur.native.registers import ControlChannel
 from crtk_driver_ur.request_worker import Controller, RequestWorker
 from crtk_drivers.errors import ConnectionFailed
 

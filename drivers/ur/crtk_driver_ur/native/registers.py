@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from crtk_driver_ur.control_program import (
+from crtk_driver_ur.native.program import (
     FEED,
     MOTION,
     SETTING,

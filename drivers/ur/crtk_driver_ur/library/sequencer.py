@@ -9,22 +9,14 @@ the blocking stop is called on an arm that stands.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from crtk_driver_ur.control_frames import (
-    CallError,
-    Event,
-    EventKind,
-    MotionCommand,
-    MotionKind,
-)
-from crtk_driver_ur.library_calls import LibraryCalls, LibraryError
-
-__all__ = ["MotionOptions", "MotionSequencer"]
+from crtk_driver_ur.control_options import MotionOptions
+from crtk_driver_ur.control_requests import CallError
+from crtk_driver_ur.library.calls import LibraryCalls, LibraryError
+from crtk_driver_ur.library.packets import Event, EventKind, MotionCommand, MotionKind
 
 STREAMED = frozenset({MotionKind.SERVO_JOINT, MotionKind.SPEED_JOINT, MotionKind.SPEED_CARTESIAN})
 """Kinds that are commanded again and again and change their target without a stop between."""
@@ -47,29 +39,6 @@ LONGEST_STEP = 0.02
 """Seconds of motion at most that one position of a stream may ask for, however late it is."""
 STILL = 1e-5
 """Change of a servo target, in rad, that counts as none."""
-
-
-@dataclass(frozen=True, slots=True)
-class MotionOptions:
-    """How motions are carried out.
-
-    Attributes:
-        period: control period of the controller in s; also the time that speed commands carry.
-        lookahead: of servoJ, 0.03 to 0.2 s; the arm lags behind the target by about this time.
-        gain: of servoJ, 100 to 2000.
-        joint_deceleration: rad/s², for stops of joint motions.
-        linear_deceleration: m/s², for stops of Cartesian motions.
-        feed_period: how often the robot-side watchdog is fed, in s.
-        joint_speeds: rad/s, of each joint at most on its way to a position of a stream.
-    """
-
-    period: float = 0.002
-    lookahead: float = 0.1
-    gain: float = 300.0
-    joint_deceleration: float = 5.0
-    linear_deceleration: float = 2.0
-    feed_period: float = 0.02
-    joint_speeds: tuple[float, ...] = (math.pi,) * 6
 
 
 class MotionSequencer:

@@ -6,35 +6,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from crtk_driver_ur.control_frames import CallError
-
-__all__ = ["LibraryCalls", "LibraryError", "explain"]
+from crtk_driver_ur.control_requests import CallError, explain
 
 COMMAND_ALLOWANCE = 1.0
 """Seconds that a command with a handshake may block before the process counts as hung."""
-
-HINTS = (
-    (
-        "already in use",
-        "Another RTDE client (a second driver, a fieldbus, an I/O program) has claimed the input "
-        "registers: close it, or set upper_range_registers.",
-    ),
-    (
-        "remote control",
-        "Switch the robot to remote control on the teach pendant (top right corner) and enable again.",
-    ),
-    (
-        "before timeout",
-        "The control program did not start: see that the arm is powered, its brakes released, no "
-        "stop active and the robot in remote control, then enable again.",
-    ),
-    ("could not connect", "Check the address, and that the controller has finished starting."),
-    ("refused", "Check the address, and that the controller has finished starting."),
-    ("imeout", "The controller does not answer: check the network and the controller."),
-    ("canceled", "The controller does not answer: check the network and the controller."),
-    ("not connected", "The connection was lost: the control process has to be replaced."),
-)
-"""Words in the library's error texts, and what to do about them."""
 
 
 class LibraryError(Exception):
@@ -43,13 +18,6 @@ class LibraryError(Exception):
     def __init__(self, error: CallError) -> None:
         super().__init__(f"{error.call}: {error.text}")
         self.error = error
-
-
-def explain(call: str, error: BaseException) -> CallError:
-    """Describe an exception of the library, with what to do if that is known."""
-    text = str(error) or type(error).__name__
-    hint = next((hint for words, hint in HINTS if words in text.lower()), "")
-    return CallError(call, text, hint)
 
 
 class LibraryCalls:

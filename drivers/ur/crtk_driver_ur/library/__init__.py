@@ -1,0 +1,1 @@
+"""Control by the vendor library ur-rtde, in a process of its own. Nothing outside this folder imports it."""
