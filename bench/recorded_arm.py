@@ -8,8 +8,9 @@ from __future__ import annotations
 import time
 
 from bench.recording import Recording
-from crtk_sim_backends.ur import SIM, arm
-from crtk_sim_backends.ur.kinematics import Floats
+from crtk_sim_backends.ur import SIM
+from crtk_sim_backends.ur.motion import arm
+from crtk_sim_backends.ur.motion.kinematics import Floats
 
 
 def record() -> None:

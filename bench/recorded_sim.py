@@ -9,7 +9,8 @@ from __future__ import annotations
 import time
 
 from bench.recording import Recording
-from crtk_sim_backends.ur import SIM, pace, rtde
+from crtk_sim_backends.ur import SIM, pace
+from crtk_sim_backends.ur.ports import rtde
 
 
 def record() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from urscript_helpers import TICK, run, start
 
-from crtk_sim_backends.ur.program import ProgramRuntime
+from crtk_sim_backends.ur.program.running import ProgramRuntime
 from crtk_sim_backends.ur.urscript import Builtin, ScriptRuntimeError, compile_program
 
 

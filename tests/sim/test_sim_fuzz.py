@@ -15,19 +15,19 @@ from ur_fuzz_corpus import CORPUS, DASHBOARD, INTERPRETER, ROBOT_API, RTDE, SCRI
 
 from crtk_sim_backends.ur import SIM
 from crtk_sim_backends.ur.controller import Controller
-from crtk_sim_backends.ur.dashboard import COMMANDS, DashboardSession, Robot
-from crtk_sim_backends.ur.interpreter_port import InterpreterSession
 from crtk_sim_backends.ur.models import MODELS
-from crtk_sim_backends.ur.robot_api import (
+from crtk_sim_backends.ur.ports.dashboard import COMMANDS, DashboardSession, Robot
+from crtk_sim_backends.ur.ports.interpreter_port import InterpreterSession
+from crtk_sim_backends.ur.ports.robot_api import (
     BASE,
     PROGRAM_ACTIONS,
     QUESTIONS,
     ROBOT_ACTIONS,
     RobotApiSession,
 )
-from crtk_sim_backends.ur.rtde import InputClaims, RtdeError, RtdeSession, Trace
-from crtk_sim_backends.ur.script_port import ScriptSession
-from crtk_sim_backends.ur.variables import INPUTS, OUTPUTS
+from crtk_sim_backends.ur.ports.rtde import InputClaims, RtdeError, RtdeSession, Trace
+from crtk_sim_backends.ur.ports.script_port import ScriptSession
+from crtk_sim_backends.ur.signals.variables import INPUTS, OUTPUTS
 
 VERSION = (5, 12, 4, 0)
 SEARCH = settings(

@@ -6,11 +6,12 @@ from types import SimpleNamespace
 import pytest
 from ur_interpreted import WAIT, Interpreted
 
-from crtk_sim_backends.ur import interpreter, interpreter_port
-from crtk_sim_backends.ur.compilation import LONG_SCRIPT
-from crtk_sim_backends.ur.interpreter import CLEANED_UP, NOT_RUNNING, TOO_MANY
-from crtk_sim_backends.ur.interpreter_port import InterpreterSession
 from crtk_sim_backends.ur.messages import RuntimeExceptionMessage
+from crtk_sim_backends.ur.ports import interpreter_port
+from crtk_sim_backends.ur.ports.interpreter_port import InterpreterSession
+from crtk_sim_backends.ur.program import interpreter
+from crtk_sim_backends.ur.program.compilation import LONG_SCRIPT
+from crtk_sim_backends.ur.program.interpreter import CLEANED_UP, NOT_RUNNING, TOO_MANY
 from crtk_sim_backends.ur.urscript import Statements
 
 HOME = [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]

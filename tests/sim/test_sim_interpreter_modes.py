@@ -4,7 +4,7 @@ import pytest
 from ur_interpreted import WAIT, Interpreted
 
 from crtk_sim_backends.ur.config import SimConfig
-from crtk_sim_backends.ur.interpreter import CLEANED_UP, NOT_RUNNING
+from crtk_sim_backends.ur.program.interpreter import CLEANED_UP, NOT_RUNNING
 
 ENDED_BY_A_THREAD = """
 thread ends():

@@ -7,9 +7,9 @@ import pytest
 from ur_rtde_runs import assert_all, run_session
 
 from crtk_sim_backends.ur import SIM
-from crtk_sim_backends.ur.dynamics import Dynamics
-from crtk_sim_backends.ur.kinematics import Kinematics
 from crtk_sim_backends.ur.models import MODELS
+from crtk_sim_backends.ur.motion.dynamics import Dynamics
+from crtk_sim_backends.ur.motion.kinematics import Kinematics
 
 pytestmark = pytest.mark.skipif(find_spec("rtde_control") is None, reason="needs ur-rtde")
 

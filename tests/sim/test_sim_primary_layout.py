@@ -22,13 +22,13 @@ from crtk_sim_backends.ur.messages import (
     TextMessage,
 )
 from crtk_sim_backends.ur.models import MODELS
-from crtk_sim_backends.ur.primary import (
+from crtk_sim_backends.ur.ports.primary import (
     RobotStateEncoder,
     hardware_info_message,
     robot_message,
     version_message,
 )
-from crtk_sim_backends.ur.variables import OUTPUTS, initial_image
+from crtk_sim_backends.ur.signals.variables import OUTPUTS, initial_image
 
 PARTS_OF_URSIM_5_8 = [
     (0, 47),

@@ -7,7 +7,7 @@ import pytest
 from ur_clients import SIZES, RtdeClient, TcpClient, wait_until
 
 from crtk_sim_backends.ur import SIM
-from crtk_sim_backends.ur.variables import INPUTS, OUTPUTS
+from crtk_sim_backends.ur.signals.variables import INPUTS, OUTPUTS
 
 
 @pytest.fixture(scope="module")

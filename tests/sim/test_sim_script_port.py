@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_sim_backends.ur.script_port import MAX_PROGRAM, ScriptCutter
+from crtk_sim_backends.ur.ports.script_port import MAX_PROGRAM, ScriptCutter
 
 PROGRAM = """def prog():
   # an end in a comment, and a "quote

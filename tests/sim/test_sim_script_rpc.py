@@ -12,7 +12,8 @@ from xmlrpc.server import SimpleXMLRPCServer
 import pytest
 from ur_clients import PrimaryClient
 
-from crtk_sim_backends.ur import SIM, script_rpc
+from crtk_sim_backends.ur import SIM
+from crtk_sim_backends.ur.program import script_rpc
 from crtk_sim_backends.ur.urscript import ScriptRuntimeError
 
 

@@ -9,10 +9,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from ur_virtual import apart
 
-from crtk_sim_backends.ur import kinematics as k
-from crtk_sim_backends.ur.dynamics import Dynamics
-from crtk_sim_backends.ur.kinematics import Kinematics
 from crtk_sim_backends.ur.models import MODELS
+from crtk_sim_backends.ur.motion import kinematics as k
+from crtk_sim_backends.ur.motion.dynamics import Dynamics
+from crtk_sim_backends.ur.motion.kinematics import Kinematics
 
 ANGLE = st.floats(-3.1, 3.1)
 JOINTS = st.lists(ANGLE, min_size=6, max_size=6)

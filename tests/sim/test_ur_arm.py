@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from ur_virtual import apart
 
-from crtk_sim_backends.ur.arm import BRAKE_DECELERATION, HOME, SUDDEN_CHANGE, Arm, approach
 from crtk_sim_backends.ur.models import MODELS
+from crtk_sim_backends.ur.motion.arm import BRAKE_DECELERATION, HOME, SUDDEN_CHANGE, Arm, approach
 
 DT = 0.002
 

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from ur_virtual import Bench, apart
 
-from crtk_sim_backends.ur.contact import Surface, parse
-from crtk_sim_backends.ur.kinematics import norm
 from crtk_sim_backends.ur.messages import ErrorMessage, TextMessage
-from crtk_sim_backends.ur.safety import RuntimeState, SafetyMode
+from crtk_sim_backends.ur.motion.contact import Surface, parse
+from crtk_sim_backends.ur.motion.kinematics import norm
+from crtk_sim_backends.ur.safety.modes import RuntimeState, SafetyMode
 
 START = "p[-0.45, -0.2, 0.3, 0, 3.14159, 0]"
 TABLE = 0.25  # m, height

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from ur_virtual import Bench, apart
 
-from crtk_sim_backends.ur.kinematics import to_transform
 from crtk_sim_backends.ur.messages import (
     KeyMessage,
     PopupMessage,
@@ -17,8 +16,9 @@ from crtk_sim_backends.ur.messages import (
     TextMessage,
 )
 from crtk_sim_backends.ur.models import MODELS
-from crtk_sim_backends.ur.safety import RuntimeState, SafetyMode
-from crtk_sim_backends.ur.variables import INPUTS, OUTPUTS, TYPES
+from crtk_sim_backends.ur.motion.kinematics import to_transform
+from crtk_sim_backends.ur.safety.modes import RuntimeState, SafetyMode
+from crtk_sim_backends.ur.signals.variables import INPUTS, OUTPUTS, TYPES
 
 HOME = (0.0, -1.57, 1.57, -1.57, -1.57, 0.0)
 

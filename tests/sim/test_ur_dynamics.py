@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from ur_virtual import Bench
 
-from crtk_sim_backends.ur.dynamics import Dynamics, solve
-from crtk_sim_backends.ur.kinematics import IDENTITY, Kinematics, to_transform
 from crtk_sim_backends.ur.messages import RuntimeExceptionMessage, TextMessage
 from crtk_sim_backends.ur.models import ALPHA, MODELS, RobotModel
-from crtk_sim_backends.ur.safety import SafetyMode
+from crtk_sim_backends.ur.motion.dynamics import Dynamics, solve
+from crtk_sim_backends.ur.motion.kinematics import IDENTITY, Kinematics, to_transform
+from crtk_sim_backends.ur.safety.modes import SafetyMode
 
 pin = pytest.importorskip("pinocchio")
 

@@ -9,9 +9,9 @@ from ur_virtual import Bench
 
 from crtk_sim_backends.options import ConfigError
 from crtk_sim_backends.ur.config import SimConfig
-from crtk_sim_backends.ur.limits import SafetyLimits
 from crtk_sim_backends.ur.messages import ErrorMessage, RuntimeExceptionMessage
-from crtk_sim_backends.ur.safety import RuntimeState, SafetyMode
+from crtk_sim_backends.ur.motion.limits import SafetyLimits
+from crtk_sim_backends.ur.safety.modes import RuntimeState, SafetyMode
 
 FAST = "movej([0.8, -1.2, 1.2, -1.57, -1.57, 0.5], v=2.5, a=10)"
 SWING = "while True:\n speedj([{}], 10, 0.01)\nend"

@@ -16,7 +16,7 @@ from ur_clients import TcpClient, wait_until
 from ur_virtual import Bench
 
 from crtk_sim_backends.ur import SIM, ConfigError, SimConfig, SimStartError
-from crtk_sim_backends.ur.modbus_server import ModbusSession
+from crtk_sim_backends.ur.ports.modbus_server import ModbusSession
 
 LONG = 20.0
 UNPRIVILEGED = Path("/proc/sys/net/ipv4/ip_unprivileged_port_start")

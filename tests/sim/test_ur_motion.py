@@ -8,9 +8,9 @@ from math import sqrt
 import pytest
 from ur_virtual import Bench, apart
 
-from crtk_sim_backends.ur.kinematics import cross, norm, to_transform
 from crtk_sim_backends.ur.messages import ErrorMessage, RuntimeExceptionMessage, TextMessage
-from crtk_sim_backends.ur.safety import RuntimeState, SafetyMode
+from crtk_sim_backends.ur.motion.kinematics import cross, norm, to_transform
+from crtk_sim_backends.ur.safety.modes import RuntimeState, SafetyMode
 
 GOAL = [0.3, -1.2, 1.4, -1.6, -1.5, 0.2]
 

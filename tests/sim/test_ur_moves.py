@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from ur_virtual import Bench, apart
 
-from crtk_sim_backends.ur.kinematics import norm, to_transform
 from crtk_sim_backends.ur.messages import ErrorMessage, RuntimeExceptionMessage, TextMessage
-from crtk_sim_backends.ur.paths import Arc, Line, rounded
-from crtk_sim_backends.ur.profiles import Profile, ramps, timed
-from crtk_sim_backends.ur.safety import RuntimeState, SafetyMode
+from crtk_sim_backends.ur.motion.kinematics import norm, to_transform
+from crtk_sim_backends.ur.motion.paths import Arc, Line, rounded
+from crtk_sim_backends.ur.motion.profiles import Profile, ramps, timed
+from crtk_sim_backends.ur.safety.modes import RuntimeState, SafetyMode
 
 GOAL = [0.3, -1.2, 1.4, -1.6, -1.5, 0.2]
 POSES = [

@@ -19,10 +19,10 @@ from crtk_sim_backends.control import token
 from crtk_sim_backends.page import server
 from crtk_sim_backends.process import SimStartError
 from crtk_sim_backends.ur import SIM
-from crtk_sim_backends.ur.calibration import calibrated, kinematics_of
-from crtk_sim_backends.ur.kinematics import to_pose, to_transform
 from crtk_sim_backends.ur.models import MODELS
-from crtk_sim_backends.ur.scene import _joint, chain
+from crtk_sim_backends.ur.motion.calibration import calibrated, kinematics_of
+from crtk_sim_backends.ur.motion.kinematics import to_pose, to_transform
+from crtk_sim_backends.ur.views.scene import _joint, chain
 
 PATIENCE = 20.0
 PAGE = Path(server.__file__).with_name("files")

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from ur_virtual import Bench
 
 from crtk_sim_backends.ur.messages import RuntimeExceptionMessage
-from crtk_sim_backends.ur.port_map import COILS, REGISTERS, PortError
+from crtk_sim_backends.ur.signals.port_map import COILS, REGISTERS, PortError
 
 OUT = "actual_digital_output_bits"
 

@@ -11,15 +11,15 @@ from ur_clients import SIZES, DashboardClient, PrimaryClient, RtdeClient, TcpCli
 from crtk_sim_backends.control import ControlError
 from crtk_sim_backends.ur import SIM, ConfigError, SimConfig, SimStartError
 from crtk_sim_backends.ur.models import MODELS
-from crtk_sim_backends.ur.recording import (
+from crtk_sim_backends.ur.signals.variables import OUTPUTS, initial_image
+from crtk_sim_backends.ur.views.recording import (
     Recorder,
     RecordingError,
     chosen_variables,
     columns_of,
     read_recording,
 )
-from crtk_sim_backends.ur.replay import ReplayedController, load
-from crtk_sim_backends.ur.variables import OUTPUTS, initial_image
+from crtk_sim_backends.ur.views.replay import ReplayedController, load
 
 VERSION = (5, 12, 4, 0)
 PATIENCE = 20.0

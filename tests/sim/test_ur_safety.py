@@ -6,8 +6,8 @@ import pytest
 from ur_virtual import Bench, apart
 
 from crtk_sim_backends.ur.messages import ErrorMessage, KeyMessage, SafetyModeMessage, TextMessage
-from crtk_sim_backends.ur.programs import ProgramError
-from crtk_sim_backends.ur.safety import (
+from crtk_sim_backends.ur.program.programs import ProgramError
+from crtk_sim_backends.ur.safety.modes import (
     SAFETY_RULES,
     JointMode,
     ProgramRule,

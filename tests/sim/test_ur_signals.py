@@ -7,9 +7,9 @@ from ur_virtual import Bench
 
 from crtk_sim_backends.ur import ConfigError, SimConfig
 from crtk_sim_backends.ur.messages import RuntimeExceptionMessage
-from crtk_sim_backends.ur.safety import RuntimeState
-from crtk_sim_backends.ur.signals import from_ratio, to_ratio
-from crtk_sim_backends.ur.wiring import SINKS, SOURCES, WiringError, parse_wires
+from crtk_sim_backends.ur.safety.modes import RuntimeState
+from crtk_sim_backends.ur.signals.control_box import from_ratio, to_ratio
+from crtk_sim_backends.ur.signals.wiring import SINKS, SOURCES, WiringError, parse_wires
 
 OUT = "actual_digital_output_bits"
 IN = "actual_digital_input_bits"

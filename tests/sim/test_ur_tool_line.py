@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_sim_backends.ur.tool_line import BAUD_RATES, LineSettings, ToolLine
+from crtk_sim_backends.ur.signals.tool_line import BAUD_RATES, LineSettings, ToolLine
 
 DT = 0.002
 

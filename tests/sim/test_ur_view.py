@@ -20,9 +20,10 @@ from rich.console import Console
 from ur_virtual import Bench
 
 import crtk_sim_backends
-from crtk_sim_backends.ur import SimConfig, picture
+from crtk_sim_backends.ur import SimConfig
 from crtk_sim_backends.ur.pace import Pace, Statistics
-from crtk_sim_backends.ur.view import Screen, bar, line
+from crtk_sim_backends.ur.views import picture
+from crtk_sim_backends.ur.views.terminal import Screen, bar, line
 
 ENVIRONMENT = {
     **{name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")},
@@ -206,7 +207,7 @@ def test_a_simulator_can_be_watched_that_runs_already():
 
     with SIM.spawn() as sim:
         control = f"{sim.host}:{sim.ports['control']}"
-        command = [sys.executable, "-m", "crtk_sim_backends.ur.view", control]
+        command = [sys.executable, "-m", "crtk_sim_backends.ur.views.terminal", control]
         options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         with subprocess.Popen(command, env=ENVIRONMENT, **options) as view:
             assert "RUNNING NORMAL" in view.stdout.readline()

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from urscript_helpers import TICK, run
 
-from crtk_sim_backends.ur.program import ProgramRuntime
+from crtk_sim_backends.ur.program.running import ProgramRuntime
 from crtk_sim_backends.ur.urscript import (
     PURE_BUILTINS,
     Builtin,

@@ -13,8 +13,8 @@ from ur_virtual import Bench
 
 from crtk_sim_backends.ur.controller import Controller
 from crtk_sim_backends.ur.messages import KeyMessage, RuntimeExceptionMessage, TextMessage
-from crtk_sim_backends.ur.script_rpc import ScriptRpc
-from crtk_sim_backends.ur.script_sockets import ScriptSockets
+from crtk_sim_backends.ur.program.script_rpc import ScriptRpc
+from crtk_sim_backends.ur.program.script_sockets import ScriptSockets
 from crtk_sim_backends.ur.urscript import Builtin
 from crtk_sim_backends.ur.urscript.manual import NAMES, SINCE, available, dialect_of
 

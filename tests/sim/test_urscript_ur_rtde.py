@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from urscript_helpers import TICK
 
-from crtk_sim_backends.ur.program import ProgramRuntime
+from crtk_sim_backends.ur.program.running import ProgramRuntime
 from crtk_sim_backends.ur.urscript import (
     PURE_BUILTINS,
     Builtin,

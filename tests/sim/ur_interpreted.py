@@ -2,9 +2,9 @@
 
 from ur_virtual import Bench
 
-from crtk_sim_backends.ur.interpreter_port import InterpreterSession
 from crtk_sim_backends.ur.messages import RuntimeExceptionMessage, TextMessage
-from crtk_sim_backends.ur.safety import RuntimeState
+from crtk_sim_backends.ur.ports.interpreter_port import InterpreterSession
+from crtk_sim_backends.ur.safety.modes import RuntimeState
 
 WAIT = "interpreter_mode(clearQueueOnEnter=False)"
 

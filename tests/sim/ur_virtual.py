@@ -8,7 +8,7 @@ from typing import Any
 from crtk_sim_backends.ur.controller import Controller
 from crtk_sim_backends.ur.messages import Message
 from crtk_sim_backends.ur.models import MODELS
-from crtk_sim_backends.ur.safety import RuntimeState
+from crtk_sim_backends.ur.safety.modes import RuntimeState
 
 
 class Bench:

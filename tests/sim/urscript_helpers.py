@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from crtk_sim_backends.ur.program import ProgramRuntime
+from crtk_sim_backends.ur.program.running import ProgramRuntime
 from crtk_sim_backends.ur.urscript import (
     PURE_BUILTINS,
     Builtin,

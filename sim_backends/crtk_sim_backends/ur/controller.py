@@ -8,24 +8,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
-from crtk_sim_backends.ur import variables
-from crtk_sim_backends.ur.arguments import LARGEST
-from crtk_sim_backends.ur.arm import Arm
-from crtk_sim_backends.ur.calibration import kinematics_of
-from crtk_sim_backends.ur.compliance import Compliance
-from crtk_sim_backends.ur.contact import Surface, Surroundings
-from crtk_sim_backends.ur.dynamics import Dynamics
-from crtk_sim_backends.ur.force_library import force_builtins
-from crtk_sim_backends.ur.force_sensor import ForceSensor
-from crtk_sim_backends.ur.interpreter import Interpreter
-from crtk_sim_backends.ur.io_library import io_builtins
-from crtk_sim_backends.ur.kinematics import (
-    IDENTITY,
-    Floats,
-    Matrix,
-    to_transform,
-)
-from crtk_sim_backends.ur.limits import SafetyLimits
 from crtk_sim_backends.ur.messages import (
     ErrorMessage,
     Message,
@@ -34,31 +16,49 @@ from crtk_sim_backends.ur.messages import (
     SafetyModeMessage,
 )
 from crtk_sim_backends.ur.models import RobotModel
-from crtk_sim_backends.ur.motion import Streams
-from crtk_sim_backends.ur.motion_control import MotionControl
-from crtk_sim_backends.ur.moves import Moves
-from crtk_sim_backends.ur.player import RAMP_SECONDS, ProgramPlayer, ramp
-from crtk_sim_backends.ur.port_map import PortMap
-from crtk_sim_backends.ur.pose_library import pose_builtins
-from crtk_sim_backends.ur.power import ArmPower
-from crtk_sim_backends.ur.process_image import ProcessImage
-from crtk_sim_backends.ur.programs import ProgramError, ProgramFiles
-from crtk_sim_backends.ur.robot_library import robot_builtins
-from crtk_sim_backends.ur.safety import (
+from crtk_sim_backends.ur.motion.arm import Arm
+from crtk_sim_backends.ur.motion.calibration import kinematics_of
+from crtk_sim_backends.ur.motion.compliance import Compliance
+from crtk_sim_backends.ur.motion.contact import Surface, Surroundings
+from crtk_sim_backends.ur.motion.control import MotionControl
+from crtk_sim_backends.ur.motion.dynamics import Dynamics
+from crtk_sim_backends.ur.motion.force_sensor import ForceSensor
+from crtk_sim_backends.ur.motion.kinematics import (
+    IDENTITY,
+    Floats,
+    Matrix,
+    to_transform,
+)
+from crtk_sim_backends.ur.motion.limits import SafetyLimits
+from crtk_sim_backends.ur.motion.moves import Moves
+from crtk_sim_backends.ur.motion.streams import Streams
+from crtk_sim_backends.ur.program.arguments import LARGEST
+from crtk_sim_backends.ur.program.force_library import force_builtins
+from crtk_sim_backends.ur.program.interpreter import Interpreter
+from crtk_sim_backends.ur.program.io_library import io_builtins
+from crtk_sim_backends.ur.program.player import RAMP_SECONDS, ProgramPlayer, ramp
+from crtk_sim_backends.ur.program.pose_library import pose_builtins
+from crtk_sim_backends.ur.program.programs import ProgramError, ProgramFiles
+from crtk_sim_backends.ur.program.robot_library import robot_builtins
+from crtk_sim_backends.ur.program.settings_library import settings_builtins
+from crtk_sim_backends.ur.program.signal_library import signal_builtins
+from crtk_sim_backends.ur.safety.modes import (
     STOP_REASONS,
     ProgramRule,
     RobotMode,
     RuntimeState,
     SafetyMode,
 )
-from crtk_sim_backends.ur.safety_system import OPERATIONAL_MODES, SafetySystem
-from crtk_sim_backends.ur.settings_library import settings_builtins
-from crtk_sim_backends.ur.signal_library import signal_builtins
-from crtk_sim_backends.ur.signals import Signals
-from crtk_sim_backends.ur.state_signals import StateSignals
-from crtk_sim_backends.ur.tool_line import LineSettings
+from crtk_sim_backends.ur.safety.power import ArmPower
+from crtk_sim_backends.ur.safety.system import OPERATIONAL_MODES, SafetySystem
+from crtk_sim_backends.ur.signals import variables
+from crtk_sim_backends.ur.signals.control_box import Signals
+from crtk_sim_backends.ur.signals.port_map import PortMap
+from crtk_sim_backends.ur.signals.process_image import ProcessImage
+from crtk_sim_backends.ur.signals.state_signals import StateSignals
+from crtk_sim_backends.ur.signals.tool_line import LineSettings
+from crtk_sim_backends.ur.signals.wiring import Wire
 from crtk_sim_backends.ur.urscript import PURE_BUILTINS, Builtin, timing_builtins
-from crtk_sim_backends.ur.wiring import Wire
 
 LOG_SIZE: Final = 200
 

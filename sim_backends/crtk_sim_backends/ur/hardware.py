@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from crtk_sim_backends.ur.variables import Version
+from crtk_sim_backends.ur.signals.variables import Version
 
 CONTROL_BOX: Final = 5  # CB5; 7 would be CB7
 TOOL_FLANGE: Final = 1

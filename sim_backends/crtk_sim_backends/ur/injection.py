@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, Final
 from crtk_sim_backends import wire
 from crtk_sim_backends.faults import FaultKind, Parameter
 from crtk_sim_backends.ur.config import PORTS
-from crtk_sim_backends.ur.contact import DAMPING, STIFFNESS, UP, Surface
-from crtk_sim_backends.ur.safety import SafetyMode
-from crtk_sim_backends.ur.signals import ANALOG_INPUTS
-from crtk_sim_backends.ur.variables import OUTPUTS
+from crtk_sim_backends.ur.motion.contact import DAMPING, STIFFNESS, UP, Surface
+from crtk_sim_backends.ur.safety.modes import SafetyMode
+from crtk_sim_backends.ur.signals.control_box import ANALOG_INPUTS
+from crtk_sim_backends.ur.signals.variables import OUTPUTS
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller

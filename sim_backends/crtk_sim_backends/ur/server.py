@@ -31,35 +31,36 @@ from crtk_sim_backends.process import (
     spawn,
     use_realtime_priority,
 )
-from crtk_sim_backends.ur import picture, realtime, scene
 from crtk_sim_backends.ur.config import SimConfig
 from crtk_sim_backends.ur.controller import Controller
-from crtk_sim_backends.ur.dashboard import GREETING, DashboardSession, Robot
-from crtk_sim_backends.ur.external import ExternalDevices
 from crtk_sim_backends.ur.injection import ALL_PORTS, BEGIN, END, EVENTS, KINDS
-from crtk_sim_backends.ur.interpreter_port import InterpreterSession
 from crtk_sim_backends.ur.messages import KeyMessage
-from crtk_sim_backends.ur.modbus_client import ModbusUnits
-from crtk_sim_backends.ur.modbus_library import modbus_builtins
 from crtk_sim_backends.ur.pace import Pace, Statistics
-from crtk_sim_backends.ur.ports import Client, Mute, Port, Session
-from crtk_sim_backends.ur.primary import (
+from crtk_sim_backends.ur.ports import realtime
+from crtk_sim_backends.ur.ports.dashboard import GREETING, DashboardSession, Robot
+from crtk_sim_backends.ur.ports.external import ExternalDevices
+from crtk_sim_backends.ur.ports.interpreter_port import InterpreterSession
+from crtk_sim_backends.ur.ports.listening import Client, Mute, Port, Session
+from crtk_sim_backends.ur.ports.primary import (
     STATE_PERIOD,
     RobotStateEncoder,
     encode_messages,
     hardware_info_message,
     version_message,
 )
-from crtk_sim_backends.ur.programs import ProgramFiles
-from crtk_sim_backends.ur.recording import Recorder, Recording, RecordingError
-from crtk_sim_backends.ur.replay import NoInputs, ReplayedController, load
-from crtk_sim_backends.ur.robot_api import RobotApiSession
-from crtk_sim_backends.ur.rtde import InputClaims, RtdeError, RtdeSession, Trace
-from crtk_sim_backends.ur.script_port import ScriptSession
-from crtk_sim_backends.ur.script_queue import ScriptQueue
-from crtk_sim_backends.ur.script_rpc import ScriptRpc
-from crtk_sim_backends.ur.script_sockets import ScriptSockets
+from crtk_sim_backends.ur.ports.robot_api import RobotApiSession
+from crtk_sim_backends.ur.ports.rtde import InputClaims, RtdeError, RtdeSession, Trace
+from crtk_sim_backends.ur.ports.script_port import ScriptSession
+from crtk_sim_backends.ur.ports.script_queue import ScriptQueue
+from crtk_sim_backends.ur.program.modbus_library import modbus_builtins
+from crtk_sim_backends.ur.program.programs import ProgramFiles
+from crtk_sim_backends.ur.program.script_rpc import ScriptRpc
+from crtk_sim_backends.ur.program.script_sockets import ScriptSockets
+from crtk_sim_backends.ur.signals.modbus_client import ModbusUnits
 from crtk_sim_backends.ur.urscript import Builtin
+from crtk_sim_backends.ur.views import picture, scene
+from crtk_sim_backends.ur.views.recording import Recorder, Recording, RecordingError
+from crtk_sim_backends.ur.views.replay import NoInputs, ReplayedController, load
 
 log = logging.getLogger(__name__)
 

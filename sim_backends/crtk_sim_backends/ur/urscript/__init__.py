@@ -1,7 +1,7 @@
 """An interpreter for URScript, the language of Universal Robots controllers.
 
 :func:`compile_program` turns a script into a :class:`Program` (lexer, parser, Python source,
-byte code); ``crtk_sim_backends.ur.program.ProgramRuntime`` runs it, one step per control period.
+byte code); ``crtk_sim_backends.ur.program.running.ProgramRuntime`` runs it, one step per control period.
 """
 
 from crtk_sim_backends.ur.urscript.compiler import Program, compile_program

@@ -1,0 +1,111 @@
+"""Who commands the arm, and what all motions have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
+
+from crtk_sim_backends.ur.motion.arm import approach
+from crtk_sim_backends.ur.motion.kinematics import Floats, Transform, compose, to_transform
+from crtk_sim_backends.ur.program.arguments import six
+from crtk_sim_backends.ur.urscript import Pose, ScriptRuntimeError
+
+if TYPE_CHECKING:
+    from crtk_sim_backends.ur.controller import Controller
+
+Motion: TypeAlias = Generator[None, None, None]
+
+SINGULARITY = 154
+
+
+class MotionControl:
+    """The arm as motions see it: each claims it in every control period in which it commands it.
+
+    Two threads that claim the arm in the same period stop the program, as on the robot; a thread
+    that ends or is killed lets go of it at once.
+    """
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
+        self.arm = controller.arm
+        self.kinematics = controller.kinematics
+        self._claimed_tick = -2
+        self._owner: object = None
+
+    @property
+    def tick(self) -> int:
+        """Number of this control period."""
+        return self.controller.tick_count
+
+    def claim(self) -> None:
+        """Take the arm for this period. Raises ScriptRuntimeError when another thread has it."""
+        controller = self.controller
+        caller = controller.player.caller()
+        if caller[0].program.kind == "sec":
+            raise ScriptRuntimeError("A secondary program must not move the robot")
+        if not self.arm.enabled:
+            raise ScriptRuntimeError("The robot is not running: power it on and release the brakes")
+        tick = controller.tick_count
+        if self._claimed_tick == tick:
+            if self._owner != caller:
+                raise ScriptRuntimeError("Another thread is already controlling the robot")
+        elif self._claimed_tick < tick - 1:
+            self.arm.rebase()
+        self._claimed_tick = tick
+        self._owner = caller
+
+    def release(self, owner: object) -> None:
+        """Let another thread command the arm in this period, because `owner` ended."""
+        if self._owner == owner and self._claimed_tick == self.controller.tick_count:
+            self._claimed_tick -= 1
+
+    def hold(self) -> Motion:
+        """Hold the arm for one period."""
+        self.claim()
+        self.arm.command(list(self.arm.plan_q), [0.0] * 6)
+        yield
+
+    def halt(self, deceleration: float) -> Motion:
+        """Bring the joints to rest; takes no time when they rest."""
+        arm = self.arm
+        while any(arm.plan_qd):
+            self.claim()
+            step = deceleration * arm.dt * arm.scale
+            arm.command_velocity(approach(arm.plan_qd, (0.0,) * 6, step))
+            yield
+
+    def stop_protectively(self, code: int) -> Generator[None, None, NoReturn]:
+        """Stop protectively and wait for the end of the program."""
+        self.controller.protective_stop(code)
+        while True:
+            yield
+
+    def leaps(self, before: Floats, after: Floats) -> bool:
+        """Whether a joint would turn faster than it can, as near a singularity."""
+        dt = self.arm.dt
+        return any(
+            abs(y - x) > limit * dt
+            for x, y, limit in zip(before, after, self.arm.model.velocity, strict=True)
+        )
+
+    def target(self, name: str, value: Any) -> Transform:
+        """Transform of an argument that is a pose or joint positions."""
+        numbers = six(name, value)
+        if isinstance(value, Pose):
+            return to_transform(numbers)
+        return compose(self.kinematics.flange(numbers), self.controller.tool)
+
+    def goal(self, name: str, value: Any, near: Floats) -> list[float]:
+        """Joint positions of an argument that is a pose or joint positions.
+
+        Raises:
+            ScriptRuntimeError: when the pose is out of reach; of several solutions, that nearest
+                to `near` counts.
+        """
+        if not isinstance(value, Pose):
+            return six(name, value)
+        goal = self.target(name, value)
+        q = self.kinematics.inverse(goal, near, self.controller.tool)
+        if q is None:
+            raise ScriptRuntimeError(f"{name}: Unable to find an inverse kinematics solution")
+        return q

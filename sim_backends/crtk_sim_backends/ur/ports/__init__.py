@@ -1,0 +1,1 @@
+"""What clients connect to: each port of a controller, bytes in and bytes out."""

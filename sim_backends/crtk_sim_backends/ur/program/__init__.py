@@ -1,0 +1,1 @@
+"""Programs: how they are run, and the built-ins that they call."""

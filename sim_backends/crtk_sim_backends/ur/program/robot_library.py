@@ -1,0 +1,234 @@
+"""The URScript built-ins that ask for the state of the robot and compute its kinematics.
+
+Names, parameters and defaults follow the URScript manual, chapters "internals" and "motion".
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Generator, Iterator
+from typing import TYPE_CHECKING, Any
+
+from crtk_sim_backends.ur.messages import TextMessage
+from crtk_sim_backends.ur.motion import kinematics as k
+from crtk_sim_backends.ur.program.arguments import six
+from crtk_sim_backends.ur.signals.process_image import TORQUE_CONSTANT
+from crtk_sim_backends.ur.urscript import (
+    Builtin,
+    List,
+    Pose,
+    ScriptRuntimeError,
+    Struct,
+    to_text,
+)
+
+if TYPE_CHECKING:
+    from crtk_sim_backends.ur.controller import Controller
+
+
+def robot_builtins(controller: Controller) -> Iterator[Builtin]:
+    """Every built-in of this module for one controller."""
+    for group in (_state, _kinematics):
+        for call in group(controller):
+            yield Builtin(call.__name__, call)
+    yield Builtin("popup", _popup(controller), blocking=True)
+
+
+def _state(c: Controller) -> list[Callable[..., Any]]:
+    arm = c.arm
+    out = c.outputs
+
+    def getter(name: str, read: Callable[[], Any]) -> Callable[[], Any]:
+        def get() -> Any:
+            return read()
+
+        get.__name__ = name
+        return get
+
+    def get_actual_joint_positions_history(steps: int = 0) -> List:
+        index = int(steps)
+        if not 0 <= index < len(arm.history):
+            raise ScriptRuntimeError(f"Joint position history has no step {steps}")
+        return List(arm.history[-1 - index])
+
+    def get_joint_temp(j: int) -> float:
+        return float(out["joint_temperatures"][int(j)])
+
+    def get_rtde_value(variable_name: str) -> Any:
+        """Read an RTDE output by its name."""
+        if variable_name not in out:
+            raise ScriptRuntimeError(f"get_rtde_value: no variable {variable_name}")
+        value = out[variable_name]
+        return List(value) if isinstance(value, list | tuple) else value
+
+    def time(mode: int = 0) -> Any:
+        """Seconds since the controller started: a number, or with mode 2 a struct (sec, nanosec)."""
+        if mode == 0:
+            return c.time
+        if mode != 2:
+            raise ScriptRuntimeError(f"time: unknown mode {mode}")
+        seconds = int(c.time)
+        return Struct((("sec", seconds), ("nanosec", round((c.time - seconds) * 1e9))))
+
+    def textmsg(s1: Any, s2: Any = "") -> None:
+        c.post(TextMessage(to_text(s1) + to_text(s2)))
+
+    def protective_stop() -> None:
+        c.protective_stop(209)
+
+    def tool_pose(q: list[float]) -> Pose:
+        return Pose(c.kinematics.forward(q, c.tool))
+
+    def twist(qd: list[float]) -> List:
+        return List(k.multiply(c.kinematics.jacobian(arm.target_q, c.tool), qd))
+
+    simple: dict[str, Callable[[], Any]] = {
+        "get_steptime": lambda: c.dt,
+        "get_actual_joint_positions": lambda: List(arm.actual_q),
+        "get_joint_positions": lambda: List(arm.actual_q),
+        "get_target_joint_positions": lambda: List(arm.target_q),
+        "get_actual_joint_speeds": lambda: List(arm.actual_qd),
+        "get_joint_speeds": lambda: List(arm.actual_qd),
+        "get_target_joint_speeds": lambda: List(arm.target_qd),
+        "get_target_joint_accelerations": lambda: List(arm.target_qdd),
+        "get_actual_tcp_pose": lambda: tool_pose(arm.actual_q),
+        "get_target_tcp_pose": lambda: tool_pose(arm.target_q),
+        "get_actual_tcp_speed": lambda: twist(arm.actual_qd),
+        "get_target_tcp_speed": lambda: twist(arm.target_qd),
+        # No offset from the path is simulated.
+        "get_target_tcp_pose_along_path": lambda: tool_pose(arm.target_q),
+        "get_target_tcp_speed_along_path": lambda: twist(arm.target_qd),
+        "get_actual_tool_flange_pose": lambda: Pose(c.kinematics.forward(arm.actual_q)),
+        "get_target_tool_flange_pose": lambda: Pose(c.kinematics.forward(arm.target_q)),
+        "get_target_waypoint": lambda: Pose(c.waypoint) if c.waypoint else tool_pose(arm.target_q),
+        "get_joint_torques": lambda: List(
+            (actual - target) * constant
+            for actual, target, constant in zip(
+                out["actual_current"], out["target_current"], TORQUE_CONSTANT, strict=True
+            )
+        ),
+        "get_controller_temp": lambda: 32.0,
+        "get_tool_current": lambda: out["tool_output_current"],
+        "get_tool_accelerometer_reading": lambda: List(out["actual_tool_accelerometer"]),
+        "get_gravity": lambda: List(c.gravity),
+        "get_tool_temp": lambda: out["tool_temperature"],
+        "random": random.Random(0).random,  # the same numbers in each run of the simulator
+        "is_steady": lambda: arm.steady and not c.compliance.active,
+    }
+    return [
+        *(getter(name, read) for name, read in simple.items()),
+        get_actual_joint_positions_history,
+        get_joint_temp,
+        get_rtde_value,
+        time,
+        textmsg,
+        protective_stop,
+    ]
+
+
+def _popup(c: Controller) -> Callable[..., Any]:
+    def popup(
+        s: Any,
+        title: str = "Popup",
+        warning: bool = False,
+        error: bool = False,
+        blocking: bool = False,
+    ) -> Generator[None]:
+        kind = {"warning": bool(warning), "error": bool(error), "blocking": bool(blocking)}
+        c.open_popup(to_text(s), title, **kind)
+        while blocking and c.popup_text is not None:
+            yield
+
+    return popup
+
+
+def _kinematics(c: Controller) -> list[Callable[..., Any]]:
+    arm = c.arm
+
+    def tool_of(name: str, tcp: Any) -> k.Transform:
+        if tcp is None or isinstance(tcp, str):  # "active_tcp"
+            return c.tool
+        return k.to_transform(six(name, tcp))
+
+    def joints(name: str, q: Any, otherwise: list[float]) -> list[float]:
+        return otherwise if q is None or isinstance(q, str) else six(name, q)
+
+    def inverse(x: Any, qnear: Any, tcp: Any) -> list[float] | None:
+        near = joints("get_inverse_kin", qnear, arm.target_q)
+        pose = six("get_inverse_kin", x)
+        return c.kinematics.inverse(k.to_transform(pose), near, tool_of("get_inverse_kin", tcp))
+
+    def get_forward_kin(q: Any = None, tcp: Any = None) -> Pose:
+        positions = joints("get_forward_kin", q, arm.actual_q)
+        return Pose(c.kinematics.forward(positions, tool_of("get_forward_kin", tcp)))
+
+    def get_inverse_kin(
+        x: Any,
+        qnear: Any = None,
+        maxPositionError: float = 1e-10,  # noqa: N803
+        maxOrientationError: float = 1e-10,  # noqa: N803
+        tcp: Any = None,
+    ) -> List:
+        q = inverse(x, qnear, tcp)
+        if q is None:
+            raise ScriptRuntimeError("get_inverse_kin: Unable to find a solution")
+        return List(q)
+
+    def get_inverse_kin_has_solution(
+        x: Any,
+        qnear: Any = None,
+        maxPositionError: float = 1e-10,  # noqa: N803
+        maxOrientationError: float = 1e-10,  # noqa: N803
+        tcp: Any = None,
+    ) -> bool:
+        return inverse(x, qnear, tcp) is not None
+
+    def is_within_safety_limits(pose: Any) -> bool:
+        q = inverse(pose, None, None) if isinstance(pose, Pose) else six("pose", pose)
+        return q is not None and all(
+            abs(x) <= limit for x, limit in zip(q, c.model.position, strict=True)
+        )
+
+    def get_jacobian(q: Any = None, tcp: Any = None) -> List:
+        positions = joints("get_jacobian", q, arm.actual_q)
+        matrix = c.kinematics.jacobian(positions, tool_of("get_jacobian", tcp))
+        return List(List(row) for row in matrix)
+
+    def get_jacobian_time_derivative(q: Any = None, qd: Any = None, tcp: Any = None) -> List:
+        name = "get_jacobian_time_derivative"
+        positions = joints(name, q, arm.actual_q)
+        speeds = joints(name, qd, arm.actual_qd)
+        tool = tool_of(name, tcp)
+        h = 1e-5
+        before = c.kinematics.jacobian(
+            [p - v * h for p, v in zip(positions, speeds, strict=True)], tool
+        )
+        after = c.kinematics.jacobian(
+            [p + v * h for p, v in zip(positions, speeds, strict=True)], tool
+        )
+        return List(
+            List((y - x) / (2 * h) for x, y in zip(rows[0], rows[1], strict=True))
+            for rows in zip(before, after, strict=True)
+        )
+
+    def get_mass_matrix(q: Any = None, include_rotors_inertia: bool = True) -> List:
+        positions = joints("get_mass_matrix", q, arm.actual_q)
+        matrix = c.mass_matrix(positions, bool(include_rotors_inertia))
+        return List(List(row) for row in matrix)
+
+    def get_coriolis_and_centrifugal_torques(q: Any = None, qd: Any = None) -> List:
+        name = "get_coriolis_and_centrifugal_torques"
+        positions = joints(name, q, arm.actual_q)
+        speeds = joints(name, qd, arm.actual_qd)
+        return List(c.coriolis(positions, speeds))
+
+    return [
+        get_forward_kin,
+        get_inverse_kin,
+        get_inverse_kin_has_solution,
+        is_within_safety_limits,
+        get_jacobian,
+        get_jacobian_time_derivative,
+        get_mass_matrix,
+        get_coriolis_and_centrifugal_torques,
+    ]

@@ -1,0 +1,1 @@
+"""Signals, registers and variables, and the units that share them."""

@@ -1,0 +1,1 @@
+"""What is shown of a controller, recorded of it, and played back."""
