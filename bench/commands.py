@@ -15,6 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 from ruckig import InputParameter, Ruckig, Trajectory
+from typing_extensions import override
 
 from bench.report import options, show
 from crtk_drivers.commands import Command, Kind, Level, Payload
@@ -107,44 +108,47 @@ class Arm(Device):
         )
 
     @property
+    @override
     def capabilities(self) -> Capabilities:
-        """See the base class."""
         return self._capabilities
 
     @property
+    @override
     def address(self) -> str:
-        """See the base class."""
         return "bench"
 
+    @override
     def open(self, deadline: float) -> None:
-        """See the base class."""
+        """There is nothing to do."""
 
+    @override
     def close(self) -> None:
-        """See the base class."""
+        """There is nothing to do."""
 
+    @override
     def read(self, deadline: float) -> Sample:
-        """See the base class."""
         stamp = Stamp(round(self._clock.now * 1e9), self._clock.now)
         return Sample(stamp, {"measured_js": JointState(position=self._position)})
 
+    @override
     def write(self, setpoint: Setpoint) -> None:
-        """See the base class."""
         if setpoint.mode is Mode.JOINT_POSITION:
             self._position = setpoint.values
 
+    @override
     def stop(self) -> None:
-        """See the base class."""
+        """There is nothing to do."""
 
+    @override
     def forward_kinematics(self, joints: Vector) -> Pose:
-        """See the base class."""
         return self._kinematics.forward(joints)
 
+    @override
     def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        """See the base class."""
         return self._kinematics.inverse(pose, reference)
 
+    @override
     def jacobian(self, joints: Vector) -> Array:
-        """See the base class."""
         return self._kinematics.jacobian(joints)
 
 

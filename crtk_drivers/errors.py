@@ -28,6 +28,8 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from typing_extensions import override
+
 
 def with_remedy(text: str, remedy: str) -> str:
     """Return `text` and, as a sentence of its own, what to do next."""
@@ -74,6 +76,7 @@ class CrtkError(Exception):
         """What happened and where, without what to do next: for a text that goes on."""
         return f"{self.where}: {self.message}" if self.where else self.message
 
+    @override
     def __str__(self) -> str:
         return with_remedy(self.statement, self.remedy)
 

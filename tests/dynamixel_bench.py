@@ -11,6 +11,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from typing_extensions import override
 
 from crtk_driver_dynamixel import PLUGIN
 from crtk_driver_dynamixel.config import DynamixelConfig
@@ -147,12 +148,12 @@ class Log(Observer):
         self.statuses: list[Status] = []
         self.refusals: list[CommandRefused] = []
 
+    @override
     def status_changed(self, status: Status, stamp: Stamp) -> None:
-        """See the base class."""
         self.statuses.append(status)
 
+    @override
     def command_refused(self, refusal: CommandRefused) -> None:
-        """See the base class."""
         self.refusals.append(refusal)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typing_extensions import override
 
 from crtk_driver_ati_netft import PLUGIN
 from crtk_driver_ati_netft.blocks import Block
@@ -53,8 +54,8 @@ class Log(Observer):
     def __init__(self) -> None:
         self.statuses: list[Status] = []
 
+    @override
     def status_changed(self, status: Status, stamp: object) -> None:
-        """See the base class."""
         self.statuses.append(status)
 
 

@@ -6,6 +6,7 @@ import threading
 from dataclasses import replace
 
 import numpy as np
+from typing_extensions import override
 
 from crtk_drivers.device import Condition, Device
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost
@@ -56,19 +57,19 @@ class DisturbedDevice(WrappedDevice):
             self.inner.read(0.0)
 
     @property
+    @override
     def condition(self) -> Condition:
-        """See the base class."""
         return _CONDITIONS.get(self._fault) or self.inner.condition
 
+    @override
     def open(self, deadline: float) -> None:
-        """See the base class."""
         if self._fault == LOST:
             raise ConnectionFailed("no answer", where=self.address, remedy="Is it on?")
         with self._lock:
             self.inner.open(deadline)
 
+    @override
     def read(self, deadline: float) -> Sample | None:
-        """See the base class."""
         if self._fault == STUCK:
             self._over.wait()
         if self._fault == DEFECT:

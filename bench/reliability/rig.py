@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 from unittest.mock import patch
 
 import numpy as np
+from typing_extensions import override
 
 from bench.reliability import disturbed
 from bench.reliability.activities import EFFORTS, STANDING, Activity, Plan
@@ -73,12 +74,12 @@ class Log(Observer):
         self.announced: list[Announced] = []
         self.refused: list[CommandRefused] = []
 
+    @override
     def status_changed(self, status: Status, stamp: Stamp) -> None:
-        """See the base class."""
         self.announced.append(Announced(stamp.monotonic, status))
 
+    @override
     def command_refused(self, refusal: CommandRefused) -> None:
-        """See the base class."""
         self.refused.append(refusal)
 
 

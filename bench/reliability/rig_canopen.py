@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from typing_extensions import override
 
 from bench.reliability.activities import Plan
 from bench.reliability.common import of_part, outlived, own_process
@@ -203,20 +204,20 @@ class CanopenRig(Rig):
     values = _PATIENT
 
     @property
+    @override
     def plugin(self) -> DevicePlugin:
-        """See the base class."""
         return PLUGIN
 
+    @override
     def start_sim(self) -> RunningSim:
-        """See the base class."""
         return SIM.spawn(nodes=COUNT, realtime=True)
 
+    @override
     def joints(self) -> np.ndarray:
-        """See the base class."""
         return np.array(self._told("revolutions")) * 2.0 * math.pi / GEAR
 
+    @override
     def powered(self) -> bool:
-        """See the base class."""
         return any(self._told("powered"))
 
     def _told(self, what: str) -> list[float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from typing_extensions import override
 
 from bench.reliability.activities import Plan
 from bench.reliability.common import of_part, outlived, own_process
@@ -134,16 +135,16 @@ class DynamixelRig(Rig):
     tolerance = 5e-3  # three counts of 1.5 mrad
 
     @property
+    @override
     def plugin(self) -> DevicePlugin:
-        """See the base class."""
         return PLUGIN
 
+    @override
     def start_sim(self) -> RunningSim:
-        """See the base class."""
         return SIM.spawn(servos=SERVOS, realtime=True, trace_size=1000)
 
+    @override
     def home(self) -> np.ndarray:
-        """See the base class."""
         return np.array([0.0, 0.3, -0.5, 0.0, 0.4, 0.0])
 
     def by_hand(self) -> None:
@@ -155,12 +156,12 @@ class DynamixelRig(Rig):
                 angle = float(np.clip(at, limit.lower, limit.upper))
                 self.sim.control.call("place", id=id, angle=angle)
 
+    @override
     def joints(self) -> np.ndarray:
-        """See the base class."""
         return np.array(self._told("angle"))
 
+    @override
     def powered(self) -> bool:
-        """See the base class."""
         return any(self._told("torque"))
 
     def _told(self, what: str) -> list[float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from typing_extensions import override
 
 from bench.reliability import disturbed
 from bench.reliability.activities import Plan
@@ -109,8 +110,9 @@ class _MemoryRig(Rig):
     def start_sim(self) -> None:
         """There is none."""
 
+    @override
     def open(self, *, start: bool = True, wait: bool = True) -> None:
-        """See the base class. It is another arm."""
+        """It is another arm."""
         self.looks.clear()
         super().open(start=start, wait=wait)
 
@@ -143,12 +145,12 @@ class LoopbackRig(_MemoryRig):
     )
 
     @property
+    @override
     def plugin(self) -> DevicePlugin:
-        """See the base class."""
         return DevicePlugin(LOOPBACK.name, LOOPBACK.summary, LOOPBACK.config, _gantry)
 
+    @override
     def joints(self) -> np.ndarray:
-        """See the base class."""
         self.disturbed.look()
         device = self._device()
         assert isinstance(device, _Seen)
@@ -163,16 +165,16 @@ class VirtualRig(_MemoryRig):
     activities = LoopbackRig.activities
 
     @property
+    @override
     def plugin(self) -> DevicePlugin:
-        """See the base class."""
         return VIRTUAL
 
+    @override
     def home(self) -> np.ndarray:
-        """See the base class."""
         return np.array([0.0, 0.4, 1.4, 0.0, 1.3416, 0.0])
 
+    @override
     def joints(self) -> np.ndarray:
-        """See the base class."""
         self.disturbed.look()
         device = self._device()
         assert isinstance(device, VirtualDevice)

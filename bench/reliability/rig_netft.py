@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from typing_extensions import override
 
 from bench.reliability import disturbed
 from bench.reliability.common import HOUR, STALL
@@ -70,16 +71,16 @@ class NetFtRig(Rig):
     values = _PATIENT
 
     @property
+    @override
     def plugin(self) -> DevicePlugin:
-        """See the base class."""
         return PLUGIN
 
+    @override
     def start_sim(self) -> RunningSim:
-        """See the base class."""
         return SIM.spawn(rdt_port=0, tcp_port=0, http_port=0)
 
+    @override
     def joints(self) -> np.ndarray:
-        """See the base class."""
         return np.zeros(0)
 
     def still(self, seconds: float = 0.0) -> bool:

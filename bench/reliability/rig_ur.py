@@ -6,6 +6,7 @@ import socket
 from dataclasses import replace
 
 import numpy as np
+from typing_extensions import override
 
 from bench.reliability.activities import Plan
 from bench.reliability.common import outlived, own_process
@@ -160,30 +161,30 @@ class UrNativeRig(Rig):
     values = _PATIENT
 
     @property
+    @override
     def plugin(self) -> DevicePlugin:
-        """See the base class."""
         return PLUGIN
 
     @property
+    @override
     def defaults(self) -> dict[str, object]:  # type: ignore[override]
-        """See the base class."""
         return {"model": "ur5e", "control": self.control}
 
+    @override
     def start_sim(self) -> RunningSim:
-        """See the base class."""
         return SIM.spawn(model="ur5e", realtime=True)
 
+    @override
     def home(self) -> np.ndarray:
-        """See the base class."""
         return np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
 
+    @override
     def joints(self) -> np.ndarray:
-        """See the base class."""
         assert self.sim is not None
         return np.array(self.sim.control.outputs("actual_q")["actual_q"])
 
+    @override
     def powered(self) -> bool:
-        """See the base class."""
         assert self.sim is not None
         return int(self.sim.control.outputs("robot_mode")["robot_mode"]) == RUNNING
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, TypeAdapter
+from typing_extensions import override
 
 from crtk_drivers import plugins
 from crtk_drivers.config import DeviceConfig, NodeConfig
@@ -67,6 +68,7 @@ class Row:
     default: str
     description: str
 
+    @override
     def __str__(self) -> str:
         cells = (f"`{self.key}`", self.type, self.default, self.description)
         return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

@@ -12,6 +12,7 @@ from typing import Any, Final
 from rich.padding import Padding
 from rich.text import Text
 from typer.core import TyperCommand, TyperGroup
+from typing_extensions import override
 
 from crtk_drivers.cli.terminal import OUT
 
@@ -36,6 +37,7 @@ class _StableNames:
 class HelpfulCommand(_StableNames, TyperCommand):
     """A command with such a page."""
 
+    @override
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the page."""
         print_page(self, ctx)
@@ -44,6 +46,7 @@ class HelpfulCommand(_StableNames, TyperCommand):
 class HelpfulGroup(_StableNames, TyperGroup):
     """A group of commands with such a page."""
 
+    @override
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the page."""
         print_page(self, ctx)

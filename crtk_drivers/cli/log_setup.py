@@ -12,6 +12,7 @@ from typing import Final
 
 from rich.console import Console
 from rich.text import Text
+from typing_extensions import override
 
 from crtk_drivers.errors import ConfigError
 
@@ -38,6 +39,7 @@ class LogFormat(StrEnum):
 class JsonFormatter(logging.Formatter):
     """One JSON object a line: time (UTC), level, logger, message, extra fields, exception."""
 
+    @override
     def format(self, record: logging.LogRecord) -> str:
         """Return the line."""
         whole = time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(record.created))
@@ -60,6 +62,7 @@ class _ConsoleHandler(logging.Handler):
         super().__init__()
         self._console = console
 
+    @override
     def emit(self, record: logging.LogRecord) -> None:
         """Write one record."""
         try:

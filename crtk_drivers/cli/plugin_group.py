@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import typer
+from typing_extensions import override
 
 from crtk_drivers.cli.help_pages import HelpfulGroup
 from crtk_drivers.cli.options import make_command
@@ -45,12 +46,14 @@ class PluginGroup(HelpfulGroup):
     def _plugins(self) -> Mapping[str, PluginEntry]:
         return self.source.find()
 
+    @override
     def list_commands(self, ctx: typer.Context) -> list[str]:  # type: ignore[override]
         """Return the plugins, then the other commands."""
         own = super().list_commands(ctx)
         plugins = [name for name in self._plugins if "@" not in name and name not in own]
         return [*plugins, *own]
 
+    @override
     def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:  # type: ignore[override]
         """Return the command, made of the plugin of that name if it is not one of the others."""
         own = super().get_command(ctx, cmd_name)
@@ -63,6 +66,7 @@ class PluginGroup(HelpfulGroup):
             return self._placeholder(entry)
         return self.source.build(entry.plugin, self.source.panel)
 
+    @override
     def resolve_command(self, ctx: typer.Context, args: list[str]) -> Any:  # type: ignore[override]
         """Refuse an unknown name in our own words."""
         name = args[0]

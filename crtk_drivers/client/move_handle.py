@@ -11,6 +11,8 @@ import threading
 import time
 from collections.abc import Callable
 
+from typing_extensions import override
+
 from crtk_drivers.errors import CommandRefused, ConnectionLost, MotionAborted
 from crtk_drivers.move import Move, Outcome
 from crtk_drivers.state import OperatingState, Status
@@ -161,12 +163,14 @@ class RemoteMove(Move):
             return False
         return self._idle_since - self._busy_since > self._accept_time
 
+    @override
     def is_busy(self) -> bool:
         """Whether it has not ended yet."""
         with self._changed:
             self._judge()
             return not self._ended.is_set()
 
+    @override
     def wait(self, timeout: float | None = None, is_busy: bool = False) -> bool:
         """Wait until the move has ended, or with `is_busy` until it has started.
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from typing_extensions import override
 
 from crtk_drivers.client.goals import goal_test
 from crtk_drivers.client.move_handle import RemoteMove
@@ -61,6 +62,7 @@ class RemoteDevice(DeviceFront):
 
     # ----------------------------------------------------------------------------------- life cycle
 
+    @override
     def close(self) -> None:
         """Leave ROS. The device goes on as it is: neither stopped nor disabled."""
         self._space.link.close()
@@ -370,6 +372,7 @@ class RemoteDevice(DeviceFront):
 
     # ------------------------------------------------------------------------------ operating state
 
+    @override
     def operating_state(self) -> Status:
         """Return state, is_homed and is_busy, as heard last.
 
@@ -382,6 +385,7 @@ class RemoteDevice(DeviceFront):
             raise ConnectionLost(lost, where=self.namespace, remedy="Is the driver still running?")
         return tracker.latest
 
+    @override
     def wait_for_status(self, test: Callable[[Status], bool], timeout: float) -> bool:
         """Wait until `test` holds for an announced status; return whether it did in time."""
         return self._space.status().wait_for(test, timeout)
@@ -394,8 +398,8 @@ class RemoteDevice(DeviceFront):
         """Call `callback(refusal)` for each refusal that the device tells, also of other clients."""
         return self._space.status().on_refusal(callback)
 
+    @override
     def state_command(self, command: str, timeout: float = 30.0) -> None:
-        """See the base class."""
         deadline = time.monotonic() + timeout
         wanted = parse_command(command)
         space = self._space

@@ -15,6 +15,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import yaml
+from typing_extensions import override
 
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.files import read_capped
@@ -77,6 +78,7 @@ def _read_text(path: Path) -> str:
 class _Loader(yaml.SafeLoader):
     """The safe loader without aliases, by which a few lines become gigabytes."""
 
+    @override
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
             mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from typing_extensions import override
 
 from crtk_drivers import plugins
 from crtk_drivers.commands import Command, Direction, Kind, Level, Payload, find, is_name
@@ -83,6 +84,7 @@ class _StatusWatch(Observer):
         self._waits: list[_Wait] = []
         self._refusals = Throttle(LOG_INTERVAL)
 
+    @override
     def status_changed(self, status: Status, stamp: Stamp) -> None:
         with self._lock:
             self.latest = status
@@ -90,10 +92,12 @@ class _StatusWatch(Observer):
                 if wait.test(status):
                     wait.seen.set()
 
+    @override
     def command_refused(self, refusal: CommandRefused) -> None:
         if self._refusals.passes((refusal.command, refusal.reason), time.monotonic()):
             logger.warning("%s", refusal)
 
+    @override
     def warned(self, text: str) -> None:
         logger.warning("%s: %s", self._where, text)
 
@@ -137,6 +141,7 @@ class LocalDevice(DeviceFront):
 
     # ----------------------------------------------------------------------------------- life cycle
 
+    @override
     def close(self) -> None:
         """Leave the hardware holding and disconnect; with all that belongs to it."""
         self._client.is_open = False
@@ -180,16 +185,18 @@ class LocalDevice(DeviceFront):
 
     # ------------------------------------------------------------------------------ operating state
 
+    @override
     def operating_state(self) -> Status:
         """Return state, is_homed and is_busy."""
         return self._watch.latest
 
+    @override
     def wait_for_status(self, test: Callable[[Status], bool], timeout: float) -> bool:
         """Wait until `test` holds for an announced status; return whether it did in time."""
         return self._watch.wait_for(test, timeout)
 
+    @override
     def state_command(self, command: str, timeout: float = 30.0) -> None:
-        """See the base class."""
         refusals: list[CommandRefused] = []
         stamp = time.time_ns()
         watch = _RefusalWatch(refusals, stamp)
@@ -366,6 +373,7 @@ class _RefusalWatch(Observer):
         self._refusals = refusals
         self._stamp_ns = stamp_ns
 
+    @override
     def command_refused(self, refusal: CommandRefused) -> None:
         if refusal.command == "state_command" and refusal.stamp_ns == self._stamp_ns:
             self._refusals.append(refusal)
@@ -379,8 +387,8 @@ class _Handle(Client):
         self.is_open = True
 
     @property
+    @override
     def is_there(self) -> bool:
-        """See the base class."""
         return self.is_open
 
 

@@ -6,6 +6,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_drivers.device import Device, Goal, Mode, MoveProgress, Setpoint
 from crtk_drivers.errors import MotionAborted
 from crtk_drivers.motion.feedback import Point
@@ -52,6 +54,7 @@ class NativeMove(MoveExecution):
         self._ended: float | None = None
         device.move(goal)
 
+    @override
     def step(self, now: float) -> bool:
         """Ask the hardware how far it is, and look whether it is there when it says so."""
         progress = self._device.move_progress()
@@ -109,6 +112,7 @@ class StreamedMove(MoveExecution):
         self._time = 0.0
         self.pace = pace
 
+    @override
     def step(self, now: float) -> bool:
         """Send the next point; at the end the last one, until the hardware is there."""
         passed = min(now - self._last, self._longest)
@@ -160,9 +164,11 @@ class ProfileMove(StreamedMove):
         self._profile = profile
 
     @property
+    @override
     def _duration(self) -> float:
         return self._profile.duration
 
+    @override
     def _point(self, time: float, step: float) -> Point:
         position, velocity, acceleration = self._profile.state(time)
         state = JointState(position=position, velocity=velocity)
@@ -189,8 +195,10 @@ class LineMove(StreamedMove):
         self._output = output
 
     @property
+    @override
     def _duration(self) -> float:
         return self._profile.duration
 
+    @override
     def _point(self, time: float, step: float) -> Point:
         return self._output.point(*self._profile.at(time), step)

@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from typing_extensions import override
 
 from crtk_drivers.commands import find
 from crtk_drivers.device import Device, Mode, Setpoint
@@ -73,8 +74,8 @@ class MixedJointStream(Stream):
         self._wanted = vector(np.zeros(position.size))
         self._moves = np.zeros(position.size, dtype=bool)
 
+    @override
     def feed(self, order: Order, now: float) -> None:
-        """See the base class."""
         assert isinstance(order.target, JointServo)
         value, modes = order.target, np.array(order.target.modes)
         here = position = self._feedback.reference_joints()
@@ -86,8 +87,8 @@ class MixedJointStream(Stream):
         self._wanted = value.velocity if moves.any() else vector(np.zeros(here.size))
         self._silence.feed(now)
 
+    @override
     def step(self, now: float) -> Point:
-        """See the base class."""
         if self._silence.expired(now):
             self._silence.disarm()
             self._wanted = vector(np.zeros(self._wanted.size))
@@ -100,11 +101,12 @@ class MixedJointStream(Stream):
         )
 
     @property
+    @override
     def is_over(self) -> bool:
-        """See the base class."""
         return not self._silence.armed and bool(np.abs(self._velocity).max() <= _STILL)
 
     @property
+    @override
     def goals(self) -> Mapping[str, Value]:
         """None: a servo stream has no goal."""
         return {}
@@ -153,8 +155,8 @@ class MixedAxesStream(Stream):
         most = (limits.linear_acceleration,) * 3 + (limits.angular_acceleration,) * 3
         self._change = [limit * self._cycle / math.sqrt(3.0) for limit in most]
 
+    @override
     def feed(self, order: Order, now: float) -> None:
-        """See the base class."""
         value = order.target
         assert isinstance(value, CartesianServo)
         if not _is_same(value.task, self._task):
@@ -171,8 +173,8 @@ class MixedAxesStream(Stream):
         self._wanted = value.twist.linear.tolist() + value.twist.angular.tolist()
         self._silence.feed(now)
 
+    @override
     def step(self, now: float) -> Point:
-        """See the base class."""
         if self._silence.expired(now):
             self._silence.disarm()
             self._wanted = [0.0] * 6
@@ -189,16 +191,17 @@ class MixedAxesStream(Stream):
         return self._pursuit.point(before, pose, joints, now)
 
     @property
+    @override
     def behind(self) -> Vector:
-        """See the base class."""
         return self._pursuit.behind if self._has_position else empty()
 
     @property
+    @override
     def is_over(self) -> bool:
-        """See the base class."""
         return not self._silence.armed and max(map(abs, self._twist)) <= _STILL
 
     @property
+    @override
     def goals(self) -> Mapping[str, Value]:
         """None: a servo stream has no goal."""
         return {}

@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
+from typing_extensions import override
 
 from crtk_drivers.commands import Kind, find
 from crtk_drivers.device import Device, Mode, Setpoint
@@ -144,8 +145,8 @@ class JointStream(Stream):
             at_rest = np.zeros(len(capabilities.joints))
             self._interpolator.start(effort if effort.size else at_rest, before)
 
+    @override
     def feed(self, order: Order, now: float) -> None:
-        """See the base class."""
         before = self._interpolator.goal
         if order.increment.size:
             goal = before + order.increment
@@ -156,8 +157,8 @@ class JointStream(Stream):
             goal = self._clamp(self.name, goal, before)
         self._interpolator.command(goal, now)
 
+    @override
     def step(self, now: float) -> Point:
-        """See the base class."""
         point = self._interpolator.point(now)
         acceleration = {
             Mode.JOINT_POSITION: self._interpolator.acceleration,
@@ -166,19 +167,20 @@ class JointStream(Stream):
         values = joint_values(self._kind, point)
         return Point(Setpoint(self._mode, values), point, acceleration)
 
+    @override
     def sent(self, setpoint: Setpoint) -> None:
-        """See the base class. The end of a range slows velocities: they go on from what it left."""
+        """The end of a range slows velocities: they go on from what it left."""
         if self._mode is Mode.JOINT_VELOCITY:
             self._interpolator.held_at(setpoint.values)
 
     @property
+    @override
     def is_over(self) -> bool:
-        """See the base class."""
         return self._interpolator.is_over
 
     @property
+    @override
     def goals(self) -> Mapping[str, Value]:
-        """See the base class."""
         capabilities = self._device.capabilities
         state = joint_state(self._kind, self._interpolator.goal)
         goals: dict[str, Value] = {"goal_js": replace(state, name=capabilities.joints)}
@@ -228,8 +230,8 @@ class PoseStream(Stream):
         self._last = now - cycle
         self._longest = LONGEST_STEP * cycle
 
+    @override
     def feed(self, order: Order, now: float) -> None:
-        """See the base class."""
         if order.displacement is not None:
             goal = moved(self._interpolator.goal, order.displacement, order.frame, self._base)
             if self._takes_poses:
@@ -241,21 +243,21 @@ class PoseStream(Stream):
             goal = order.target
         self._interpolator.command(goal, now)
 
+    @override
     def step(self, now: float) -> Point:
-        """See the base class."""
         pose, twist = self._interpolator.step(now)
         step = min(max(0.0, now - self._last), self._longest)  # as far as that has gone on
         self._last = now
         return self._output.point(pose, vector(twist.vector), step)
 
     @property
+    @override
     def is_over(self) -> bool:
-        """See the base class."""
         return self._interpolator.is_over
 
     @property
+    @override
     def goals(self) -> Mapping[str, Value]:
-        """See the base class."""
         return {"goal_cp": self._interpolator.goal}
 
 
@@ -296,8 +298,8 @@ class PursuitStream(Stream):
         self._joints = empty()
         self._velocity: Vector | None = feedback.motion(now)[1]  # until the first step
 
+    @override
     def feed(self, order: Order, now: float) -> None:
-        """See the base class."""
         if order.displacement is not None:
             here = self._reach.pose(self._command)
             goal = moved(self._goal or here, order.displacement, order.frame, self._base)
@@ -311,8 +313,8 @@ class PursuitStream(Stream):
         self._goal, self._joints = goal, joints
         self._silence.feed(now)
 
+    @override
     def step(self, now: float) -> Point:
-        """See the base class."""
         assert self._goal is not None
         if self._silence.expired(now):
             self._silence.disarm()
@@ -324,16 +326,17 @@ class PursuitStream(Stream):
         return self._pursuit.point(before, self._goal, self._joints, now, may_jump)
 
     @property
+    @override
     def behind(self) -> Vector:
-        """See the base class."""
         return self._pursuit.behind
 
     @property
+    @override
     def is_over(self) -> bool:
-        """See the base class."""
         return not self._silence.armed
 
     @property
+    @override
     def goals(self) -> Mapping[str, Value]:
         """None: a servo stream has no goal."""
         return {}
@@ -401,25 +404,26 @@ class HeldStream(Stream):
         self._silence.feed(now)
         self._values = vector(np.zeros(6))
 
+    @override
     def feed(self, order: Order, now: float) -> None:
-        """See the base class."""
         assert isinstance(order.target, Twist | Wrench)
         self._silence.feed(now)
         self._values = vector(order.target.vector)
 
+    @override
     def step(self, now: float) -> Point:
-        """See the base class."""
         if self._silence.expired(now):
             self._silence.disarm()
             self._values = vector(np.zeros(6))
         return self._output.point(self._frame.in_base(self._values))
 
     @property
+    @override
     def is_over(self) -> bool:
-        """See the base class."""
         return not self._silence.armed and self._output.is_at_rest
 
     @property
+    @override
     def goals(self) -> Mapping[str, Value]:
         """None: a servo stream has no goal."""
         return {}
@@ -464,32 +468,32 @@ class SmoothStream(Stream):
             start = feedback.commanded_wrench()
         self._interpolator.start(self._frame.from_base(start), now - cycle)
 
+    @override
     def feed(self, order: Order, now: float) -> None:
-        """See the base class."""
         assert isinstance(order.target, Twist | Wrench)
         self._interpolator.command(order.target.vector, now)
 
+    @override
     def step(self, now: float) -> Point:
-        """See the base class."""
         values, _ = self._interpolator.step(now)
         point = self._output.point(self._frame.in_base(values))
         if isinstance(self._output, TwistOutput):
             self._interpolator.held_at(vector(self._output.share * values))
         return point
 
+    @override
     def sent(self, setpoint: Setpoint) -> None:
-        """See the base class."""
         if setpoint.mode is Mode.CARTESIAN_VELOCITY:
             self._interpolator.held_at(self._frame.from_base(setpoint.values))
 
     @property
+    @override
     def is_over(self) -> bool:
-        """See the base class."""
         return self._interpolator.is_over and self._output.is_at_rest
 
     @property
+    @override
     def goals(self) -> Mapping[str, Value]:
-        """See the base class."""
         if not self._is_twist:
             return {}
         goal = self._frame.in_base(self._interpolator.goal)

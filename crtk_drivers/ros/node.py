@@ -9,6 +9,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from std_msgs.msg import String
+from typing_extensions import override
 
 from crtk_drivers.config import NodeConfig
 from crtk_drivers.device import READINGS
@@ -54,15 +55,19 @@ class _Listener(Observer):
         self._refusals = refusals
         self._latched = latched
 
+    @override
     def status_changed(self, status: Status, stamp: Stamp) -> None:
         self._status.announce(status, stamp)
 
+    @override
     def command_refused(self, refusal: CommandRefused) -> None:
         self._refusals.add(refusal)
 
+    @override
     def latched(self, name: str) -> None:
         self._latched.job.ask()
 
+    @override
     def warned(self, text: str) -> None:
         logger.warning("%s: %s", self._where, text)
 

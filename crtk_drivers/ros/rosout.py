@@ -7,6 +7,7 @@ from collections import deque
 
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
+from typing_extensions import override
 
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.messages import set_stamp
@@ -33,6 +34,7 @@ class RosoutHandler(logging.Handler):
         self._records: deque[logging.LogRecord] = deque(maxlen=CAPACITY)
         self._job = thread.job("rosout", self._publish)
 
+    @override
     def emit(self, record: logging.LogRecord) -> None:
         """Queue a record; returns at once."""
         self._records.append(record)

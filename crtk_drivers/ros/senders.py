@@ -18,6 +18,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
 from rclpy.waitable import NumberOfEntities, Waitable
+from typing_extensions import override
 
 from crtk_drivers.motion.arbiter import Client
 from crtk_drivers.ros.unlocked import UnlockedNode, rcl_error
@@ -99,13 +100,14 @@ class Sender(Client):
         self.is_watched = False
 
     @property
+    @override
     def name(self) -> str:
-        """See the base class."""
         return f"the node {self.node_name}" if self.node_name else "a node that is gone"
 
     @property
+    @override
     def is_there(self) -> bool:
-        """See the base class. As `Senders.look` found it last, which looks for it from now on."""
+        """As `Senders.look` found it last, which looks for it from now on."""
         self.is_watched = True
         return self._is_there
 
@@ -113,8 +115,8 @@ class Sender(Client):
         """Ask the graph whether the publisher is there."""
         self._is_there = self._info is not None
 
+    @override
     def is_same(self, other: Client) -> bool:
-        """See the base class."""
         if not isinstance(other, Sender):
             return False
         if self.gid == other.gid:

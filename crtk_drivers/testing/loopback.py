@@ -8,8 +8,6 @@ the real clock.
 A test may change the public attributes at any time; they take effect in the next cycle.
 """
 
-# ruff: noqa: D102 - what is overridden is documented in Device
-
 from __future__ import annotations
 
 import math
@@ -18,6 +16,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from pydantic import Field
+from typing_extensions import override
 
 from crtk_drivers.config import DeviceConfig
 from crtk_drivers.device import (
@@ -132,25 +131,31 @@ class LoopbackDevice(Device):
         self._velocity = np.zeros(len(JOINTS))
 
     @property
+    @override
     def capabilities(self) -> Capabilities:
         return self._capabilities
 
     @property
+    @override
     def address(self) -> str:
         return self._address
 
     @property
+    @override
     def condition(self) -> Condition:
         return self.reported
 
     @property
+    @override
     def is_homed(self) -> bool:
         return self._homed
 
     @property
+    @override
     def counters(self) -> Mapping[str, float]:
         return {"writes": float(self.writes)}
 
+    @override
     def open(self, deadline: float) -> None:
         if not self.reachable:
             raise ConnectionFailed(
@@ -159,9 +164,11 @@ class LoopbackDevice(Device):
         self._updated = time.monotonic()
         self._target = None
 
+    @override
     def close(self) -> None:
         self._target = None
 
+    @override
     def read(self, deadline: float) -> Sample | None:
         if not self.reachable:
             raise ConnectionLost("the link is gone", where=self._address)
@@ -184,36 +191,45 @@ class LoopbackDevice(Device):
             },
         )
 
+    @override
     def write(self, setpoint: Setpoint) -> None:
         self.writes += 1
         self.last_setpoint = self._target = setpoint
 
+    @override
     def stop(self) -> None:
         self._target = None
 
+    @override
     def enable(self) -> Steps:
         yield from self._transition()
 
+    @override
     def disable(self) -> Steps:
         self.stop()
         yield from self._transition()
 
+    @override
     def home(self) -> Steps:
         yield from self._transition()
         self._homed = True
 
+    @override
     def unhome(self) -> Steps:
         self._homed = False
         yield from ()
 
+    @override
     def free(self) -> Steps:
         self.stop()
         yield from ()
 
+    @override
     def forward_kinematics(self, joints: Vector) -> Pose:
         x, y, z, yaw = joints.tolist()
         return Pose(vector((x, y, z)), quaternion_from_rotvec(vector((0.0, 0.0, yaw))), "base")
 
+    @override
     def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
         tilt_x, tilt_y, yaw = rotvec_from_quaternion(pose.orientation).tolist()
         if math.hypot(tilt_x, tilt_y) > TILT_TOLERANCE:
@@ -224,6 +240,7 @@ class LoopbackDevice(Device):
             )
         return vector((*pose.position.tolist(), yaw))
 
+    @override
     def jacobian(self, joints: Vector) -> Array:
         jacobian = np.zeros((6, 4))
         jacobian[:3, :3] = np.eye(3)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 from ruckig import Synchronization
+from typing_extensions import override
 
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import CartesianLimits, JointLimits
@@ -96,17 +97,20 @@ class VectorInterpolator(Interpolator[Vector]):
         """The second derivative (n,) of the present setpoint."""
         return self._acceleration
 
+    @override
     def _read(self, position: Vector, velocity: Vector, acceleration: Vector) -> None:
         outside = (position < self._lower) | (position > self._upper)
         if outside.any():
             position = np.clip(position, self._lower, self._upper)
         self._value, self._rate, self._acceleration = position, velocity, acceleration
 
+    @override
     def _problem(self) -> tuple[Vector, Vector, Vector, Vector, Vector]:
         (after, goal), (before, base) = self._goals.newest, self._goals.base
         slope = (goal - base) / max(after - before, self._cycle)
         return self._value, self._rate, self._acceleration, goal, slope
 
+    @override
     def _zero(self) -> Vector:
         return np.clip(np.zeros(self._value.size), self._lower, self._upper)
 
@@ -270,6 +274,7 @@ class PoseInterpolator(Interpolator[tuple[Vector, Vector]]):
         """Linear (m/s²) and angular acceleration (rad/s²) (6,) of the present setpoint."""
         return self._acceleration
 
+    @override
     def _read(self, position: Vector, velocity: Vector, acceleration: Vector) -> None:
         self._position = position[:3]
         away = position[3:]
@@ -279,6 +284,7 @@ class PoseInterpolator(Interpolator[tuple[Vector, Vector]]):
         spin = angular_acceleration(away, velocity[3:], acceleration[3:])
         self._acceleration = np.concatenate((acceleration[:3], spin))
 
+    @override
     def _problem(self) -> tuple[Vector, Vector, Vector, Vector, Vector]:
         self._centre = self._orientation
         (after, goal), (before, base) = self._goals.newest, self._goals.base
@@ -288,6 +294,7 @@ class PoseInterpolator(Interpolator[tuple[Vector, Vector]]):
         slope = moved / max(after - before, self._cycle)
         return position, self._twist, self._acceleration, target, slope
 
+    @override
     def _zero(self) -> tuple[Vector, Vector]:
         return self._goals.newest[1]  # never asked for: a pose rests at its goal
 

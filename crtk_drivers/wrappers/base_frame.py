@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from typing_extensions import override
 
 from crtk_drivers.commands import Space
 from crtk_drivers.device import Capabilities, Device, Goal, Mode, Setpoint
@@ -38,10 +39,11 @@ class PlacedDevice(WrappedDevice):
         )
 
     @property
+    @override
     def capabilities(self) -> Capabilities:
-        """See the base class."""
         return self._capabilities
 
+    @override
     def read(self, deadline: float) -> Sample | None:
         """Put what was read into the other frame."""
         sample = self.inner.read(deadline)
@@ -56,32 +58,34 @@ class PlacedDevice(WrappedDevice):
                     values[f"local/{name}"] = replace(value, frame_id="local")
         return replace(sample, values=values)
 
+    @override
     def write(self, setpoint: Setpoint) -> None:
         """Put a setpoint of the tool into the device's own base."""
         if setpoint.mode.space is Space.CARTESIAN:
             setpoint = Setpoint(setpoint.mode, self._inwards(setpoint))
         self.inner.write(setpoint)
 
+    @override
     def move(self, goal: Goal) -> None:
         """Put a pose into the device's own base."""
         if goal.pose is not None:
             goal = replace(goal, pose=self._pose_inwards(goal.pose))
         self.inner.move(goal)
 
+    @override
     def forward_kinematics(self, joints: Vector) -> Pose:
-        """See the base class."""
         return self._pose_outwards(self.inner.forward_kinematics(joints))
 
+    @override
     def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        """See the base class."""
         return self.inner.inverse_kinematics(self._pose_inwards(pose), reference)
 
+    @override
     def nearby_inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        """See the base class."""
         return self.inner.nearby_inverse_kinematics(self._pose_inwards(pose), reference)
 
+    @override
     def jacobian(self, joints: Vector) -> Array:
-        """See the base class."""
         jacobian = self.inner.jacobian(joints)
         return np.concatenate((self._rotation @ jacobian[:3], self._rotation @ jacobian[3:]))
 

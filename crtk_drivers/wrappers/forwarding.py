@@ -1,10 +1,10 @@
 """A device around another one, which passes everything on: the base of what adds to a device from outside."""
 
-# ruff: noqa: D102 - what is passed on is documented in Device
-
 from __future__ import annotations
 
 from collections.abc import Mapping
+
+from typing_extensions import override
 
 from crtk_drivers.device import (
     Capabilities,
@@ -29,127 +29,161 @@ class WrappedDevice(Device):
         self.inner = inner
 
     @property
+    @override
     def capabilities(self) -> Capabilities:
         return self.inner.capabilities
 
     @property
+    @override
     def address(self) -> str:
         return self.inner.address
 
     @property
+    @override
     def bus(self) -> str:
         return self.inner.bus
 
     @property
+    @override
     def takes_setpoints(self) -> bool:
         return self.inner.takes_setpoints
 
     @property
+    @override
     def pace(self) -> float:
-        """See the base class."""
         return self.inner.pace
 
     @property
+    @override
     def has_arrived(self) -> bool:
-        """See the base class."""
         return self.inner.has_arrived
 
     @property
+    @override
     def has_stopped(self) -> bool:
         return self.inner.has_stopped
 
     @property
+    @override
     def found(self) -> str:
         return self.inner.found
 
     @property
+    @override
     def condition(self) -> Condition:
         return self.inner.condition
 
     @property
+    @override
     def is_homed(self) -> bool:
         return self.inner.is_homed
 
     @property
+    @override
     def counters(self) -> Mapping[str, float]:
         return self.inner.counters
 
     @property
+    @override
     def notes(self) -> tuple[Note, ...]:
         return self.inner.notes
 
     @property
+    @override
     def services(self) -> Mapping[str, Service]:
         return self.inner.services
 
     @property
+    @override
     def inputs(self) -> Mapping[str, Input]:
         return self.inner.inputs
 
     @property
+    @override
     def readings(self) -> Mapping[str, Reading]:
         return self.inner.readings
 
     @property
+    @override
     def children(self) -> Mapping[str, Device]:
         return self.inner.children
 
+    @override
     def open(self, deadline: float) -> None:
         self.inner.open(deadline)
 
+    @override
     def abort_open(self) -> None:
         self.inner.abort_open()
 
+    @override
     def close(self) -> None:
         self.inner.close()
 
+    @override
     def read(self, deadline: float) -> Sample | None:
         return self.inner.read(deadline)
 
+    @override
     def write(self, setpoint: Setpoint) -> None:
         self.inner.write(setpoint)
 
+    @override
     def stop(self) -> None:
         self.inner.stop()
 
+    @override
     def enable(self) -> Steps:
         return self.inner.enable()
 
+    @override
     def disable(self) -> Steps:
         return self.inner.disable()
 
+    @override
     def pause(self) -> Steps:
         return self.inner.pause()
 
+    @override
     def resume(self) -> Steps:
         return self.inner.resume()
 
+    @override
     def home(self) -> Steps:
         return self.inner.home()
 
+    @override
     def unhome(self) -> Steps:
         return self.inner.unhome()
 
+    @override
     def free(self) -> Steps:
         return self.inner.free()
 
+    @override
     def use_gravity_compensation(self, on: bool) -> None:
         self.inner.use_gravity_compensation(on)
 
+    @override
     def move(self, goal: Goal) -> None:
         self.inner.move(goal)
 
+    @override
     def move_progress(self) -> MoveProgress:
         return self.inner.move_progress()
 
+    @override
     def forward_kinematics(self, joints: Vector) -> Pose:
         return self.inner.forward_kinematics(joints)
 
+    @override
     def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
         return self.inner.inverse_kinematics(pose, reference)
 
+    @override
     def nearby_inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
         return self.inner.nearby_inverse_kinematics(pose, reference)
 
+    @override
     def jacobian(self, joints: Vector) -> Array:
         return self.inner.jacobian(joints)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from typing_extensions import override
+
 from crtk_drivers.config import KinematicsConfig
 from crtk_drivers.device import Capabilities, CartesianLimits, Device
 from crtk_drivers.errors import ConfigError
@@ -62,10 +64,11 @@ class ModelledDevice(WrappedDevice):
         )
 
     @property
+    @override
     def capabilities(self) -> Capabilities:
-        """See the base class."""
         return self._capabilities
 
+    @override
     def read(self, deadline: float) -> Sample | None:
         """Add the tool to what was read; the stamp is the same."""
         sample = self.inner.read(deadline)
@@ -81,20 +84,20 @@ class ModelledDevice(WrappedDevice):
             values["measured_cv"] = Twist(twist[:3], twist[3:], self._capabilities.base_frame)
         return replace(sample, values=values)
 
+    @override
     def forward_kinematics(self, joints: Vector) -> Pose:
-        """See the base class."""
         return self._chain.forward(joints)
 
+    @override
     def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        """See the base class."""
         return self._chain.inverse(pose, reference)
 
+    @override
     def nearby_inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        """See the base class."""
         return self._chain.inverse(pose, reference, restarts=0)
 
+    @override
     def jacobian(self, joints: Vector) -> Array:
-        """See the base class."""
         return self._chain.jacobian(joints)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from canopen_arm import JOINT, PERIOD, SOON, arm_of, arm_on, drives, until
+from typing_extensions import override
 
 from crtk_drivers.engine import Observer
 from crtk_drivers.errors import CommandRefused
@@ -34,8 +35,8 @@ class WhenFault(Observer):
         self.before: np.ndarray | None = None
         self.done = threading.Event()
 
+    @override
     def status_changed(self, status: Status, stamp: Stamp) -> None:
-        """See the base class."""
         if status.state == "FAULT" and not self.done.is_set():
             self.before = joints(self.sim)
             self.sim.control.clear(self.kind)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from typing_extensions import override
 
 from crtk_drivers.client.announcements import StatusTracker
 from crtk_drivers.client.compat.handles import WaitMoveHandle
@@ -273,6 +274,7 @@ class UtilsWithStamps(Utils):
     ) -> None:
         super().__init__(class_instance, ral, connection_timeout, operating_state_instance)
 
+    @override
     def _getter(self, inbox: Inbox, field: str | None) -> Callable[..., Any]:
         plain = super()._getter(inbox, field)
 
@@ -286,6 +288,7 @@ class UtilsWithStamps(Utils):
 
         return getter
 
+    @override
     def _answer(self, value: Any, stamp: float, extra: Any) -> Any:
         return (*value, stamp) if isinstance(value, list) else (value, stamp)
 

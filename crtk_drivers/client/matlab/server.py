@@ -21,6 +21,8 @@ import sys
 import threading
 from typing import Any
 
+from typing_extensions import override
+
 from crtk_drivers.client.matlab.objects import Session, described
 from crtk_drivers.errors import CrtkError
 
@@ -37,6 +39,7 @@ class _Job(threading.Thread):
         self._request = request
         self.answer: dict[str, Any] = {}
 
+    @override
     def run(self) -> None:
         try:
             self.answer = {"value": self._session.perform(**self._request)}

@@ -15,6 +15,8 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
+from typing_extensions import override
+
 from crtk_driver_ati_netft import connecting
 from crtk_driver_ati_netft.averaging import Averaging
 from crtk_driver_ati_netft.blocks import Block, BlockReader
@@ -165,13 +167,13 @@ class NetFtDevice(Device):
     # ---------------------------------------------------------------------------------------- the device
 
     @property
+    @override
     def capabilities(self) -> Capabilities:
-        """See the base class."""
         return self._capabilities
 
     @property
+    @override
     def address(self) -> str:
-        """See the base class."""
         return f"{self._config.host}:{self._config.rdt_port}"
 
     @property
@@ -179,8 +181,8 @@ class NetFtDevice(Device):
         """As it was given."""
         return self._config
 
+    @override
     def open(self, deadline: float) -> None:
-        """See the base class."""
         found = connecting.connect(
             self._config, self.web, self._source, self.profile, deadline, self._about_to_open
         )
@@ -203,8 +205,8 @@ class NetFtDevice(Device):
         self._orientation.start()
         self._due = 0.0
 
+    @override
     def abort_open(self) -> None:
-        """See the base class."""
         self._aborted = True
         self.web.abort()
         if self._source is not None:
@@ -219,8 +221,8 @@ class NetFtDevice(Device):
         if self._aborted:
             source.abort()
 
+    @override
     def close(self) -> None:
-        """See the base class."""
         self.pipeline.ring.close()
         self._recordings.pause()
         self._orientation.stop()
@@ -229,8 +231,8 @@ class NetFtDevice(Device):
         if self._source is not None:
             self._source.close()
 
+    @override
     def read(self, deadline: float) -> Sample | None:
-        """See the base class."""
         source = self.source
         while True:
             batch = source.receive(deadline, min(self._due, deadline))
@@ -242,13 +244,16 @@ class NetFtDevice(Device):
             if published is not None:
                 return self._sample(published, batch)
 
+    @override
     def write(self, setpoint: Setpoint) -> None:
         """Not called: a sensor has no modes."""
         raise NotImplementedError
 
+    @override
     def stop(self) -> None:
-        """See the base class."""
+        """Nothing moves."""
 
+    @override
     def enable(self) -> Steps:
         """Rely on the measurements from now on.
 
@@ -265,8 +270,8 @@ class NetFtDevice(Device):
         yield from ()
 
     @property
+    @override
     def condition(self) -> Condition:
-        """See the base class."""
         now = time.monotonic()
         reason = self.monitor.error(now)
         if self._source is not None and self._source.frozen:
@@ -278,8 +283,8 @@ class NetFtDevice(Device):
     # --------------------------------------------------------------------------------------- diagnostics
 
     @property
+    @override
     def counters(self) -> Mapping[str, float]:
-        """See the base class."""
         counters = dict(self._source.counters) if self._source is not None else {}
         counters["record_rate"] = self._source.record_rate if self._source is not None else 0.0
         counters["error_records"] = float(self.monitor.error_records)
@@ -293,8 +298,8 @@ class NetFtDevice(Device):
         return counters
 
     @property
+    @override
     def notes(self) -> tuple[Note, ...]:
-        """See the base class."""
         now = time.monotonic()
         monitor = self.monitor
         found = [
@@ -335,13 +340,13 @@ class NetFtDevice(Device):
     # ------------------------------------------------------------------------- services and inputs
 
     @property
+    @override
     def services(self) -> Mapping[str, Service]:
-        """See the base class."""
         return self._services.table
 
     @property
+    @override
     def inputs(self) -> Mapping[str, Input]:
-        """See the base class."""
         taken = {
             "set_bias": Input(
                 "software bias, in the sensor's frame", Payload.WRENCH, self._services.take_bias

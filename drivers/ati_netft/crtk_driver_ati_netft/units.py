@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_drivers.samples import Vector, vector
 
 _POUND = 4.4482216152605
@@ -98,6 +100,7 @@ class Scale:
                     f"({LEAST_COUNT:g} to {MOST_COUNT:g})"
                 )
 
+    @override
     def __str__(self) -> str:
         force, torque = self.factors[[0, 3]].tolist()
         return f"{force:.6g} N and {torque:.6g} N·m a count"

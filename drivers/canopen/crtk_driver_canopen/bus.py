@@ -17,6 +17,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Final
 
+from typing_extensions import override
+
 from crtk_driver_canopen.bus_state import (
     FATAL,
     BusCounters,
@@ -73,6 +75,7 @@ class BusAddress:
     bitrate: int
     options: Mapping[str, Any] = field(default_factory=dict)
 
+    @override
     def __str__(self) -> str:
         return f"{self.interface} {self.channel}".strip()
 

@@ -10,6 +10,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_driver_canopen.pdo import Pdo
 from crtk_drivers.errors import ConfigError
 
@@ -95,6 +97,7 @@ class BusLoad:
         """Share of the bus that everything can take."""
         return (self.worst / self.period + self.other) / self.bitrate
 
+    @override
     def __str__(self) -> str:
         least, most = (1e3 * bits / self.bitrate for bits in (self.bits, self.worst))
         return (

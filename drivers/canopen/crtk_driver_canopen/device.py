@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
 import numpy as np
+from typing_extensions import override
 
 from crtk_driver_canopen.arm_link import COLLECT, ArmLink
 from crtk_driver_canopen.axis import Axis
@@ -84,19 +85,19 @@ class CanopenDevice(Device):
         self._transition = False
 
     @property
+    @override
     def capabilities(self) -> Capabilities:
-        """See the base class."""
         return self._capabilities
 
     @property
+    @override
     def address(self) -> str:
-        """See the base class."""
         nodes = ", ".join(map(str, self._config.nodes))
         return f"{self._config.bus.interface} {self._config.bus.channel} nodes {nodes}"
 
     @property
+    @override
     def bus(self) -> str:
-        """See the base class."""
         return f"{self._config.bus.interface} {self._config.bus.channel}"
 
     @property
@@ -106,8 +107,9 @@ class CanopenDevice(Device):
 
     # ----------------------------------------------------------------------------------- life cycle
 
+    @override
     def open(self, deadline: float) -> None:
-        """See the base class. Drives with power lose it once they stand, but those that were left holding."""
+        """Drives with power lose it once they stand, but those that were left holding."""
         self.link.open(deadline)
         self._transition = False
         self._condition = Condition()
@@ -115,12 +117,13 @@ class CanopenDevice(Device):
         if self.link.held:
             self._motion.begin_anew(time.monotonic())
 
+    @override
     def abort_open(self) -> None:
-        """See the base class."""
         self.link.link.abort_open()
 
+    @override
     def close(self) -> None:
-        """See the base class. Drives that have power are brought to rest, and left as `on_close` says."""
+        """Drives that have power are brought to rest, and left as `on_close` says."""
         try:
             if self.link.is_live and any(axis.is_powered for axis in self.axes):
                 self._leave()
@@ -180,12 +183,13 @@ class CanopenDevice(Device):
         return True
 
     @property
+    @override
     def found(self) -> str:
-        """See the base class."""
         return "; ".join(self.link.found.values())
 
+    @override
     def read(self, deadline: float) -> Sample | None:
-        """See the base class. A joint vector is whole or not there.
+        """A joint vector is whole or not there.
 
         Raises:
             BusLost: the bus cannot be used, or no drive answers.
@@ -305,47 +309,51 @@ class CanopenDevice(Device):
 
     # -------------------------------------------------------------------------------------- motion
 
+    @override
     def write(self, setpoint: Setpoint) -> None:
-        """See the base class. A setpoint of another kind begins with a change of mode."""
+        """A setpoint of another kind begins with a change of mode."""
         self._motion.follow(setpoint, time.monotonic())
         self.link.send()
 
+    @override
     def move(self, goal: Goal) -> None:
-        """See the base class. Each drive goes there by its own profile (profile position mode)."""
+        """Each drive goes there by its own profile (profile position mode)."""
         self._motion.move(goal, time.monotonic())
 
+    @override
     def move_progress(self) -> MoveProgress:
-        """See the base class."""
         return self._motion.progress()
 
+    @override
     def stop(self) -> None:
-        """See the base class. From another thread the drives are told to stop quickly, until `enable`."""
+        """From another thread the drives are told to stop quickly, until `enable`."""
         self._motion.stop()
         if not self.link.link.owned:
             self.link.stop_quickly()
 
     @property
+    @override
     def has_stopped(self) -> bool:
-        """See the base class."""
         return self._motion.stopped
 
     @property
+    @override
     def takes_setpoints(self) -> bool:
-        """See the base class."""
         return self._motion.takes_setpoints
 
     # ------------------------------------------------------------------------------------ transitions
 
     @property
+    @override
     def condition(self) -> Condition:
-        """See the base class."""
         return self._condition
 
     @property
+    @override
     def is_homed(self) -> bool:
-        """See the base class."""
         return all(axis.homed for axis in self.axes)
 
+    @override
     def enable(self) -> Steps:
         """Set up again what has started anew, clear faults, and give power, holding where it is."""
         self._transition = True
@@ -395,10 +403,12 @@ class CanopenDevice(Device):
                 remedy="Check its encoder, and the gear, offset and range that are configured.",
             )
 
+    @override
     def resume(self) -> Steps:
         """The drives have held all along."""
         yield from ()
 
+    @override
     def disable(self) -> Steps:
         """Take the power from the motors, or leave them holding, as configured."""
         if self._config.disable == "hold":
@@ -497,6 +507,7 @@ class CanopenDevice(Device):
                 )
             yield
 
+    @override
     def home(self) -> Steps:
         """Home every joint that has a method, all at once; the others stay where they are."""
         yield from self._rest()
@@ -543,6 +554,7 @@ class CanopenDevice(Device):
                 remedy="The drive takes the home offset (607Ch) the other way: change `homing.home_offset`.",
             )
 
+    @override
     def unhome(self) -> Steps:
         """Positions of joints that can be homed do not count any more."""
         for axis in self.axes:
@@ -552,8 +564,8 @@ class CanopenDevice(Device):
     # ------------------------------------------------------------------------------------------- told
 
     @property
+    @override
     def counters(self) -> Mapping[str, float]:
-        """See the base class."""
         counted, bus = self.link.counters, self.link.link.counters
         return {
             "missed_pdos": float(counted.missed),
@@ -568,8 +580,8 @@ class CanopenDevice(Device):
         }
 
     @property
+    @override
     def notes(self) -> tuple[Note, ...]:
-        """See the base class."""
         told = [
             Note(Severity.WARNING, axis.place, "warning (statusword bit 7)")
             for axis in self.axes

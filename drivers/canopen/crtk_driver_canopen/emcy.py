@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
+from typing_extensions import override
+
 __all__ = ["ERROR_CODES", "REGISTER_BITS", "Emergency", "decode", "error_text", "register_text"]
 
 REGISTER_BITS: Final[Mapping[int, str]] = MappingProxyType(
@@ -206,6 +208,7 @@ class Emergency(NamedTuple):
         """Whether it says that an error is gone."""
         return self.code & 0xFF00 == 0
 
+    @override
     def __str__(self) -> str:
         text = f"node {self.node}: {error_text(self.code)} (0x{self.code:04x})"
         if self.register:

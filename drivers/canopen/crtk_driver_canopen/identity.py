@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from typing_extensions import override
+
 from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.sdo import Sdo, SdoAborted
 from crtk_drivers.errors import DeviceError
@@ -40,6 +42,7 @@ class Identity:
         """Number of the CiA profile, for example 402."""
         return None if self.device_type is None else self.device_type & 0xFFFF
 
+    @override
     def __str__(self) -> str:
         numbers = {
             "vendor": self.vendor,

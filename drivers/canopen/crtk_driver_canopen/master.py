@@ -7,6 +7,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final, NamedTuple
 
+from typing_extensions import override
+
 from crtk_driver_canopen import emcy
 from crtk_driver_canopen.bus import CanLink
 from crtk_driver_canopen.emcy import Emergency
@@ -33,6 +35,7 @@ class BootUp(NamedTuple):
 
     node: int
 
+    @override
     def __str__(self) -> str:
         return f"node {self.node} has started anew: its configuration is lost"
 

@@ -11,6 +11,8 @@ from enum import Enum
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
+from typing_extensions import override
+
 __all__ = [
     "AXIS_STEP",
     "OBJECTS",
@@ -127,6 +129,7 @@ class Entry:
         """The entry of a PDO mapping that stands for it: index, sub-index and length in bits."""
         return self.index << 16 | self.sub << 8 | self.type.bits
 
+    @override
     def __str__(self) -> str:
         return f"{self.index:04X}h:{self.sub:02X} {self.name}"
 

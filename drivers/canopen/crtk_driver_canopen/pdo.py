@@ -15,6 +15,8 @@ from itertools import pairwise
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
+from typing_extensions import override
+
 from crtk_driver_canopen.objects import Entry, ObjectType, object_text
 from crtk_driver_canopen.sdo import MISSING, Sdo, SdoAborted
 from crtk_drivers.errors import ConfigError, DeviceError, ProtocolError
@@ -121,6 +123,7 @@ class Pdo:
         if not 1 <= self.id <= _ID:
             raise ValueError(f"{self}: COB-ID 0x{self.id:x} has more than 11 bits")
 
+    @override
     def __str__(self) -> str:
         return f"node {self.node} {self.direction} {self.number}"
 

@@ -16,6 +16,7 @@ from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.sdo import Sdo
@@ -73,6 +74,7 @@ class UnitObjects:
     velocity_unit: int | None = None
     rated_torque: float | None = None
 
+    @override
     def __str__(self) -> str:
         known = {each.name: getattr(self, each.name) for each in fields(self)}
         return ", ".join(

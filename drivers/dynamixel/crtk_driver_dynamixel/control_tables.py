@@ -20,6 +20,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_drivers.errors import ConfigError, MissingExtra
 
 __all__ = ["Coding", "ControlTable", "IndirectBlock", "Item", "control_table", "model_files"]
@@ -110,12 +112,15 @@ class ControlTable(Mapping[str, Item]):
     items_by_name: Mapping[str, Item]
     indirect: tuple[IndirectBlock, ...] = ()
 
+    @override
     def __getitem__(self, name: str) -> Item:
         return self.items_by_name[name]
 
+    @override
     def __iter__(self) -> Iterator[str]:
         return iter(self.items_by_name)
 
+    @override
     def __len__(self) -> int:
         return len(self.items_by_name)
 

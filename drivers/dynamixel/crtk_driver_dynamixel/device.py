@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from crtk_driver_dynamixel.calibration import load_calibration
 from crtk_driver_dynamixel.chain_link import ChainLink, lost
@@ -99,14 +100,15 @@ class _ChainDevice(Device):
         )
 
     @property
+    @override
     def address(self) -> str:
-        """See the base class."""
         return self.link.address
 
     # ----------------------------------------------------------------------------------- life cycle
 
+    @override
     def open(self, deadline: float) -> None:
-        """See the base class. It finds the servos, and changes nothing in them."""
+        """It finds the servos, and changes nothing in them."""
         self.link.open(deadline)
         self._thread = threading.get_ident()
         self._is_open = True
@@ -116,12 +118,13 @@ class _ChainDevice(Device):
         self._condition = Condition()
 
     @property
+    @override
     def found(self) -> str:
-        """See the base class."""
         return self.part.found
 
+    @override
     def close(self) -> None:
-        """See the base class. A servo that is not known to have stopped keeps its watchdog armed.
+        """A servo that is not known to have stopped keeps its watchdog armed.
 
         Raises:
             StopUnconfirmed: there is such a servo, and its adapter is there.
@@ -137,8 +140,9 @@ class _ChainDevice(Device):
         finally:
             self.link.close()
 
+    @override
     def read(self, deadline: float) -> Sample | None:
-        """See the base class. Arm and gripper share what a cycle reads.
+        """Arm and gripper share what a cycle reads.
 
         A joint vector has the stamp of the oldest value in it, and there is none as long as that does not get
         newer. After `silent_timeout` a fault names the servo, and the last vector goes on as invalid.
@@ -209,8 +213,9 @@ class _ChainDevice(Device):
 
     # -------------------------------------------------------------------------------------- setpoints
 
+    @override
     def write(self, setpoint: Setpoint) -> None:
-        """See the base class. A setpoint of another kind begins with a change of mode."""
+        """A setpoint of another kind begins with a change of mode."""
         self.part.send(setpoint.mode.kind, self._counts(setpoint.mode.kind, setpoint.values))
 
     @abstractmethod
@@ -234,56 +239,65 @@ class _ChainDevice(Device):
         counts[by_current] = scaling.effort.part(by_current.tolist()).to_counts(torques[by_current])
         return counts
 
+    @override
     def stop(self) -> None:
-        """See the base class. Another thread than that of `open` does not wait for the next cycle."""
+        """Another thread than that of `open` does not wait for the next cycle."""
         self.part.ask_to_stop()
         if threading.get_ident() != self._thread:
             self.part.stop_from_outside()
 
     @property
+    @override
     def has_stopped(self) -> bool:
-        """See the base class: the goal was read back, and in velocity mode that nothing turns."""
+        """The goal was read back, and in velocity mode that nothing turns."""
         return self.part.has_stopped
 
     @property
+    @override
     def takes_setpoints(self) -> bool:
-        """See the base class."""
         return self.part.takes_setpoints
 
     # ------------------------------------------------------------------------------------ transitions
 
     @property
+    @override
     def condition(self) -> Condition:
-        """See the base class."""
         return self._condition
 
+    @override
     def enable(self) -> Steps:
         """Restart servos with errors, set all up, and hold where they are."""
         yield from self.part.enable()
         self._condition = Condition()
 
+    @override
     def resume(self) -> Steps:
         """The servos have held all along."""
         yield from ()
 
+    @override
     def disable(self) -> Steps:
         """Take the torque away, or hold, as configured."""
         yield from self.part.disable()
 
+    @override
     def free(self) -> Steps:
         """Take the torque away, so that the joints can be moved by hand."""
         yield from self.part.free()
 
     @property
+    @override
     def is_homed(self) -> bool:
-        """See the base class: it is known in which turn every servo is."""
+        """It is known in which turn every servo is."""
         return not self.part.doubts
 
+    @override
     def home(self) -> Steps:
         """Take the joints to be where `measured_js` says: somebody has looked. Nothing moves."""
         yield from ()
         self.part.trust()
 
+    @override
     def unhome(self) -> Steps:
         """Take the turns as not known."""
         yield from ()
@@ -292,13 +306,13 @@ class _ChainDevice(Device):
     # ------------------------------------------------------------------------------------------- told
 
     @property
+    @override
     def counters(self) -> Mapping[str, float]:
-        """See the base class."""
         return self.link.counters
 
     @property
+    @override
     def notes(self) -> tuple[Note, ...]:
-        """See the base class."""
         return tuple(self._notes())
 
     def _notes(self) -> list[Note]:
@@ -388,15 +402,16 @@ class ArmDevice(_ChainDevice):
         )
 
     @property
+    @override
     def capabilities(self) -> Capabilities:
-        """See the base class."""
         return self._capabilities
 
     @property
+    @override
     def children(self) -> Mapping[str, Device]:
-        """See the base class."""
         return {} if self._gripper is None else {GRIPPER: self._gripper}
 
+    @override
     def _state(self, frame: Frame, usable: NDArray[np.bool_], *, is_whole: bool) -> JointState:
         chain, scaling = self.part.chain, self.part.chain.scaling
         position = self._positions(self.part.own(frame.position), usable)
@@ -406,10 +421,12 @@ class ArmDevice(_ChainDevice):
             effort = chain.efforts(scaling.effort.to_si(self.part.own(frame.effort)))
         return JointState(position, vector(velocity), vector(effort))
 
+    @override
     def _positions(self, counts: Counts, usable: NDArray[np.bool_] | None = None) -> Vector:
         chain = self.part.chain
         return vector(chain.positions(chain.scaling.position.to_si(counts), usable))
 
+    @override
     def _counts(self, kind: Kind, values: Vector) -> Counts:
         chain, scaling = self.part.chain, self.part.chain.scaling
         if kind is Kind.EFFORT:
@@ -445,10 +462,11 @@ class GripperDevice(_ChainDevice):
         )
 
     @property
+    @override
     def capabilities(self) -> Capabilities:
-        """See the base class."""
         return self._capabilities
 
+    @override
     def _state(self, frame: Frame, usable: NDArray[np.bool_], *, is_whole: bool) -> JointState:
         chain, scaling, finger = self.part.chain, self.part.chain.scaling, self._finger
         speeds = chain.positions(scaling.velocity.to_si(self.part.own(frame.velocity)), usable)
@@ -463,6 +481,7 @@ class GripperDevice(_ChainDevice):
             vector(effort if all(map(math.isfinite, effort)) else ()),
         )
 
+    @override
     def _velocity_steps(self) -> list[float]:
         (step,), limits = super()._velocity_steps(), self.part.chain.gripper_limits
         assert limits is not None
@@ -474,9 +493,11 @@ class GripperDevice(_ChainDevice):
         chain = self.part.chain
         return float(chain.positions(chain.scaling.position.to_si(counts), usable)[0])
 
+    @override
     def _positions(self, counts: Counts, usable: NDArray[np.bool_] | None = None) -> Vector:
         return vector((self._finger.opening(self._angle_at(counts, usable)),))
 
+    @override
     def _counts(self, kind: Kind, values: Vector) -> Counts:
         chain, scaling, finger, (value,) = (
             self.part.chain,

@@ -11,6 +11,8 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
+from typing_extensions import override
+
 from crtk_drivers.errors import ConfigError
 
 __all__ = ["Finger", "Jaw", "Linear", "SliderCrank"]
@@ -85,17 +87,18 @@ class SliderCrank(Finger):
             )
 
     @property
+    @override
     def is_prismatic(self) -> bool:
-        """See the base class."""
         return True
 
+    @override
     def opening(self, angle: float) -> float:
-        """See the base class."""
         across = self.horn * math.cos(angle)
         return 2.0 * (self.horn * math.sin(angle) + math.sqrt(self.rod**2 - across**2)) - self.gap
 
+    @override
     def angle(self, opening: float) -> float:
-        """See the base class. The result is within ±pi/2, where the opening grows with the angle."""
+        """The result is within ±pi/2, where the opening grows with the angle."""
         distance = 0.5 * (opening + self.gap)
         if distance > 0.0:
             # law of cosines in the triangle of axis and both pins of the rod
@@ -109,8 +112,8 @@ class SliderCrank(Finger):
             remedy=f"With this horn, rod and gap it is from {least:.4g} to {most:.4g} m.",
         )
 
+    @override
     def rate(self, angle: float) -> float:
-        """See the base class."""
         across = self.horn * math.cos(angle)
         along = self.horn * math.sin(angle)
         return 2.0 * across * (1.0 + along / math.sqrt(self.rod**2 - across**2))
@@ -140,20 +143,20 @@ class Linear(Finger):
             )
 
     @property
+    @override
     def is_prismatic(self) -> bool:
-        """See the base class."""
         return True
 
+    @override
     def opening(self, angle: float) -> float:
-        """See the base class."""
         return self.travel * angle + self.gap
 
+    @override
     def angle(self, opening: float) -> float:
-        """See the base class."""
         return (opening - self.gap) / self.travel
 
+    @override
     def rate(self, angle: float) -> float:
-        """See the base class."""
         return self.travel
 
 
@@ -162,18 +165,18 @@ class Jaw(Finger):
     """A jaw that turns with the servo: its opening is the servo's angle, in rad."""
 
     @property
+    @override
     def is_prismatic(self) -> bool:
-        """See the base class."""
         return False
 
+    @override
     def opening(self, angle: float) -> float:
-        """See the base class."""
         return angle
 
+    @override
     def angle(self, opening: float) -> float:
-        """See the base class."""
         return opening
 
+    @override
     def rate(self, angle: float) -> float:
-        """See the base class."""
         return 1.0

@@ -7,6 +7,8 @@ import stat
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from typing_extensions import override
+
 __all__ = ["Holder", "holders", "lock_owner"]
 
 _PROC: Final = Path("/proc")
@@ -18,6 +20,7 @@ class Holder(NamedTuple):
     pid: int
     command: str
 
+    @override
     def __str__(self) -> str:
         own = ", this one" if self.pid == os.getpid() else ""
         return f"process {self.pid} ({self.command}{own})"

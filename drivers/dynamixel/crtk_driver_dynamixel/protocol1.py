@@ -13,6 +13,8 @@ from enum import IntEnum
 from types import MappingProxyType
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_driver_dynamixel import framing
 from crtk_driver_dynamixel.framing import Status
 
@@ -196,6 +198,7 @@ class StatusParser(framing.StatusParser):
     def __init__(self, longest: int = 0xFF + _FRAME) -> None:
         super().__init__(longest)
 
+    @override
     def _size(self, buffer: bytearray) -> int:
         if len(buffer) < _FRAME:
             return _FRAME
@@ -203,15 +206,19 @@ class StatusParser(framing.StatusParser):
         possible = buffer[2] != 0xFF and _FRAME + _SHORTEST <= size <= self.longest
         return size if possible else 0
 
+    @override
     def _id(self, packet: bytes | bytearray) -> int:
         return packet[2]
 
+    @override
     def _is_valid(self, packet: bytes) -> bool:
         return checksum(packet[2:-1]) == packet[-1]
 
+    @override
     def _waits(self, packet: bytes) -> bool:
         return packet == self._request
 
+    @override
     def _status(self, packet: bytes, *, last: bool) -> Status | None:
         is_echo = packet == self._request and not last
         self._request = b""

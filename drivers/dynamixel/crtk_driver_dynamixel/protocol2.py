@@ -15,6 +15,8 @@ from enum import IntEnum
 from types import MappingProxyType
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_driver_dynamixel import framing
 from crtk_driver_dynamixel.crc import crc16
 from crtk_driver_dynamixel.framing import Status
@@ -290,20 +292,24 @@ class StatusParser(framing.StatusParser):
     def __init__(self, longest: int = 4096) -> None:
         super().__init__(longest)
 
+    @override
     def _size(self, buffer: bytearray) -> int:
         if len(buffer) < _HEAD.size:
             return _HEAD.size
         size = _HEAD.size + (buffer[5] | buffer[6] << 8)
         return size if _HEAD.size + _SHORTEST <= size <= self.longest else 0
 
+    @override
     def _id(self, packet: bytes | bytearray) -> int:
         return packet[4]
 
+    @override
     def _is_valid(self, packet: bytes) -> bool:
         if packet[7] == STATUS and len(packet) < status_size(0):
             return False
         return crc16(packet[:-2]) == packet[-2] | packet[-1] << 8
 
+    @override
     def _status(self, packet: bytes, *, last: bool) -> Status | None:
         if packet[7] != STATUS:
             return None

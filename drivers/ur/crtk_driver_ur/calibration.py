@@ -16,6 +16,7 @@ from typing import Final
 
 import numpy as np
 from pydantic import Field
+from typing_extensions import override
 
 from crtk_driver_ur.frames import IDENTITY, Transform, compose
 from crtk_driver_ur.kinematics import ArmKinematics, IkFailure, InverseKinematicsError
@@ -89,12 +90,12 @@ class CalibratedKinematics(ArmKinematics):
         self._calibration = calibration
         self._tool_or_none = None if tool == IDENTITY else tool
 
+    @override
     def forward(self, q: Sequence[float]) -> Transform:
-        """See the base class."""
         return self._tool_behind(self._calibration.flange(q))
 
+    @override
     def inverse(self, pose: Transform, reference: Sequence[float]) -> Vector6:
-        """See the base class."""
         with suppress(InverseKinematicsError):
             found = self._corrected(pose, reference)
             if _farthest(found, reference) < FOLLOWED:
@@ -142,8 +143,8 @@ class CalibratedKinematics(ArmKinematics):
         q1, q2, q3, q4, q5, q6 = q
         return q1, q2, q3, q4, q5, q6
 
+    @override
     def jacobian(self, q: Sequence[float]) -> Array:
-        """See the base class."""
         *joints, flange = self._calibration.frames(q)
         return _jacobian(joints, self._tool_behind(flange))
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from typing_extensions import override
+
 from crtk_driver_ur.control_requests import Request
 from crtk_driver_ur.dashboard import DashboardClient
 from crtk_driver_ur.request_worker import Controller, RequestWorker
@@ -30,14 +32,14 @@ class DashboardWorker(RequestWorker):
         super().__init__(controller)
         self._client = client_of(controller)
 
+    @override
     def carry_out(self, request: Request) -> Any:
-        """See the base class."""
         return self._client.ask(request.name, request.arguments)
 
+    @override
     def interrupt(self) -> None:
-        """See the base class."""
         self._client.interrupt()
 
+    @override
     def release(self) -> None:
-        """See the base class."""
         self._client.close()

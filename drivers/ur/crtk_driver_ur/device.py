@@ -15,6 +15,8 @@ from pkgutil import resolve_name
 from types import MappingProxyType
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_driver_ur.abilities import capabilities_of
 from crtk_driver_ur.arm_geometry import ArmGeometry
 from crtk_driver_ur.config import UrConfig
@@ -134,39 +136,42 @@ class UrDevice(Device):
     # ------------------------------------------------------------------------------------ description
 
     @property
+    @override
     def capabilities(self) -> Capabilities:
-        """See the base class."""
         return capabilities_of(self._config, self._model)
 
     @property
+    @override
     def address(self) -> str:
-        """See the base class."""
         return f"{self._config.host or '(no host)'}:{RTDE_PORT}"
 
     @property
+    @override
     def has_stopped(self) -> bool:
-        """See the base class: the program says so, or none of ours runs; and the controller aims at rest."""
+        """The program says so, or none of ours runs; and the controller aims at rest."""
         return self._robot.standing and not self._link.stopping
 
     @property
+    @override
     def found(self) -> str:
-        """See the base class."""
         return self._found
 
     @property
+    @override
     def takes_setpoints(self) -> bool:
-        """See the base class."""
         return not (self._link.stopping or self._is_changing)
 
     @property
+    @override
     def pace(self) -> float:
-        """See the base class: by the speed slider, and what the controller itself slows down."""
+        """By the speed slider, and what the controller itself slows down."""
         state = self._robot.state
         return 1.0 if state is None else state.combined_speed_scaling
 
     @property
+    @override
     def has_arrived(self) -> bool:
-        """See the base class: servoJ smooths, and is late by its lookahead."""
+        """ServoJ smooths, and is late by its lookahead."""
         state = self._robot.state
         if state is None:
             return True
@@ -179,8 +184,8 @@ class UrDevice(Device):
         return self._in_control and any(map(self._inputs.is_changing, AT_REST))
 
     @property
+    @override
     def condition(self) -> Condition:
-        """See the base class."""
         found = self._robot.condition
         if found.allows is not OperatingState.ENABLED or not self._in_control:
             return found
@@ -194,6 +199,7 @@ class UrDevice(Device):
         return self._why_stopped
 
     @property
+    @override
     def counters(self) -> Mapping[str, float]:
         """Of the RTDE stream (packages) and of whoever carries commands out."""
         state = self._robot.state
@@ -210,23 +216,23 @@ class UrDevice(Device):
         return counters
 
     @property
+    @override
     def services(self) -> Mapping[str, Service]:
-        """See the base class."""
         return self._services.table
 
     @property
+    @override
     def inputs(self) -> Mapping[str, Input]:
-        """See the base class."""
         return self._inputs.table
 
     @property
+    @override
     def readings(self) -> Mapping[str, Reading]:
-        """See the base class."""
         return self._readings.table
 
     @property
+    @override
     def notes(self) -> tuple[Note, ...]:
-        """See the base class."""
         state = self._robot.state
         reports = () if state is None else reports_of(state)
         nonsense = self._stream.nonsense if self._stream is not None else ""
@@ -248,8 +254,8 @@ class UrDevice(Device):
 
     # ------------------------------------------------------------------------------------- connection
 
+    @override
     def open(self, deadline: float) -> None:
-        """See the base class."""
         stream = self._opening = RtdeStream(self._config.host, frequency=self._config.frequency)
         if self._aborted:
             stream.close()
@@ -270,8 +276,8 @@ class UrDevice(Device):
         self._robot.state, self._in_control = None, False
         self._inputs.reset()
 
+    @override
     def abort_open(self) -> None:
-        """See the base class."""
         self._aborted = True
         opening = self._opening
         if opening is not None:
@@ -288,8 +294,8 @@ class UrDevice(Device):
                 remedy="Set `model` to the arm that is connected.",
             )
 
+    @override
     def close(self) -> None:
-        """See the base class."""
         stream, self._stream = self._stream, None
         if stream is not None:
             stream.close()
@@ -302,8 +308,8 @@ class UrDevice(Device):
         if has_power and not lost and self._config.on_close == "power_off":
             self._link.power_off_now()
 
+    @override
     def read(self, deadline: float) -> Sample | None:
-        """See the base class."""
         if self._stream is None:
             raise ConnectionLost("not open", where=f"ur {self.address}")
         self._link.follow()
@@ -326,8 +332,8 @@ class UrDevice(Device):
 
     # ----------------------------------------------------------------------------------------- motion
 
+    @override
     def write(self, setpoint: Setpoint) -> None:
-        """See the base class."""
         servo, link, valid_for = self._config.servo, self._link, self._config.stream_timeout
         self._goal = None
         values = setpoint.values.tolist()
@@ -343,14 +349,14 @@ class UrDevice(Device):
         else:
             link.speed_cartesian(values, servo.linear_acceleration, valid_for)
 
+    @override
     def stop(self) -> None:
-        """See the base class."""
         self._lag.end()
         self._goal = None
         self._link.stop()
 
+    @override
     def move(self, goal: Goal) -> None:
-        """See the base class."""
         self._lag.end()
         if self._is_changing:
             self._goal = goal
@@ -379,8 +385,8 @@ class UrDevice(Device):
             move.linear_acceleration * goal.ratios.acceleration,
         )
 
+    @override
     def move_progress(self) -> MoveProgress:
-        """See the base class."""
         goal = self._goal
         if goal is not None:
             if not self._is_changing:
@@ -392,8 +398,8 @@ class UrDevice(Device):
         moving = progress is MoveProgress.DONE and not self._robot.standing
         return MoveProgress.RUNNING if moving else progress
 
+    @override
     def free(self) -> Steps:
-        """See the base class."""
         self._goal = None
         self._link.freedrive()
         while True:
@@ -402,6 +408,7 @@ class UrDevice(Device):
 
     # ------------------------------------------------------------------------------------- transitions
 
+    @override
     def enable(self) -> Steps:
         """Power on, release the brakes, start the control program; unlock a protective stop if configured."""
         with self._robot.claimed():
@@ -413,6 +420,7 @@ class UrDevice(Device):
             self._geometry.check_model(self._robot.state)
             yield from self._start_program("enable")
 
+    @override
     def resume(self) -> Steps:
         """Take control again; the setpoint starts from where the arm is now."""
         with self._robot.claimed():
@@ -420,12 +428,14 @@ class UrDevice(Device):
             self._require_free("resume")
             yield from self._start_program("resume")
 
+    @override
     def pause(self) -> Steps:
         """Stop and keep the control program and the power."""
         self.stop()
         yield from self._robot.until(lambda: self._robot.standing)
         self._in_control = False
 
+    @override
     def disable(self) -> Steps:
         """Stop, end the control program, and switch the power off (if configured)."""
         self._in_control = False
@@ -488,17 +498,17 @@ class UrDevice(Device):
 
     # -------------------------------------------------------------------------------------- kinematics
 
+    @override
     def forward_kinematics(self, joints: Vector) -> Pose:
-        """See the base class."""
         return pose_of(self._geometry.kinematics.forward(joints.tolist()))
 
+    @override
     def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        """See the base class."""
         target = Transform.from_quaternion(pose.position.tolist(), pose.orientation.tolist())
         return vector(self._geometry.kinematics.inverse(target, reference.tolist()))
 
+    @override
     def jacobian(self, joints: Vector) -> Array:
-        """See the base class."""
         return self._geometry.kinematics.jacobian(joints.tolist())
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import socket
 from typing import Any, Final
 
+from typing_extensions import override
+
 from crtk_driver_ur.control_requests import Request
 from crtk_driver_ur.request_worker import Controller, RequestWorker
 from crtk_driver_ur.rtde.inputs import RtdeInputs
@@ -28,15 +30,15 @@ class OutputWorker(RequestWorker):
         super().__init__(controller)
         self._inputs = RtdeInputs(self.host)
 
+    @override
     def carry_out(self, request: Request) -> Any:
-        """See the base class."""
         if request.name == "write_inputs":
             self._inputs.write(request.arguments["values"])
         else:
             self._run_beside(_TOOL_VOLTAGE.format(request.arguments["voltage"]))
 
+    @override
     def release(self) -> None:
-        """See the base class."""
         self._inputs.close()
 
     def _run_beside(self, script: str) -> None:

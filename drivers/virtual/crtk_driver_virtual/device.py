@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
+from typing_extensions import override
 
 from crtk_driver_virtual.config import VirtualConfig, WallConfig
 from crtk_driver_virtual.models import load_arm
@@ -126,31 +127,33 @@ class VirtualDevice(Device):
     # ------------------------------------------------------------------------------------ description
 
     @property
+    @override
     def capabilities(self) -> Capabilities:
-        """See the base class."""
         return self._capabilities
 
     @property
+    @override
     def address(self) -> str:
-        """See the base class."""
         return self._config.address
 
     @property
+    @override
     def takes_setpoints(self) -> bool:
-        """See the base class."""
         return self.plant.command is not HOLD or self.plant.is_held
 
     @property
+    @override
     def is_homed(self) -> bool:
-        """See the base class."""
         return self._homed
 
     @property
+    @override
     def counters(self) -> Mapping[str, float]:
         """How long the plant has run, and what it left out because the process came too late."""
         return {"plant time (s)": self.plant.time, "time left out (s)": self._skipped}
 
     @property
+    @override
     def inputs(self) -> Mapping[str, Input]:
         """``apply_wrench``: a hand that pushes."""
         summary = "a hand that pushes: the wrench that acts on the tool from now on, in base axes"
@@ -158,17 +161,19 @@ class VirtualDevice(Device):
 
     # ------------------------------------------------------------------------------------- connection
 
+    @override
     def open(self, deadline: float) -> None:
-        """See the base class."""
         if not self.reachable:
             raise ConnectionFailed(
                 "no answer", where=self.address, remedy="Set `reachable` of the device again."
             )
         self._updated = time.monotonic()
 
+    @override
     def close(self) -> None:
-        """See the base class."""
+        """Nothing is open."""
 
+    @override
     def read(self, deadline: float) -> Sample | None:
         """Let the plant catch up with the clock, and say where it is."""
         if not self.reachable:
@@ -197,21 +202,23 @@ class VirtualDevice(Device):
 
     # ----------------------------------------------------------------------------------------- motion
 
+    @override
     def write(self, setpoint: Setpoint) -> None:
-        """See the base class."""
         self.plant.command = Command(_DRIVES[setpoint.mode], setpoint.values)
 
+    @override
     def stop(self) -> None:
-        """See the base class."""
         self.plant.command = HOLD
 
+    @override
     def free(self) -> Steps:
-        """See the base class. The weight is carried, whatever `use_gravity_compensation` said."""
+        """The weight is carried, whatever `use_gravity_compensation` said."""
         self.plant.command = FREE
         yield from ()
 
+    @override
     def use_gravity_compensation(self, on: bool) -> None:
-        """See the base class. It counts for efforts and wrenches."""
+        """It counts for efforts and wrenches."""
         self.plant.gravity_compensation = on
 
     def apply_wrench(self, wrench: Wrench) -> None:
@@ -244,6 +251,7 @@ class VirtualDevice(Device):
 
     # ------------------------------------------------------------------------------------- transitions
 
+    @override
     def enable(self) -> Steps:
         """Release the brakes and hold."""
         if self.plant.braked:
@@ -251,6 +259,7 @@ class VirtualDevice(Device):
             yield from self._transition()
             self.plant.braked = False
 
+    @override
     def disable(self) -> Steps:
         """Wait for the arm to stand, and close the brakes."""
         self.stop()
@@ -260,13 +269,14 @@ class VirtualDevice(Device):
         yield from self._transition()
         self.plant.braked = True
 
+    @override
     def home(self) -> Steps:
         """Take a moment; the positions were right before."""
         yield from self._transition()
         self._homed = True
 
+    @override
     def unhome(self) -> Steps:
-        """See the base class."""
         self._homed = False
         yield from ()
 
@@ -277,20 +287,20 @@ class VirtualDevice(Device):
 
     # -------------------------------------------------------------------------------------- kinematics
 
+    @override
     def forward_kinematics(self, joints: Vector) -> Pose:
-        """See the base class."""
         return self._chain.forward(joints)
 
+    @override
     def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        """See the base class."""
         return self._chain.inverse(pose, reference)
 
+    @override
     def nearby_inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        """See the base class."""
         return self._chain.inverse(pose, reference, restarts=0)
 
+    @override
     def jacobian(self, joints: Vector) -> Array:
-        """See the base class."""
         return self._chain.jacobian(joints)
 
 

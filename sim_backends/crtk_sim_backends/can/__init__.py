@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.can.config import SimConfig
 from crtk_sim_backends.options import ConfigError
 from crtk_sim_backends.process import RunningSim, SimStartError
@@ -28,12 +30,14 @@ class CanSimulator(Simulator[SimConfig, "HubServer"]):
     summary = "CAN bus without kernel support, for python-can, socketcand and slcan clients"
     Config = SimConfig
 
+    @override
     def serve(self, config: SimConfig, parent_fd: int | None) -> HubServer:
         """Open its doors."""
         from crtk_sim_backends.can.server import HubServer
 
         return HubServer(config, parent_fd)
 
+    @override
     def places(self, server: HubServer) -> dict[str, Any]:
         """Add `ttys`, `paths` and `hints`.
 
@@ -43,6 +47,7 @@ class CanSimulator(Simulator[SimConfig, "HubServer"]):
         places = {"ttys": server.ttys, "paths": server.paths, "hints": list(hints(server))}
         return {**super().places(server), **places}
 
+    @override
     def describe(self, server: HubServer) -> Iterator[str]:
         """Tell the bit rate and how programs connect."""
         yield f"virtual CAN bus {server.config.channel}, {pace(server)}"

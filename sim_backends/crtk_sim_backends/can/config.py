@@ -7,6 +7,8 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.can.hub import DEFAULT_QUEUE
 from crtk_sim_backends.can.medium import STUFFING
 from crtk_sim_backends.can.socketcand import PORT
@@ -53,6 +55,7 @@ class SimConfig(Options):
     replay: str = option("", "candump log to send from the start")
     replay_speed: float = option(1.0, "pace of the replay; 2: twice as fast, 0: without pauses")
 
+    @override
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.bitrate != 0 and not 1000 <= self.bitrate <= 1_000_000:

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.can import hints, pace
 from crtk_sim_backends.canopen.config import SimConfig
 from crtk_sim_backends.options import ConfigError
@@ -28,12 +30,14 @@ class CanopenSimulator(Simulator[SimConfig, "DrivesServer"]):
     summary = "CANopen servo drives (CiA 402) on a virtual CAN bus"
     Config = SimConfig
 
+    @override
     def serve(self, config: SimConfig, parent_fd: int | None) -> DrivesServer:
         """Open the doors of their bus."""
         from crtk_sim_backends.canopen.server import DrivesServer
 
         return DrivesServer(config, parent_fd)
 
+    @override
     def places(self, server: DrivesServer) -> dict[str, Any]:
         """Add `ttys`, `paths` and `hints`.
 
@@ -44,6 +48,7 @@ class CanopenSimulator(Simulator[SimConfig, "DrivesServer"]):
         places = {"ttys": server.ttys, "paths": paths, "hints": list(_hints(server))}
         return {**super().places(server), **places}
 
+    @override
     def describe(self, server: DrivesServer) -> Iterator[str]:
         """Tell how many there are and how programs connect."""
         bus = f"the virtual bus {server.config.channel}, {pace(server)}"

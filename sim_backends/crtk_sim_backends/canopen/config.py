@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import yaml
+from typing_extensions import override
 
 from crtk_sim_backends.can.config import SimConfig as BusConfig
 from crtk_sim_backends.canopen.drive import DriveConfig
@@ -44,6 +45,7 @@ class SimConfig(BusConfig):
     eds: str = option("", "where to write the EDS of the drives")
     socketcand_port: int = option(0, "TCP port of the socketcand server; 0: any free one")
 
+    @override
     def __post_init__(self) -> None:
         super().__post_init__()
         check_range("axes", self.axes, 1, MOST_AXES)

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final, Protocol
 
+from typing_extensions import override
+
 from crtk_sim_backends.canopen.modes import (
     BIT_12,
     BIT_13,
@@ -158,6 +160,7 @@ class Homing(Mode):
         self._stalled = 0.0  # s
         self._running = self._attained = self._failed = False
 
+    @override
     def enter(self) -> None:
         """Begin where the axis stands."""
         self._stop()
@@ -177,6 +180,7 @@ class Homing(Mode):
         self._phases = []
         self._running = False
 
+    @override
     def control(self, word: int, before: int) -> None:
         """Follow the bits of the mode."""
         if not word & NEW_SETPOINT:
@@ -206,6 +210,7 @@ class Homing(Mode):
         self._stop()
         self._attained = True
 
+    @override
     def step(self, dt: float) -> None:
         """Advance the setpoint."""
         axis, setpoint = self._homing, self.axis.setpoint
@@ -262,6 +267,7 @@ class Homing(Mode):
                 self._stop()
                 self._failed = True
 
+    @override
     def status(self, halted: bool) -> int:
         """Bits 10, 12 and 13."""
         moving = self.axis.setpoint.velocity != 0.0

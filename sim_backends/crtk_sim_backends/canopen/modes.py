@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final, Protocol
 
+from typing_extensions import override
+
 from crtk_sim_backends.canopen.profile import approach, ramp_velocity, toward
 
 NEW_SETPOINT: Final = 1 << 4
@@ -143,6 +145,7 @@ class ProfilePosition(Mode):
         self._goal = 0.0
         self._reached = Window()
 
+    @override
     def enter(self) -> None:
         """Begin where the axis stands."""
         self._running = self._waiting = None
@@ -150,6 +153,7 @@ class ProfilePosition(Mode):
         self._goal = self.axis.setpoint.position
         self._reached = Window()
 
+    @override
     def control(self, word: int, before: int) -> None:
         """Follow the bits of the mode."""
         if not word & NEW_SETPOINT:
@@ -174,6 +178,7 @@ class ProfilePosition(Mode):
             position += (last, axis.setpoint.position, axis.position)[axis.value(0x60F2) & 3]
         return axis.within_limits(position)
 
+    @override
     def step(self, dt: float) -> None:
         """Advance the setpoint."""
         axis, setpoint = self.axis, self.axis.setpoint
@@ -208,6 +213,7 @@ class ProfilePosition(Mode):
         here, goal = self.axis.setpoint.position, self._running.position
         return (goal - here) * (self._waiting.position - goal) > 0
 
+    @override
     def status(self, halted: bool) -> int:
         """Bits 10, 12 and 13."""
         if halted:
@@ -231,10 +237,12 @@ class ProfileVelocity(Mode):
         super().__init__(axis)
         self._reached, self._moving, self._slipping = Window(), Window(), Window()
 
+    @override
     def enter(self) -> None:
         """Begin where the axis stands."""
         self._reached, self._moving, self._slipping = Window(), Window(), Window()
 
+    @override
     def step(self, dt: float) -> None:
         """Advance the setpoint."""
         axis, setpoint = self.axis, self.axis.setpoint
@@ -248,6 +256,7 @@ class ProfileVelocity(Mode):
         slip = abs(axis.velocity - setpoint.velocity) > axis.speed(0x60F8)
         self._slipping.hold(slip, dt)
 
+    @override
     def status(self, halted: bool) -> int:
         """Bits 10, 12 and 13."""
         axis = self.axis
@@ -269,10 +278,12 @@ class ProfileTorque(Mode):
     number = 4
     halts = True
 
+    @override
     def enter(self) -> None:
         """Begin where the axis stands."""
         self.axis.setpoint.torque = 0.0
 
+    @override
     def step(self, dt: float) -> None:
         """Advance the setpoint."""
         axis, setpoint = self.axis, self.axis.setpoint
@@ -281,6 +292,7 @@ class ProfileTorque(Mode):
         target = min(max(axis.value(0x6071), -most), most)
         setpoint.torque = approach(setpoint.torque, target, axis.value(0x6087) * dt)
 
+    @override
     def status(self, halted: bool) -> int:
         """Bits 10, 12 and 13."""
         if halted:
@@ -300,6 +312,7 @@ class Interpolated(Mode):
         self._rest = 0.0  # s until the goal
         self._fresh = False  # a target has come since the mode was entered
 
+    @override
     def enter(self) -> None:
         """Begin where the axis stands."""
         self._goal = self.axis.setpoint.position
@@ -309,6 +322,7 @@ class Interpolated(Mode):
     def _wanted(self) -> float:
         return float(self.axis.value(*self.target))
 
+    @override
     def targets(self) -> None:
         """Take the targets."""
         goal = self.axis.within_limits(self._wanted())
@@ -316,6 +330,7 @@ class Interpolated(Mode):
             return
         self._goal, self._rest, self._fresh = goal, self.axis.period, True
 
+    @override
     def step(self, dt: float) -> None:
         """Advance the setpoint."""
         setpoint = self.axis.setpoint
@@ -327,6 +342,7 @@ class Interpolated(Mode):
         setpoint.position += setpoint.velocity * min(dt, self._rest)
         self._rest -= dt
 
+    @override
     def status(self, halted: bool) -> int:
         """Bits 10, 12 and 13."""
         return BIT_12 | (BIT_13 if self.axis.following_error else 0)
@@ -342,11 +358,13 @@ class InterpolatedPosition(Interpolated):
         super().__init__(axis)
         self._active = False
 
+    @override
     def enter(self) -> None:
         """Begin where the axis stands."""
         super().enter()
         self._active = False
 
+    @override
     def control(self, word: int, before: int) -> None:
         """Follow the bits of the mode."""
         active = bool(word & NEW_SETPOINT)
@@ -354,11 +372,13 @@ class InterpolatedPosition(Interpolated):
             super().enter()
         self._active = active
 
+    @override
     def targets(self) -> None:
         """Take the targets."""
         if self._active:
             super().targets()
 
+    @override
     def status(self, halted: bool) -> int:
         """Bits 10, 12 and 13."""
         axis = self.axis
@@ -372,9 +392,11 @@ class CyclicPosition(Interpolated):
     number = 8
     target = (0x607A, 0)
 
+    @override
     def _wanted(self) -> float:
         return float(self.axis.value(0x607A) + self.axis.value(0x60B0))
 
+    @override
     def step(self, dt: float) -> None:
         """Advance the setpoint."""
         super().step(dt)
@@ -386,12 +408,14 @@ class CyclicVelocity(Mode):
 
     number = 9
 
+    @override
     def enter(self) -> None:
         """Begin where the axis stands."""
         self._wanted = 0.0
 
     _wanted = 0.0
 
+    @override
     def targets(self) -> None:
         """Take the targets."""
         axis = self.axis
@@ -400,6 +424,7 @@ class CyclicVelocity(Mode):
         self._wanted = min(max(wanted, -fastest), fastest)
         axis.limited = self._wanted != wanted
 
+    @override
     def step(self, dt: float) -> None:
         """Advance the setpoint."""
         setpoint = self.axis.setpoint
@@ -409,6 +434,7 @@ class CyclicVelocity(Mode):
         )
         setpoint.torque = float(self.axis.value(0x60B2))
 
+    @override
     def status(self, halted: bool) -> int:
         """Bits 10, 12 and 13."""
         return BIT_12
@@ -419,21 +445,25 @@ class CyclicTorque(Mode):
 
     number = 10
 
+    @override
     def enter(self) -> None:
         """Begin where the axis stands."""
         self.axis.setpoint.torque = self._wanted = 0.0
 
     _wanted = 0.0
 
+    @override
     def targets(self) -> None:
         """Take the targets."""
         self._wanted = float(self.axis.value(0x6071) + self.axis.value(0x60B2))
 
+    @override
     def step(self, dt: float) -> None:
         """Advance the setpoint."""
         self.axis.setpoint.control = Control.TORQUE
         self.axis.setpoint.torque = self._wanted
 
+    @override
     def status(self, halted: bool) -> int:
         """Bits 10, 12 and 13."""
         return BIT_12

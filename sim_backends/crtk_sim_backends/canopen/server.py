@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from typing_extensions import override
+
 from crtk_sim_backends.can import injection as bus
 from crtk_sim_backends.can.hub import Hub
 from crtk_sim_backends.can.server import HubServer
@@ -42,10 +44,11 @@ class DrivesServer(HubServer):
 
         super().__init__(config, parent_fd, devices)
 
+    @override
     def scene(self) -> Scene:
-        """See the base class."""
         return scene.scene(self._options, self.host, list(self.drives))
 
+    @override
     def live(self) -> Live:
         """Add the motors."""
         found = super().live()

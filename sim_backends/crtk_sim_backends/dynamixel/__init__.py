@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.dynamixel.config import SimConfig
 from crtk_sim_backends.options import ConfigError
 from crtk_sim_backends.process import RunningSim, SimStartError
@@ -27,16 +29,19 @@ class DynamixelSimulator(Simulator[SimConfig, "DynamixelServer"]):
     summary = "DYNAMIXEL servos on a serial bus (protocol 2.0 and 1.0), with their timing"
     Config = SimConfig
 
+    @override
     def serve(self, config: SimConfig, parent_fd: int | None) -> DynamixelServer:
         """Make the ttys and the control socket."""
         from crtk_sim_backends.dynamixel.server import DynamixelServer
 
         return DynamixelServer(config, parent_fd)
 
+    @override
     def places(self, server: DynamixelServer) -> dict[str, Any]:
         """Add `ttys`, by bus; `ports` has the TCP port of each bus by the same name."""
         return {**super().places(server), "ttys": server.ttys}
 
+    @override
     def describe(self, server: DynamixelServer) -> Iterator[str]:
         """Tell the tty and the servos of every bus."""
         config = server.config

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.dynamixel.models import MODELS, Model
 from crtk_sim_backends.faults import unknown
 from crtk_sim_backends.options import (
@@ -105,6 +107,7 @@ class SimConfig(Options):
     seed: int = option(0, "seed of everything random")
     trace_size: int = option(5000, "how many received instructions the trace keeps")
 
+    @override
     def __post_init__(self) -> None:
         super().__post_init__()
         for name, choices in (("timing", TIMINGS), ("chain", CHAINS)):

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.dynamixel.drive import Mode
 from crtk_sim_backends.dynamixel.models import Model
 from crtk_sim_backends.dynamixel.packets import ALERT, Code, Error
@@ -49,8 +51,8 @@ class LegacyServo(Servo):
         self._errors = 0
         self.started(joint.time)
 
+    @override
     def derive(self) -> None:
-        """See the base class."""
         super().derive()
         value = self["baud_rate"]
         self.protocol = 2 if self._is_xl320 else 1
@@ -64,8 +66,8 @@ class LegacyServo(Servo):
         return self.model.series is Series.XL320
 
     @property
+    @override
     def error_bits(self) -> int:
-        """See the base class."""
         if self._is_xl320:
             return ALERT if self["hardware_error_status"] else 0
         return self._errors
@@ -84,8 +86,8 @@ class LegacyServo(Servo):
         return angle / units.position + units.zero + self._turns
 
     @property
+    @override
     def limits(self) -> tuple[float, float] | None:
-        """See the base class."""
         if self._mode is not Mode.POSITION:
             return None
         units = self.model.units
@@ -94,8 +96,8 @@ class LegacyServo(Servo):
 
     # Measured values
 
+    @override
     def refresh(self, time: float, start: int = 0, end: int = 65536) -> None:
-        """See the base class."""
         drive, units = self.drive, self.model.units
         self.advance(time)
         self["present_position"] = self._present_position()
@@ -115,13 +117,13 @@ class LegacyServo(Servo):
         if self.stuffing is not None:
             self["present_position"] = next(self.stuffing)[2] & 0x7FFF
 
+    @override
     def acted(self, watchdog: bool, overload: bool) -> None:
-        """See the base class."""
         if overload:
             self.force_error(OVERLOAD)
 
+    @override
     def watch_limits(self) -> None:
-        """See the base class."""
         if not self["min_voltage_limit"] <= round(10.0 * self.volts) <= self["max_voltage_limit"]:
             self.force_error(VOLTAGE)
         if self.temperature > self["temperature_limit"]:
@@ -135,11 +137,13 @@ class LegacyServo(Servo):
             return max(0, min(1023, count))  # beyond 300 degrees there is nothing to measure
         return count % self.model.units.counts
 
+    @override
     def heard(self, time: float) -> None:
-        """See the base class; there is no watchdog."""
+        """There is no watchdog."""
 
+    @override
     def force_error(self, bit: int) -> None:
-        """See the base class; `bit` is one of protocol 2.0 or 1.0, which agree on those that both have."""
+        """`bit` is one of protocol 2.0 or 1.0, which agree on those that both have."""
         own = _FOREIGN_BITS.get(bit, OVERLOAD)
         if self._is_xl320:
             self["hardware_error_status"] |= 1 << XL320_BITS[own]
@@ -150,15 +154,15 @@ class LegacyServo(Servo):
 
     # Writes
 
+    @override
     def refused(self, name: str, value: int) -> Error:
-        """See the base class."""
         if name == "goal_position" and self._mode is Mode.POSITION:
             inside = self["cw_angle_limit"] <= value <= self["ccw_angle_limit"]
             return Error.NONE if inside else Error.LIMIT
         return Error.NONE
 
+    @override
     def written(self, name: str, time: float) -> None:
-        """See the base class."""
         if name == "torque_enable" and not self.torque_enabled:
             self.drive.switch(None, time)
         elif name in ("goal_position", "moving_speed", "torque_enable", "torque_limit"):
@@ -197,14 +201,15 @@ class LegacyServo(Servo):
 
     # Other instructions
 
+    @override
     def execute(self, code: int, parameters: bytes, time: float, *, broadcast: bool) -> Answer:
-        """See the base class. The AX series knows no reboot."""
+        """The AX series knows no reboot."""
         if code == Code.REBOOT and self.model.series is Series.AX:
             return Error.INSTRUCTION, b""
         return super().execute(code, parameters, time, broadcast=broadcast)
 
+    @override
     def started(self, time: float) -> None:
-        """See the base class."""
         self._errors = 0
         if self._is_xl320:
             self["hardware_error_status"] = 0

@@ -11,6 +11,8 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.dynamixel.drive import CURRENT_MODES, POSITION_MODES, Mode
 from crtk_sim_backends.dynamixel.models import Model
 from crtk_sim_backends.dynamixel.packets import ALERT, Error
@@ -107,8 +109,8 @@ class ModernServo(Servo):
 
     mode: Mode
 
+    @override
     def derive(self) -> None:
-        """See the base class."""
         super().derive()
         kind = self["protocol_type"]
         self.protocol = kind if kind in (1, 2) else 0  # 20 to 22: remote control receivers
@@ -127,13 +129,13 @@ class ModernServo(Servo):
         self._per_torque = self._way * full / model.torque
 
     @property
+    @override
     def error_bits(self) -> int:
-        """See the base class."""
         return ALERT if self["hardware_error_status"] else 0
 
     @property
+    @override
     def legacy_bits(self) -> int:
-        """See the base class."""
         return self["hardware_error_status"] & 0x25
 
     @property
@@ -168,8 +170,8 @@ class ModernServo(Servo):
 
     # Measured values
 
+    @override
     def refresh(self, time: float, start: int = 0, end: int = 65536) -> None:
-        """See the base class."""
         drive, units, offset = self.drive, self.model.units, self._offset
         self.advance(time)
         way, angle = self._way, drive.angle
@@ -212,8 +214,8 @@ class ModernServo(Servo):
             status |= 0x08
         return status
 
+    @override
     def acted(self, watchdog: bool, overload: bool) -> None:
-        """See the base class."""
         if watchdog:
             self["bus_watchdog"] = _TRIPPED
             for name in ("profile_velocity", "profile_acceleration"):
@@ -221,16 +223,17 @@ class ModernServo(Servo):
         if overload:
             self.force_error(OVERLOAD)
 
+    @override
     def watch_limits(self) -> None:
-        """See the base class."""
         volts = round(10.0 * self.volts)
         if not self["min_voltage_limit"] <= volts <= self["max_voltage_limit"]:
             self.force_error(VOLTAGE)
         if self.temperature > self["temperature_limit"]:
             self.force_error(OVERHEAT)
 
+    @override
     def force_error(self, bit: int) -> None:
-        """See the base class; what Shutdown (63) names takes the torque away until a reboot."""
+        """What Shutdown (63) names takes the torque away until a reboot."""
         self["hardware_error_status"] |= 1 << bit
         if self["shutdown"] >> bit & 1 and not self._shut_down:
             self._shut_down = True
@@ -239,8 +242,8 @@ class ModernServo(Servo):
 
     # Writes
 
+    @override
     def refused(self, name: str, value: int) -> Error:
-        """See the base class."""
         if name in _GOALS and self["bus_watchdog"] == _TRIPPED:
             return Error.RANGE
         if name == "operating_mode":
@@ -264,15 +267,15 @@ class ModernServo(Servo):
         return -_MULTI_TURN_LIMIT, _MULTI_TURN_LIMIT
 
     @property
+    @override
     def limits(self) -> tuple[float, float] | None:
-        """See the base class."""
         if self.mode is not Mode.POSITION:
             return None
         one, other = map(self._angle, self._goal_limits())
         return min(one, other), max(one, other)
 
+    @override
     def written(self, name: str, time: float) -> None:
-        """See the base class."""
         effect = self._effects.get(name)
         if effect is not None:
             effect(time)
@@ -375,8 +378,8 @@ class ModernServo(Servo):
 
     # Bus Watchdog (98)
 
+    @override
     def heard(self, time: float) -> None:
-        """See the base class."""
         if self.drive.alarm < math.inf:
             self.advance(time)
             self._feed_watchdog(time)
@@ -392,8 +395,8 @@ class ModernServo(Servo):
 
     # Other instructions
 
+    @override
     def started(self, time: float) -> None:
-        """See the base class."""
         self._shut_down = False
         self["hardware_error_status"] = 0
         self._forget_turns()
@@ -405,6 +408,7 @@ class ModernServo(Servo):
             self["torque_enable"] = 1
             self._torque(time)
 
+    @override
     def clear(self, parameters: bytes, time: float) -> Error:
         """Clear (0x10): full turns are forgotten, if it stands still."""
         if parameters != MULTI_TURN_CLEAR:
@@ -418,6 +422,7 @@ class ModernServo(Servo):
             self.drive.stand(time)
         return Error.NONE
 
+    @override
     def back_up(self, parameters: bytes, time: float) -> Error:
         """Control Table Backup (0x20): keep RAM over power-off, or take it back and reboot."""
         since = BACKUP_SINCE.get(self.model.series)

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.netft.config import SimConfig
 from crtk_sim_backends.options import ConfigError
 from crtk_sim_backends.process import RunningSim, SimStartError
@@ -26,12 +28,14 @@ class NetFtSimulator(Simulator[SimConfig, "NetFtServer"]):
     summary = "ATI NetFT sensor box (Net Box, Ethernet Axia, SCHUNK FTN, OnRobot HEX)"
     Config = SimConfig
 
+    @override
     def serve(self, config: SimConfig, parent_fd: int | None) -> NetFtServer:
         """Bind its ports."""
         from crtk_sim_backends.netft.server import NetFtServer
 
         return NetFtServer(config, parent_fd)
 
+    @override
     def describe(self, server: NetFtServer) -> Iterator[str]:
         """Tell which box it is, and its ports."""
         config = server.config

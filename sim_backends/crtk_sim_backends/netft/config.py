@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.netft.loads import Load, LoadError, parse_load
 from crtk_sim_backends.netft.profiles import PRESETS, PROFILES, USUAL_PRESET, Preset, Profile
 from crtk_sim_backends.netft.settings import MOST_RECORDS
@@ -59,6 +61,7 @@ class SimConfig(Options):
         HTTP_PORT, "port of the web pages; 0, or when the system does not permit 80: any free one"
     )
 
+    @override
     def __post_init__(self) -> None:
         super().__post_init__()
         choices = {"profile": (AUTO, *PROFILES), "preset": (AUTO, *PRESETS), "bias": BIASES}

@@ -30,6 +30,8 @@ from importlib import resources
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.command_line import stopped_by_signals
 from crtk_sim_backends.control import ControlError, ControlRefused
 from crtk_sim_backends.page import address_of
@@ -146,6 +148,7 @@ class _Request(BaseHTTPRequestHandler):
         """Let a fault begin, or end them."""
         self._answer(self._post)
 
+    @override
     def log_message(self, format: str, *args: Any) -> None:
         """Tell it to the log."""
         log.debug(format, *args)

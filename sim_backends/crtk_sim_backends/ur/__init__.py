@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.options import ConfigError
 from crtk_sim_backends.process import RunningSim, SimStartError
 from crtk_sim_backends.simulator import Simulator
@@ -26,12 +28,14 @@ class UrSimulator(Simulator[SimConfig, "UrServer"]):
     summary = "Universal Robots controller (CB3, e-Series, PolyScope X) that runs URScript"
     Config = SimConfig
 
+    @override
     def serve(self, config: SimConfig, parent_fd: int | None) -> UrServer:
         """Bind its ports."""
         from crtk_sim_backends.ur.server import UrServer
 
         return UrServer(config, parent_fd)
 
+    @override
     def describe(self, server: UrServer) -> Iterator[str]:
         """Tell which arm it is, its software, and its ports."""
         config = server.config

@@ -9,6 +9,8 @@ from math import radians
 from pathlib import Path
 from typing import ClassVar, Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.options import (
     ConfigError,
     Options,
@@ -169,6 +171,7 @@ class SimConfig(Options):
         LARGEST_POSITION, "position of joints that stops it, degrees to both sides"
     )
 
+    @override
     def __post_init__(self) -> None:
         super().__post_init__()
         check_choice("model", self.model, MODELS, "arm")

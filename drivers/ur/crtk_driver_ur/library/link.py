@@ -12,6 +12,8 @@ import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any
 
+from typing_extensions import override
+
 from crtk_driver_ur.control_link import INTERRUPTED, PROGRAM_STOPPED, ControlLink
 from crtk_driver_ur.control_options import ControlOptions
 from crtk_driver_ur.library.packets import Event, EventKind
@@ -49,7 +51,7 @@ logger = logging.getLogger(__name__)
 
 
 class ProcessLink(ControlLink):
-    """See the base class.
+    """Control by the vendor library, in a process of its own.
 
     Args:
         host: address of the controller.
@@ -74,16 +76,16 @@ class ProcessLink(ControlLink):
 
     # The process
 
+    @override
     def open(self, version: tuple[int, int], *, has_local_control: bool) -> None:
-        """See the base class."""
         self.loss, self.remote, self.has_local_control = "", None, has_local_control
         self.process.version = version
         self._teach_mode = version < FREEDRIVE_SINCE
         self._has_target_payload = version >= TARGET_PAYLOAD_SINCE
         self._restart()
 
+    @override
     def close(self, *, lost: bool) -> None:
-        """See the base class."""
         self.program_runs = self._left_running = False
         if lost:
             # Waiting for a library that lost its controller too would keep the caller.
@@ -91,6 +93,7 @@ class ProcessLink(ControlLink):
         self.process.close(CLOSE_TIMEOUT)
 
     @property
+    @override
     def _controller(self) -> Controller:
         process = self.process
         return Controller(process.host, process.version, process.options.robot_api_port)
@@ -113,24 +116,24 @@ class ProcessLink(ControlLink):
         self._forget_requests()
 
     @property
+    @override
     def ready(self) -> bool:
-        """See the base class."""
         return self.process.status.alive
 
     @property
+    @override
     def connected(self) -> bool:
-        """See the base class."""
         status = self.process.status
         return status.alive and status.starts == self._connected_process
 
+    @override
     def give_up_connecting(self) -> None:
-        """See the base class."""
         if not self.connected and self.process.status.call:
             self._restart()
 
     @property
+    @override
     def counters(self) -> Mapping[str, float]:
-        """See the base class."""
         status = self.process.status
         return {
             "control process starts": float(status.starts),
@@ -140,8 +143,9 @@ class ProcessLink(ControlLink):
 
     # Following it
 
+    @override
     def follow(self) -> None:
-        """See the base class; replaces the process if it died or hangs."""
+        """Replaces the process if it died or hangs."""
         for notice in self.process.poll():
             if isinstance(notice, Event):
                 self._take_event(notice)
@@ -153,8 +157,8 @@ class ProcessLink(ControlLink):
         elif time.monotonic() > self._started_at + RESTART_PERIOD:
             self._start()
 
+    @override
     def take(self, state: StateSample) -> None:
-        """See the base class."""
         if state.runtime_state in STANDING_PROGRAM:
             self.program_runs = self._left_running = False
             if time.monotonic() > self._interrupted_at + PROGRAM_START_ALLOWED:
@@ -197,42 +201,42 @@ class ProcessLink(ControlLink):
 
     # Motion
 
+    @override
     def servo_joint(self, q: Sequence[float]) -> None:
-        """See the base class."""
         self._send(self.process.send_servo_joint, q)
 
+    @override
     def speed_joint(self, qd: Sequence[float], acceleration: float, valid_for: float) -> None:
-        """See the base class."""
         self._send(self.process.send_speed_joint, qd, acceleration, valid_for)
 
+    @override
     def speed_cartesian(
         self, twist: Sequence[float], acceleration: float, valid_for: float
     ) -> None:
-        """See the base class."""
         self._send(self.process.send_speed_cartesian, twist, acceleration, valid_for)
 
+    @override
     def move_joint(self, q: Sequence[float], speed: float, acceleration: float) -> None:
-        """See the base class."""
         self._move(self.process.move_joint, q, speed, acceleration)
 
+    @override
     def move_linear(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
-        """See the base class."""
         self._move(self.process.move_linear, pose, speed, acceleration)
 
+    @override
     def freedrive(self) -> None:
-        """See the base class."""
         self._move(lambda: self.process.freedrive(teach_mode=self._teach_mode))
 
+    @override
     def stop(self) -> None:
-        """See the base class."""
         try:
             self._stopping = self.process.stop()
         except ConnectionLost as error:
             logger.warning("%s; the controller's watchdog stops the arm", error.statement)
 
     @property
+    @override
     def stopping(self) -> bool:
-        """See the base class."""
         return self._stopping > 0 or self._left_running
 
     def _send(self, command: Callable[..., int], *arguments: Any) -> int:
@@ -252,8 +256,9 @@ class ProcessLink(ControlLink):
 
     # The control program
 
+    @override
     def start_program(self) -> Steps:
-        """See the base class; through the present process if that can, or else through another."""
+        """Through the present process if that can, or else through another."""
         try:
             uploaded = yield from self._upload()
             if uploaded:
@@ -268,12 +273,13 @@ class ProcessLink(ControlLink):
         self._left_running = False
 
     @property
+    @override
     def left_program(self) -> bool:
-        """See the base class: its start ended before its watchdog was armed, by us or by the library."""
+        """Its start ended before its watchdog was armed, by us or by the library."""
         return self._interrupted_at > -math.inf
 
+    @override
     def stop_program(self) -> Steps:
-        """See the base class."""
         try:
             yield from self.ask("stop_script")
         except TransitionFailed as error:
@@ -293,9 +299,11 @@ class ProcessLink(ControlLink):
     # Requests
 
     @property
+    @override
     def _generation(self) -> int:
         return self.process.status.starts
 
+    @override
     def _request(self, name: str, arguments: Mapping[str, Any]) -> int:
         if name == "set_target_payload" and not self._has_target_payload:
             without = {key: value for key, value in arguments.items() if key != "inertia"}

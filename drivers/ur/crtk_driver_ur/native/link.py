@@ -17,6 +17,8 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
+from typing_extensions import override
+
 from crtk_driver_ur.control_link import INTERRUPTED, PROGRAM_STOPPED, ControlLink
 from crtk_driver_ur.control_options import ControlOptions
 from crtk_driver_ur.control_requests import CallError, Reply, Request
@@ -117,7 +119,7 @@ class _PendingSetting(NamedTuple):
 
 
 class NativeLink(ControlLink):
-    """See the base class.
+    """Control by a program of our own.
 
     Args:
         host: address of the controller.
@@ -162,8 +164,8 @@ class NativeLink(ControlLink):
 
     # The connection
 
+    @override
     def open(self, version: tuple[int, int], *, has_local_control: bool) -> None:
-        """See the base class."""
         self.close(lost=True)
         self.loss, self.remote, self.has_local_control = "", None, has_local_control
         self._version = version
@@ -173,8 +175,8 @@ class NativeLink(ControlLink):
         for worker in self._workers.values():
             worker.start()
 
+    @override
     def close(self, *, lost: bool) -> None:
-        """See the base class."""
         if self._channel is not None and self.program_runs:
             self._quit(0.0 if lost else self._stop_time())
         self._drop_channel()
@@ -189,6 +191,7 @@ class NativeLink(ControlLink):
         self._forget_requests()
 
     @property
+    @override
     def _controller(self) -> Controller:
         return Controller(self._host, self._version, self._options.robot_api_port)
 
@@ -220,24 +223,24 @@ class NativeLink(ControlLink):
             primary.close()
 
     @property
+    @override
     def ready(self) -> bool:
-        """See the base class."""
         return bool(self._workers)
 
     @property
+    @override
     def connected(self) -> bool:
-        """See the base class."""
         return self._channel is not None
 
     @property
+    @override
     def counters(self) -> Mapping[str, float]:
-        """See the base class."""
         return {"control program starts": float(self._starts)}
 
     # Following
 
+    @override
     def follow(self) -> None:
-        """See the base class."""
         for worker in self._workers.values():
             for reply in worker.take_replies():
                 self._take_reply(reply)
@@ -250,8 +253,8 @@ class NativeLink(ControlLink):
                 self._lost(error)
         self._ask_dashboard()
 
+    @override
     def take(self, state: StateSample) -> None:
-        """See the base class."""
         self._speed = max(map(abs, state.target_qd))
         self._pace = max(SLOWEST_PACE, state.combined_speed_scaling)
         found = state.control_registers(self._first)
@@ -328,38 +331,38 @@ class NativeLink(ControlLink):
 
     # Motion
 
+    @override
     def servo_joint(self, q: Sequence[float]) -> None:
-        """See the base class."""
         self._command(Kind.SERVO_JOINT, q, self._pace, self._options.motion.gain)
 
+    @override
     def speed_joint(self, qd: Sequence[float], acceleration: float, valid_for: float) -> None:
-        """See the base class."""
         self._command(Kind.SPEED_JOINT, qd, acceleration, valid_for)
 
+    @override
     def speed_cartesian(
         self, twist: Sequence[float], acceleration: float, valid_for: float
     ) -> None:
-        """See the base class."""
         self._command(Kind.SPEED_CARTESIAN, twist, acceleration, valid_for)
 
+    @override
     def force(self, wrench: Sequence[float]) -> None:
-        """See the base class."""
         self._command(Kind.FORCE, wrench)
 
+    @override
     def move_joint(self, q: Sequence[float], speed: float, acceleration: float) -> None:
-        """See the base class."""
         self._begin_move(Kind.MOVE_JOINT, q, speed, acceleration)
 
+    @override
     def move_linear(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
-        """See the base class."""
         self._begin_move(Kind.MOVE_LINEAR, pose, speed, acceleration)
 
+    @override
     def freedrive(self) -> None:
-        """See the base class."""
         self._begin_move(Kind.FREEDRIVE, (0.0,) * 6)
 
+    @override
     def stop(self) -> None:
-        """See the base class."""
         now, again = self._clock(), self._rests and self._stopping > 0
         if not again:
             self._rests, self._taken, self._stop_asked_at = True, False, now
@@ -392,8 +395,8 @@ class NativeLink(ControlLink):
             logger.warning("%s: the control program is replaced by one that stops", self._where)
 
     @property
+    @override
     def stopping(self) -> bool:
-        """See the base class."""
         return self._stopping > 0
 
     def _command(
@@ -420,8 +423,8 @@ class NativeLink(ControlLink):
 
     # The control program
 
+    @override
     def start_program(self) -> Steps:
-        """See the base class."""
         if self._channel is None or self._was_local:
             self._drop_channel()
             self._channel = yield from self.ask("connect", first=self._first)
@@ -467,12 +470,13 @@ class NativeLink(ControlLink):
             yield
 
     @property
+    @override
     def left_program(self) -> bool:
-        """See the base class: its start was given up before it was seen to run."""
+        """Its start was given up before it was seen to run."""
         return self._reported.program == self._program and not self.program_runs
 
+    @override
     def stop_program(self) -> Steps:
-        """See the base class."""
         deadline = self._clock() + PROGRAM_END_TIMEOUT
         try:
             self._command(Kind.QUIT, (0.0,) * 6)
@@ -485,9 +489,11 @@ class NativeLink(ControlLink):
     # Requests
 
     @property
+    @override
     def _generation(self) -> int:
         return self._opened
 
+    @override
     def _request(self, name: str, arguments: Mapping[str, Any]) -> int:
         number = next(self._requests)
         if name in _SETTINGS:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import socket
 from typing import Any, Final
 
+from typing_extensions import override
+
 from crtk_driver_ur.control_requests import Request
 from crtk_driver_ur.native.registers import ControlChannel
 from crtk_driver_ur.request_worker import Controller, RequestWorker
@@ -30,8 +32,8 @@ class ProgramWorker(RequestWorker):
         self._channel: ControlChannel | None = None
         self._primary: socket.socket | None = None
 
+    @override
     def carry_out(self, request: Request) -> Any:
-        """See the base class."""
         if request.name == "connect":
             if self._channel is not None:
                 self._channel.close()
@@ -42,8 +44,8 @@ class ProgramWorker(RequestWorker):
         self._primary = self._upload(request.arguments["text"])
         return self._primary
 
+    @override
     def release(self) -> None:
-        """See the base class."""
         if self._channel is not None:
             self._channel.close()
         if self._primary is not None:

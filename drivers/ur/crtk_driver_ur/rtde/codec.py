@@ -17,6 +17,8 @@ from enum import IntEnum
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeAlias
 
+from typing_extensions import override
+
 from crtk_driver_ur.rtde.variables import TYPES
 
 __all__ = [
@@ -153,6 +155,7 @@ class ControllerVersion(NamedTuple):
     bugfix: int
     build: int
 
+    @override
     def __str__(self) -> str:
         return f"{self.major}.{self.minor}.{self.bugfix}.{self.build}"
 

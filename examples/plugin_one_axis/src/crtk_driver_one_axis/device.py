@@ -7,6 +7,8 @@ import socket
 import time
 from collections.abc import Mapping
 
+from typing_extensions import override
+
 from crtk_driver_one_axis.config import OneAxisConfig
 from crtk_driver_one_axis.protocol import (
     KEEP_ALIVE,
@@ -68,29 +70,29 @@ class OneAxisDevice(Device):
         )
 
     @property
+    @override
     def capabilities(self) -> Capabilities:
-        """See the base class."""
         return self._capabilities
 
     @property
+    @override
     def address(self) -> str:
-        """See the base class."""
         return f"{self._config.host or '(no host)'}:{self._config.port}"
 
     @property
+    @override
     def condition(self) -> Condition:
-        """See the base class."""
         if self._report is not None and self._report.fault:
             return Condition(OperatingState.FAULT, self._report.fault)
         return Condition()
 
     @property
+    @override
     def counters(self) -> Mapping[str, float]:
-        """See the base class."""
         return {"reports": float(self._reports)}
 
+    @override
     def open(self, deadline: float) -> None:
-        """See the base class."""
         try:
             self._socket = socket.create_connection(
                 (self._config.host, self._config.port), max(deadline - time.monotonic(), 0.001)
@@ -107,14 +109,14 @@ class OneAxisDevice(Device):
                 remedy="Is the stage on, and is this its address?",
             ) from error
 
+    @override
     def close(self) -> None:
-        """See the base class."""
         connection, self._socket = self._socket, None
         if connection is not None:
             connection.close()
 
+    @override
     def read(self, deadline: float) -> Sample | None:
-        """See the base class."""
         self._send(KEEP_ALIVE)
         reports: list[Report] = []
         while not reports:
@@ -128,25 +130,25 @@ class OneAxisDevice(Device):
         position, velocity = vector([self._report.position]), vector([self._report.velocity])
         return Sample(Stamp.now(), {"measured_js": JointState(position, velocity, name=JOINTS)})
 
+    @override
     def write(self, setpoint: Setpoint) -> None:
-        """See the base class."""
         value = float(setpoint.values[0])
         if setpoint.mode is Mode.JOINT_POSITION:
             self._send(position_line(value))
         else:
             self._send(velocity_line(value))
 
+    @override
     def stop(self) -> None:
-        """See the base class."""
         self._send(STOP)
 
+    @override
     def enable(self) -> Steps:
-        """See the base class."""
         self._send(POWER_ON)
         yield from self._until_powered(True)
 
+    @override
     def disable(self) -> Steps:
-        """See the base class."""
         self._send(POWER_OFF)
         yield from self._until_powered(False)
 

@@ -7,6 +7,8 @@ from math import cos, sin
 from random import Random
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.ur.models import ALPHA, Calibration, RobotModel, Vector6
 from crtk_sim_backends.ur.motion.kinematics import (
     IDENTITY,
@@ -69,8 +71,8 @@ class CalibratedKinematics(Kinematics):
         super().__init__(model)
         self._rows = tuple(zip(own.theta, own.a, own.d, own.alpha, strict=True))
 
+    @override
     def flange(self, q: Floats) -> Transform:
-        """See the base class."""
         found = IDENTITY
         for angle, (theta, a, d, alpha) in zip(q, self._rows, strict=True):
             c, s, ca, sa = cos(angle + theta), sin(angle + theta), cos(alpha), sin(alpha)
@@ -79,15 +81,15 @@ class CalibratedKinematics(Kinematics):
             )
         return found
 
+    @override
     def inverse(self, t: Transform, near: Floats, tool: Transform = IDENTITY) -> list[float] | None:
-        """See the base class."""
         flange = t if tool is IDENTITY else compose(t, invert(tool))
         nominal = super().inverse(flange, near)
         found = None if nominal is None else self._corrected(flange, nominal)
         return found or self._corrected(flange, near)
 
+    @override
     def follow(self, t: Transform, near: Floats, tool: Transform = IDENTITY) -> list[float] | None:
-        """See the base class."""
         flange = t if tool is IDENTITY else compose(t, invert(tool))
         return self._corrected(flange, near) or self.inverse(flange, near)
 

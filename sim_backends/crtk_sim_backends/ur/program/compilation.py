@@ -6,6 +6,8 @@ import threading
 from collections.abc import Callable
 from typing import Any, Final
 
+from typing_extensions import override
+
 LONG_SCRIPT: Final = 1000  # characters; a shorter one is compiled within a period
 
 
@@ -23,6 +25,7 @@ class Compilation(threading.Thread):
         self.result: Any = None
         self.error: Exception | None = None
 
+    @override
     def run(self) -> None:
         """Work."""
         try:

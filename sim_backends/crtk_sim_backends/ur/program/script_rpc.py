@@ -14,6 +14,8 @@ import xmlrpc.client
 from collections.abc import Generator, Iterable, Sequence
 from typing import Any, Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.ur.urscript import (
     Builtin,
     Handle,
@@ -84,6 +86,7 @@ class RpcServer(Handle):
             raise AttributeError(member)
         return RpcServer(self._rpc, self._url, f"{self._path}{member[2:]}.")
 
+    @override
     def call(
         self, name: str, arguments: Sequence[Any], keywords: dict[str, Any]
     ) -> Generator[None, None, Any]:
@@ -109,6 +112,7 @@ class _Call(threading.Thread):
         self.result: Any = None
         self.error: str | None = None
 
+    @override
     def run(self) -> None:
         """Call, keep result or error, close the connection."""
         try:
@@ -131,6 +135,7 @@ class _Transport(xmlrpc.client.Transport):
         super().__init__(use_builtin_types=True)
         self._source = host
 
+    @override
     def make_connection(self, host: Any) -> http.client.HTTPConnection:
         """Connect, new each time."""
         address, self._extra_headers, _ = self.get_host_info(host)

@@ -16,6 +16,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from typing_extensions import override
+
 PORT: Final = 502
 FREQUENCY: Final = 10.0  # Hz, of a new signal
 WATCHDOG: Final = 2.0  # s without a valid answer after which a signal is in error
@@ -244,6 +246,7 @@ def _send(client: Any, unit: int, function: int, data: bytes) -> None:
 
         function_code = function
 
+        @override
         def encode(self) -> bytes:
             return data
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing_extensions import override
+
 _SYNTAX_ERROR = "syntax_error_on_line"
 
 
@@ -18,6 +20,7 @@ class ScriptError(Exception):
         self.line = line
         self.column = column
 
+    @override
     def __str__(self) -> str:
         return f"line {self.line}, column {self.column}: {self.text}"
 

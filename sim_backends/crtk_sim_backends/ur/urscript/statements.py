@@ -17,6 +17,8 @@ from dataclasses import dataclass, replace
 from types import CellType, CodeType, FunctionType
 from typing import Any, Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.ur.urscript import syntax
 from crtk_sim_backends.ur.urscript.compiler import Emitter, Program
 from crtk_sim_backends.ur.urscript.errors import CompileError
@@ -53,10 +55,12 @@ class _StatementScope(Scope):
         self.enclosing = enclosing
         self.globals = replace(enclosing.program, variables=set(enclosing.program.variables))
 
+    @override
     def owner(self, variable: str) -> Scope | None:
         return self if variable in self.variables else self.enclosing.owner(variable)
 
     @property
+    @override
     def program(self) -> Scope:
         return self.globals
 

@@ -14,6 +14,8 @@ from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NoReturn, Self
 
+from typing_extensions import override
+
 from crtk_sim_backends.ur.urscript.errors import ScriptRuntimeError
 
 INTEGER_LIMIT: Final = 2**63
@@ -140,10 +142,12 @@ class List(list[Any], _Container):
         """How many items the list can hold."""
         return len(self) if self.most is None else self.most
 
+    @override
     def weight(self) -> int:
         """Count the items, those of nested lists and structs included."""
         return len(self) + sum(item.weight() for item in self if isinstance(item, _Container))
 
+    @override
     def copy(self, depth: int = NESTING_LIMIT) -> Self:
         """Return a copy that shares no nested list with this one, nested to `depth` at most."""
         copy = type(self)(_copied(self, depth))
@@ -165,6 +169,7 @@ class List(list[Any], _Container):
     __rmul__ = _reflected(lambda a, b: multiply(a, b))
     _times = _elementwise(lambda a, b: multiply(a, b))
 
+    @override
     def __mul__(self, other: object) -> List:
         """Matrix product if the left side is a matrix and the right side a list; else per item."""
         if not (is_matrix(self) and isinstance(other, list)):
@@ -201,6 +206,7 @@ class Struct(_Container):
     def __setitem__(self, index: int, value: Any) -> None:
         self.__dict__[list(self.__dict__)[index]] = value
 
+    @override
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Struct) and self.__dict__ == other.__dict__
 
@@ -210,11 +216,13 @@ class Struct(_Container):
         """Names and values of the members, in their order."""
         return ((name[2:], value) for name, value in self.__dict__.items())
 
+    @override
     def weight(self) -> int:
         """Count the members, the items of nested lists and structs included."""
         values = self.__dict__.values()
         return len(values) + sum(item.weight() for item in values if isinstance(item, _Container))
 
+    @override
     def copy(self, depth: int = NESTING_LIMIT) -> Struct:
         """Return a copy that shares nothing with this one, nested to `depth` at most."""
         values = _copied(self.__dict__.values(), depth)

@@ -9,6 +9,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.ur.controller import Controller
 from crtk_sim_backends.ur.messages import ErrorMessage, ReportLevel
 from crtk_sim_backends.ur.models import RobotModel
@@ -47,6 +49,7 @@ def load(path: Path) -> Recording:
 class NoInputs(InputClaims):
     """Every input is in use."""
 
+    @override
     def free_for(self, name: str, session: RtdeSession) -> bool:
         """Whether `session` may claim `name`: no."""
         log.warning("RTDE input %s refused: %s", name, REFUSED)
@@ -89,6 +92,7 @@ class ReplayedController(Controller):
         self._round = 0.0  # the same since the recording began anew
         self._show()
 
+    @override
     def tick(self) -> None:
         """Advance one control period."""
         self.tick_count += 1
@@ -117,21 +121,25 @@ class ReplayedController(Controller):
         self.outputs.update(self._row)
 
     @property
+    @override
     def remote(self) -> bool:
         """Nobody controls it."""
         return False
 
     @property
+    @override
     def robot_mode(self) -> RobotMode:
         """As recorded."""
         return RobotMode(self._row.get("robot_mode", super().robot_mode))
 
     @property
+    @override
     def safety_mode(self) -> SafetyMode:
         """As recorded."""
         return SafetyMode(self._row.get("safety_mode", super().safety_mode))
 
     @property
+    @override
     def runtime_state(self) -> RuntimeState:
         """As recorded."""
         return RuntimeState(self._row.get("runtime_state", super().runtime_state))
@@ -146,6 +154,7 @@ class ReplayedController(Controller):
             "ended": self.ended,
         }
 
+    @override
     def run_script(self, text: str) -> None:
         """Refuse it."""
         self.post(
@@ -153,6 +162,7 @@ class ReplayedController(Controller):
         )
         log.warning("script refused: %s", REFUSED)
 
+    @override
     def write_inputs(self, values: Mapping[str, Any]) -> None:
         """Refuse them; no client can have claimed any."""
         log.warning("inputs %s refused: %s", ", ".join(values), REFUSED)
