@@ -11,23 +11,25 @@ from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
 
 from crtk_driver_ati_netft import settings
-from crtk_driver_ati_netft.averaging import Average
+from crtk_driver_ati_netft.averaging import Average, Averaging
+from crtk_driver_ati_netft.calibration import SensorInfo
 from crtk_driver_ati_netft.compensation import NO_LOAD, ToolFit, fit_tool
-from crtk_driver_ati_netft.config import MOST_LOAD
-from crtk_driver_ati_netft.profiles import Action
-from crtk_driver_ati_netft.recording import default_name
+from crtk_driver_ati_netft.config import MOST_LOAD, NetFtConfig
+from crtk_driver_ati_netft.monitor import LoadMonitor
+from crtk_driver_ati_netft.pipeline import Pipeline
+from crtk_driver_ati_netft.profiles import Action, Profile
+from crtk_driver_ati_netft.recording import Recorder, default_name
 from crtk_driver_ati_netft.residual_plot import residual_plot
+from crtk_driver_ati_netft.source import Source
+from crtk_driver_ati_netft.web import WebPages
 from crtk_drivers.device import Answer, Service, Severity
 from crtk_drivers.errors import CommandRefused, Reason, TransitionFailed
 from crtk_drivers.samples import Array, Vector, Wrench, vector
-
-if TYPE_CHECKING:
-    from crtk_driver_ati_netft.device import NetFtDevice
 
 AVERAGED: Final = 0.3
 """Seconds of measurements of which a bias is the mean."""
@@ -58,10 +60,57 @@ class SensorBias(StrEnum):
     """The sensor was out of our hands."""
 
 
+class Sensor(Protocol):
+    """What the services need of the device.
+
+    Attributes:
+        info: what the sensor said of itself; None before it was connected.
+        profile: of its family.
+        web: its pages.
+        monitor: of overloads and latches.
+        pipeline: from measurements to loads.
+    """
+
+    info: SensorInfo | None
+    profile: Profile
+    web: WebPages
+    monitor: LoadMonitor
+    pipeline: Pipeline
+
+    @property
+    def config(self) -> NetFtConfig:
+        """Of the device."""
+
+    @property
+    def source(self) -> Source:
+        """Of the measurements."""
+
+    @property
+    def address(self) -> str:
+        """Where it is, for messages."""
+
+    @property
+    def bias(self) -> Vector:
+        """The software bias (6,), in the sensor's frame, N and N·m."""
+
+    @property
+    def orientation_problem(self) -> str:
+        """Why the orientation is not known now; empty if it is."""
+
+    def begin_average(self, seconds: float) -> Averaging:
+        """Average the measurements from now on."""
+
+    def start_recording(self, path: Path) -> Recorder:
+        """Write every measurement from now on, until `stop_recording`."""
+
+    def stop_recording(self) -> Recorder | None:
+        """End the recording; return what wrote it, None if there was none."""
+
+
 class SensorServices:
     """The services of one device."""
 
-    def __init__(self, device: NetFtDevice) -> None:
+    def __init__(self, device: Sensor) -> None:
         self.sensor_bias = SensorBias.UNTOUCHED
         self.table: Mapping[str, Service] = {
             "bias": Service("make the present load zero, in software", self._bias),

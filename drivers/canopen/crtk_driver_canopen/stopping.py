@@ -12,21 +12,21 @@ import struct
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from crtk_driver_canopen.axis import Axis
 from crtk_driver_canopen.frames import Frame
 from crtk_driver_canopen.heartbeat import NmtCommand, NmtState, ensure_heartbeat
 from crtk_driver_canopen.jobs import NodeJobs
+from crtk_driver_canopen.master import Master
 from crtk_driver_canopen.objects import OBJECTS
-from crtk_driver_canopen.pdo import set_deadline
+from crtk_driver_canopen.pdo import Pdo, set_deadline
 from crtk_driver_canopen.sdo import Sdo, SdoAborted
 from crtk_driver_canopen.statemachine import POWERED, Control, State, decode
 from crtk_driver_canopen.units import read_unit_objects, resolve
 from crtk_drivers.errors import ConfigError, CrtkError, DeviceError
 
 if TYPE_CHECKING:
-    from crtk_driver_canopen.arm_link import ArmLink
     from crtk_driver_canopen.config import CanopenConfig, JointConfig
 
 __all__ = ["RPDO_TIMEOUT", "LastResort", "leave_holding", "quick_stop_frame", "secure"]
@@ -52,6 +52,35 @@ _QUICK_STOP_TIME: Final = 1.0
 """Seconds for a drive that was found in motion to stop quickly."""
 
 
+class Drives(Protocol):
+    """What the ways to stop need of the link to the drives.
+
+    Attributes:
+        axes: of the arm.
+    """
+
+    axes: list[Axis]
+
+    @property
+    def where(self) -> str:
+        """The bus, for messages."""
+
+    @property
+    def master(self) -> Master:
+        """Everything on the bus but PDOs."""
+
+    @property
+    def left(self) -> set[int]:
+        """Nodes that tell that they are not operational, although they were started."""
+
+    @property
+    def deaf(self) -> set[int]:
+        """Nodes that tell that our PDOs do not reach them."""
+
+    def rpdos(self, node: int) -> list[Pdo]:
+        """Return what a node is sent."""
+
+
 class LastResort:
     """Stops drives that do not do what their PDOs say. Belongs to the I/O thread.
 
@@ -59,7 +88,7 @@ class LastResort:
         link: the drives.
     """
 
-    def __init__(self, link: ArmLink) -> None:
+    def __init__(self, link: Drives) -> None:
         self._link = link
         self._jobs = NodeJobs()
         self._since: dict[int, float] = {}
@@ -176,7 +205,7 @@ def _least_motion(name: str, joint: JointConfig, sdo: Sdo) -> float:
     return max(_STILL, _SLOW * joint.velocity * _LOOK / count)
 
 
-def secure(link: ArmLink, config: CanopenConfig) -> tuple[dict[str, str], frozenset[str]]:
+def secure(link: Drives, config: CanopenConfig) -> tuple[dict[str, str], frozenset[str]]:
     """Bring drives that have power or move to rest, by SDO, before they are set up.
 
     Those that hold still keep their power where the configuration leaves drives holding (``on_close: hold``);
@@ -212,7 +241,7 @@ def secure(link: ArmLink, config: CanopenConfig) -> tuple[dict[str, str], frozen
     return told, frozenset(held)
 
 
-def _take_power(axes: Sequence[_Found], link: ArmLink) -> None:
+def _take_power(axes: Sequence[_Found], link: Drives) -> None:
     moving = [axis for axis in axes if axis.moved]
     for axis in moving:
         axis.command(Control.QUICK_STOP)
@@ -225,7 +254,7 @@ def _take_power(axes: Sequence[_Found], link: ArmLink) -> None:
         axis.command(Control.DISABLE_VOLTAGE)
 
 
-def leave_holding(link: ArmLink, config: CanopenConfig) -> None:
+def leave_holding(link: Drives, config: CanopenConfig) -> None:
     """Leave drives that hold still as they are: what would stop them without us is switched off.
 
     Pre-operational they need no SYNC and no PDO. That they hold is read back.

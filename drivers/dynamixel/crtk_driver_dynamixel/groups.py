@@ -10,17 +10,16 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 from crtk_driver_dynamixel import protocol2
 from crtk_driver_dynamixel.framing import Status
 from crtk_driver_dynamixel.group_replies import FastReply, PlainReplies, Whole
+from crtk_driver_dynamixel.line import Line
 from crtk_driver_dynamixel.matching import Slot
+from crtk_driver_dynamixel.port import Port
 from crtk_driver_dynamixel.protocols import PROTOCOLS
 from crtk_driver_dynamixel.replies import Failure, Reply
-
-if TYPE_CHECKING:
-    from crtk_driver_dynamixel.bus import Bus
 
 __all__ = ["GroupRead", "GroupResult", "GroupWrite", "Item"]
 
@@ -34,6 +33,45 @@ FAST_FAILURES: Final = 3
 """Times in a row that a fast read may fail before a plain one takes its place."""
 FAST_AGAIN: Final = 200
 """Cycles after which a fast read is tried again."""
+
+
+class Way(Protocol):
+    """How a servo is spoken to."""
+
+    @property
+    def return_delay(self) -> float:
+        """Seconds that it waits before it answers."""
+
+
+class Servos(Protocol):
+    """What groups need of the bus.
+
+    Attributes:
+        port: of the line.
+        line: on which everything is asked.
+        revision: changes whenever deadlines do.
+    """
+
+    port: Port
+    line: Line
+    revision: int
+
+    @property
+    def latency_budget(self) -> float:
+        """Seconds allowed to adapter and operating system."""
+
+    def common_protocol(self, ids: Sequence[int]) -> int:
+        """Return the protocol of servos.
+
+        Raises:
+            ValueError: they do not have the same.
+        """
+
+    def link(self, id: int) -> Way:
+        """Return how a servo is spoken to."""
+
+    def slot(self, id: int, length: int) -> Slot:
+        """Return the reply with `length` bytes that is expected of a servo."""
 
 
 class Item(NamedTuple):
@@ -125,7 +163,7 @@ class GroupRead:
 
     def __init__(
         self,
-        bus: Bus,
+        bus: Servos,
         items: Sequence[Item],
         *,
         same_range: bool = False,
@@ -348,7 +386,7 @@ class GroupWrite:
         length: of the range in bytes.
     """
 
-    def __init__(self, bus: Bus, ids: Sequence[int], address: int, length: int) -> None:
+    def __init__(self, bus: Servos, ids: Sequence[int], address: int, length: int) -> None:
         codec = PROTOCOLS[bus.common_protocol(ids)]
         self.ids = tuple(ids)
         self._bus = bus

@@ -20,7 +20,8 @@ from crtk_sim_backends.can.port import State
 from crtk_sim_backends.faults import Fault
 
 if TYPE_CHECKING:
-    from crtk_sim_backends.can.hub import Hub, Node
+    from crtk_sim_backends.can.hub import Hub
+    from crtk_sim_backends.can.node import Node
 
 _BEHIND: Final = 0.02  # s; what a talker is late by is made up for up to this
 _PASSIVE: Final = frames.PASSIVE_RECEIVE | frames.PASSIVE_TRANSMIT

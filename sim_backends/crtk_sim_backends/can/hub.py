@@ -37,7 +37,7 @@ import logging
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Container
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
@@ -50,6 +50,7 @@ from crtk_sim_backends.can.kernel import KernelDoor
 from crtk_sim_backends.can.loop import Loop, Timer
 from crtk_sim_backends.can.medium import Medium
 from crtk_sim_backends.can.native import SocketDoor
+from crtk_sim_backends.can.node import Node
 from crtk_sim_backends.can.port import DEAF, REFUSING, Counters, Port, State
 from crtk_sim_backends.can.slcan import SlcanDoor
 from crtk_sim_backends.can.socketcand import SocketcandDoor
@@ -66,74 +67,6 @@ FrameCallback = Callable[[int, bytes], object]
 
 
 DoorKind = TypeVar("DoorKind", SocketDoor, SocketcandDoor, SlcanDoor, KernelDoor)
-
-
-class Node:
-    """One participant of the bus, in this process or behind a door."""
-
-    def __init__(self, hub: Hub, name: str, port: Port) -> None:
-        self.name = name
-        self.port = port
-        self.state = State(0)  # `Hub.set_state` changes it
-        self.counters = Counters()
-        self._hub = hub
-        self._echo = hub.echo
-        self._listening = True
-        self._interests: Container[int] | None = None
-
-    @property
-    def echo(self) -> bool:
-        """Whether it gets its own frames back."""
-        return self._echo
-
-    @echo.setter
-    def echo(self, echo: bool) -> None:
-        self._echo = echo
-        self._hub.forget_routes()
-
-    @property
-    def listening(self) -> bool:
-        """Whether it hears the bus; a client may not have opened its channel."""
-        return self._listening
-
-    @listening.setter
-    def listening(self, listening: bool) -> None:
-        self._listening = listening
-        self._hub.forget_routes()
-
-    @property
-    def interests(self) -> Container[int] | None:
-        """Identifiers with flags that its port is given, as by an acceptance filter; None: all."""
-        return self._interests
-
-    @interests.setter
-    def interests(self, interests: Container[int] | None) -> None:
-        self._interests = interests
-        self._hub.forget_routes()
-
-    def send(self, can_id: int, data: bytes = b"", length: int | None = None) -> int:
-        """Queue a frame; 0 when it was taken, else an errno (ENOBUFS, ENETDOWN).
-
-        Args:
-            can_id: identifier, with the flags of linux/can.h.
-            data: 0 to 8 bytes.
-            length: data length code of a remote frame.
-
-        Raises:
-            ValueError: for a frame that CAN does not have.
-        """
-        if len(data) > frames.MAX_DATA:
-            raise ValueError(f"{self.name}: a frame has at most 8 data bytes, not {len(data)}")
-        raw = frames.pack(can_id, data, length)
-        if can_id > frames.STANDARD_MASK or length is not None:
-            fault = frames.fault_of(raw)
-            if fault is not None:
-                raise ValueError(f"{self.name}: {fault}")
-        return self._hub.transmit(self, raw)
-
-    def detach(self) -> None:
-        """Leave the bus; what waits in the queue is still sent. Safe to repeat."""
-        self._hub.remove(self)
 
 
 @dataclass

@@ -10,14 +10,12 @@ import errno
 import logging
 import os
 import socket
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from crtk_sim_backends.can import frames
+from crtk_sim_backends.can.node import Bus
 from crtk_sim_backends.can.port import State
 from crtk_sim_backends.process import SimStartError
-
-if TYPE_CHECKING:
-    from crtk_sim_backends.can.hub import Hub
 
 _FRAMES_AT_ONCE: Final = 64  # then the others have their turn
 _ERROR_FILTER: Final = 2  # CAN_RAW_ERR_FILTER, which the socket module does not have
@@ -33,7 +31,7 @@ class KernelDoor:
         SimStartError: when the kernel has no CAN, or no such interface, or it is down.
     """
 
-    def __init__(self, hub: Hub, interface: str) -> None:
+    def __init__(self, hub: Bus, interface: str) -> None:
         self.interface = interface
         self._hub = hub
         self._up = True

@@ -21,14 +21,12 @@ import stat
 import struct
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from crtk_sim_backends.can import frames
+from crtk_sim_backends.can.node import Bus
 from crtk_sim_backends.can.port import State
 from crtk_sim_backends.process import AddressInUseError, SimStartError
-
-if TYPE_CHECKING:
-    from crtk_sim_backends.can.hub import Hub
 
 MAGIC: Final = b"CRTK-CAN"
 VERSION: Final = 1
@@ -97,7 +95,7 @@ class Page:
 class _Client:
     """One connection."""
 
-    def __init__(self, door: SocketDoor, hub: Hub, sock: socket.socket) -> None:
+    def __init__(self, door: SocketDoor, hub: Bus, sock: socket.socket) -> None:
         self._door = door
         self._hub = hub
         self._socket = sock
@@ -217,7 +215,7 @@ class _Client:
 class SocketDoor:
     """The listening Unix socket at `path`, which is removed at the end."""
 
-    def __init__(self, hub: Hub, path: str) -> None:
+    def __init__(self, hub: Bus, path: str) -> None:
         self.path = path
         self._hub = hub
         self._clients: list[_Client] = []

@@ -17,15 +17,13 @@ import re
 import time
 import tty
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from crtk_sim_backends.can import frames
 from crtk_sim_backends.can.loop import READ, WRITE
+from crtk_sim_backends.can.node import Bus
 from crtk_sim_backends.can.port import State
 from crtk_sim_backends.process import SimStartError
-
-if TYPE_CHECKING:
-    from crtk_sim_backends.can.hub import Hub
 
 BITRATES: Final[Mapping[str, int]] = {
     "0": 10_000,
@@ -94,7 +92,7 @@ class SlcanDoor:
         link: path of a symbolic link to make to the terminal; none when empty.
     """
 
-    def __init__(self, hub: Hub, link: str = "") -> None:
+    def __init__(self, hub: Bus, link: str = "") -> None:
         self._hub = hub
         self._link = ""
         self._input = bytearray()

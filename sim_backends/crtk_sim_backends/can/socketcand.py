@@ -11,16 +11,14 @@ import re
 import socket
 import time
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from crtk_sim_backends.can import frames
 from crtk_sim_backends.can.loop import READ, WRITE
+from crtk_sim_backends.can.node import Bus
 from crtk_sim_backends.can.port import State
 from crtk_sim_backends.process import listen
 from crtk_sim_backends.wire import Connection
-
-if TYPE_CHECKING:
-    from crtk_sim_backends.can.hub import Hub
 
 PORT: Final = 29536
 """TCP port of socketcand."""
@@ -80,7 +78,7 @@ class _Client:
     a quarter of a second.
     """
 
-    def __init__(self, door: SocketcandDoor, hub: Hub, sock: socket.socket) -> None:
+    def __init__(self, door: SocketcandDoor, hub: Bus, sock: socket.socket) -> None:
         self._door = door
         self._hub = hub
         self._buffer = bytearray()
@@ -210,7 +208,7 @@ class _Client:
 class SocketcandDoor:
     """The listening TCP port; `port` is the one that was found when 0 was asked for."""
 
-    def __init__(self, hub: Hub, host: str, port: int, channel: str) -> None:
+    def __init__(self, hub: Bus, host: str, port: int, channel: str) -> None:
         self.channel = channel
         self._hub = hub
         self._clients: list[_Client] = []
