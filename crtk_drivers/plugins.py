@@ -42,6 +42,9 @@ DEVICES: Final = "crtk_drivers.devices"
 SIMS: Final = "crtk_drivers.sims"
 PAGES: Final = "crtk_drivers.pages"
 PAGE: Final = "web"
+
+FORMER: Final[Mapping[str, str]] = MappingProxyType({"netft": "ati-netft"})
+"""Names that simulators had in the release before, and have now."""
 """Name of the page that shows a device."""
 ONLY: Final = "CRTK_DRIVERS_ONLY"
 """Environment variable: the names of the plugins that may be loaded, with commas; all if unset."""
@@ -274,7 +277,7 @@ def simulator(name: str) -> SimPlugin:
         PluginError: there is none of that name (with what was probably meant), or it is broken.
         MissingExtra: a library of an extra is not installed.
     """
-    plugin: SimPlugin = _find(sims(), name, "simulator").plugin
+    plugin: SimPlugin = _find(sims(), FORMER.get(name, name), "simulator").plugin
     return plugin
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import typer
@@ -29,12 +30,14 @@ class Source:
         build: returns the command of a plugin, to be listed in a panel.
         refuse: raises the error for a name that is neither a plugin nor a command.
         panel: of the plugins' commands in the help.
+        former: names that plugins had before, and have now.
     """
 
     find: Callable[[], Mapping[str, PluginEntry]]
     build: Callable[[Any, str], Any]
     refuse: Callable[[str], Any]
     panel: str
+    former: Mapping[str, str] = MappingProxyType({})
 
 
 class PluginGroup(HelpfulGroup):
@@ -59,7 +62,7 @@ class PluginGroup(HelpfulGroup):
         own = super().get_command(ctx, cmd_name)
         if own is not None:
             return own
-        entry = self._plugins.get(cmd_name)
+        entry = self._plugins.get(self.source.former.get(cmd_name, cmd_name))
         if entry is None:
             return None
         if entry.error is not None:

@@ -92,4 +92,4 @@ def _tell_ports(plugin: SimPlugin, running: RunningSim) -> None:
 class SimGroup(PluginGroup):
     """One command for each simulator."""
 
-    source = Source(plugins.sims, build, plugins.simulator, "Simulators")
+    source = Source(plugins.sims, build, plugins.simulator, "Simulators", plugins.FORMER)

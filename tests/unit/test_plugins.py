@@ -209,3 +209,7 @@ def test_what_is_no_page(site: Site) -> None:
     site.install("toys", {"toys": "class PAGE:\n    name = 'toy'"}, pages={"toy": "toys:PAGE"})
     assert "it lacks summary, serve" in str(plugins.pages()["toy"].error)
     assert plugins.page().name == "web", "which is ours, and sound"
+
+
+def test_a_former_name_of_a_simulator_finds_it() -> None:
+    assert plugins.simulator("netft").name == "ati-netft"

@@ -245,7 +245,7 @@ def test_info_at_a_simulator_from_the_command_line() -> None:
 
 def test_the_simulator_alone_from_the_command_line() -> None:
     ports = ["--rdt-port", "0", "--tcp-port", "0", "--http-port", "0"]
-    with run("sim", "netft", "--preset", "nano17", *ports) as child:
+    with run("sim", "ati-netft", "--preset", "nano17", *ports) as child:
         try:
             assert child.stderr is not None
             told = ""

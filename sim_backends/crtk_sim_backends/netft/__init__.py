@@ -24,7 +24,7 @@ __all__ = ["SIM", "ConfigError", "NetFtSimulator", "RunningSim", "SimConfig", "S
 class NetFtSimulator(Simulator[SimConfig, "NetFtServer"]):
     """The sensor box as a plug-in."""
 
-    name = "netft"
+    name = "ati-netft"
     summary = "ATI NetFT sensor box (Net Box, Ethernet Axia, SCHUNK FTN, OnRobot HEX)"
     Config = SimConfig
 
