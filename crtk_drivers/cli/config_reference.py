@@ -71,7 +71,11 @@ class Row:
     @override
     def __str__(self) -> str:
         cells = (f"`{self.key}`", self.type, self.default, self.description)
-        return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+        return (
+            "| "
+            + " | ".join(cell.replace("|", "\\|").replace("][", "]\\[") for cell in cells)
+            + " |"
+        )
 
 
 def rows(schema: Schema) -> Iterator[Row]:
