@@ -1,4 +1,4 @@
-"""What the site (mkdocs.yml) needs beside the pages: the API reference, pages from the root, links elsewhere."""
+"""What the site (mkdocs.yml) needs beside the pages: the API reference, pages and links of the root."""
 
 import posixpath
 import re
