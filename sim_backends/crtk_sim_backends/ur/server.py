@@ -178,7 +178,7 @@ class UrServer:
         """Start the program that shows what happens in the terminal, in a process of its own."""
         control = f"{self.host}:{self.ports[CONTROL]}"
         if self.config.view:
-            self._watchers.append(spawn(f"{__package__}.view", [control]))
+            self._watchers.append(spawn(f"{__package__}.views.terminal", [control]))
 
     def _is_heard(self) -> bool:
         """Whether an RTDE client has started its packages."""
