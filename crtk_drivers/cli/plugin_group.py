@@ -7,9 +7,8 @@ plugin that cannot be loaded is still there, says so in the list, and raises its
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 import typer
@@ -37,7 +36,7 @@ class Source:
     build: Callable[[Any, str], Any]
     refuse: Callable[[str], Any]
     panel: str
-    former: Mapping[str, str] = MappingProxyType({})
+    former: Mapping[str, str] = field(default_factory=dict)
 
 
 class PluginGroup(HelpfulGroup):
