@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-import threading
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
@@ -19,6 +19,7 @@ from crtk_drivers.cli.terminal import ERR, plain, sentence
 from crtk_drivers.config.keys import heading_of
 from crtk_drivers.errors import ConnectionLost
 from crtk_drivers.sims import RunningSim, SimPlugin
+from crtk_drivers.status.flag import Flag
 
 _POLL = 0.2
 
@@ -49,7 +50,8 @@ def run_simulator(plugin: SimPlugin, given: Mapping[str, Any]) -> int:
         running = sims.start(plugin, given_settings(plugin.Config, given))
         try:
             _tell_ports(plugin, running)
-            while not stopped.wait(_POLL):
+            while not stopped.is_set():
+                time.sleep(_POLL)
                 if not running.running:
                     raise ConnectionLost(
                         "the simulator has ended by itself", where=f"{plugin.name} {running.host}"
@@ -60,8 +62,8 @@ def run_simulator(plugin: SimPlugin, given: Mapping[str, Any]) -> int:
 
 
 @contextmanager
-def _stop_signals() -> Iterator[threading.Event]:
-    stopped = threading.Event()
+def _stop_signals() -> Iterator[Flag]:
+    stopped = Flag()
 
     def stop(number: int, frame: FrameType | None) -> None:
         stopped.set()

@@ -23,6 +23,7 @@ from crtk_drivers.cli import config_reference, main
 from crtk_drivers.cli.app import app, split_arguments
 from crtk_drivers.cli.list_command import short_names
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
+from crtk_drivers.cli.sim_command import _stop_signals
 from crtk_drivers.cli.status_line import StatusLine, status_text
 from crtk_drivers.cli.terminal import OUT
 from crtk_drivers.config import from_values
@@ -392,6 +393,22 @@ def test_a_simulator_runs_until_it_is_told_to_stop(tmp_path: Path, end: signal.S
         process.send_signal(end)
         assert process.wait(10) == 0
     assert re.search(r"rtde +127\.\d+\.\d+\.\d+:30004", "".join(lines))
+
+
+def test_signals_may_come_while_others_are_handled() -> None:
+    """As from a launcher that passes them on: a handler that waits for a lock would wait for itself."""
+    before = signal.getsignal(signal.SIGTERM)
+    with _stop_signals() as stopped:
+        sending = (
+            f"import os, time\nfor _ in range(9000): os.kill({os.getpid()}, 15); time.sleep(1e-5)"
+        )
+        sender = subprocess.Popen([sys.executable, "-c", sending])
+        with sender:
+            while sender.poll() is None:
+                stopped.is_set()
+                stopped.set()
+        assert stopped.is_set()
+    assert signal.getsignal(signal.SIGTERM) == before
 
 
 RUNNING = Health(
