@@ -15,6 +15,8 @@ FROM_ROOT = {
 }
 """Pages of the site that lie beside docs/, not in it."""
 
+_ON_SITE = {source: name for name, source in FROM_ROOT.items()}
+
 API = {
     "python": ("Devices in Python", ["crtk_drivers.front.local", "crtk_drivers.move"]),
     "client": ("The far side of ROS", ["crtk_drivers.client.remote"]),
@@ -46,7 +48,7 @@ _LINK = re.compile(r"(!?)\[([^\]]+)\]\((?!https?:)([^)\s#]*)(#[^)\s]*)?\)")
 def on_files(files, config):
     """Add what is not a file in docs/."""
     for name, source in FROM_ROOT.items():
-        text = (ROOT / source).read_text("utf-8").replace("](docs/", "](")
+        text = (ROOT / source).read_text("utf-8")
         files.append(File.generated(config, name, content=text))
     for name, (title, modules) in API.items():
         shown = "\n\n".join(f"::: {module}" for module in modules)
@@ -56,22 +58,18 @@ def on_files(files, config):
 
 def on_page_markdown(markdown, page, config, files):
     """Let links lead to pages of the site; what is in the repository only is named, not linked."""
-    here = posixpath.dirname(page.file.src_uri)
+    name = page.file.src_uri
+    source = posixpath.dirname(FROM_ROOT.get(name, f"docs/{name}"))
+    here = posixpath.dirname(name) or "."
 
     def lead(match):
         picture, text, path, anchor = match.groups()
-        if picture or not path:
+        if not path:
             return match.group(0)
-        target = posixpath.normpath(posixpath.join("docs", here, path))
-        if page.file.src_uri in FROM_ROOT:
-            inside = posixpath.normpath(path)
-            target = f"docs/{inside}" if files.get_file_from_path(inside) else inside
-        for name, source in FROM_ROOT.items():
-            if target == source:
-                target = f"docs/{name}"
-        inside = target.removeprefix("docs/")
-        if target != inside and files.get_file_from_path(inside):
-            return f"[{text}]({posixpath.relpath(inside, here or '.')}{anchor or ''})"
+        target = posixpath.normpath(posixpath.join(source, path))
+        on_site = _ON_SITE.get(target) or (target[5:] if target.startswith("docs/") else "")
+        if on_site and files.get_file_from_path(on_site):
+            return f"{picture}[{text}]({posixpath.relpath(on_site, here)}{anchor or ''})"
         return f"{text} (`{target}` in the repository)"
 
     return _LINK.sub(lead, markdown)
