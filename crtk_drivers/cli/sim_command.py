@@ -19,7 +19,7 @@ from crtk_drivers.cli.terminal import ERR, plain, sentence
 from crtk_drivers.config.keys import heading_of
 from crtk_drivers.errors import ConnectionLost
 from crtk_drivers.sims import RunningSim, SimPlugin
-from crtk_drivers.status.flag import Flag
+from crtk_drivers.status.stop_request import StopRequest
 
 _POLL = 0.2
 
@@ -62,8 +62,8 @@ def run_simulator(plugin: SimPlugin, given: Mapping[str, Any]) -> int:
 
 
 @contextmanager
-def _stop_signals() -> Iterator[Flag]:
-    stopped = Flag()
+def _stop_signals() -> Iterator[StopRequest]:
+    stopped = StopRequest()
 
     def stop(number: int, frame: FrameType | None) -> None:
         stopped.set()

@@ -25,7 +25,7 @@ from crtk_drivers.errors import ConfigError, DeviceError
 from crtk_drivers.ros.node import PUBLISHER_TIMEOUT, DriverNode
 from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor
 from crtk_drivers.session import Session
-from crtk_drivers.status.flag import Flag
+from crtk_drivers.status.stop_request import StopRequest
 
 logger = logging.getLogger(__name__)
 
@@ -96,7 +96,7 @@ class Serving:
         for driver in self._drivers:
             driver.start()
 
-    def spin(self, stop: Flag, idle: Callable[[], None] | None = None) -> None:
+    def spin(self, stop: StopRequest, idle: Callable[[], None] | None = None) -> None:
         """Serve callbacks until `stop` is set or the context is shut down.
 
         Args:
@@ -161,7 +161,7 @@ def run(
     Raises:
         ConfigError: the ROS arguments cannot be used.
     """
-    stop = Flag()
+    stop = StopRequest()
     with _signals(stop):
         try:
             serving = Serving(session.engine, namespace, ros_args, config, session.children)
@@ -195,7 +195,7 @@ def _leave_out_of_collections() -> None:
 
 
 @contextmanager
-def _signals(stop: Flag) -> Iterator[None]:
+def _signals(stop: StopRequest) -> Iterator[None]:
     """Set `stop` at SIGINT and SIGTERM.
 
     A later SIGINT has its usual effect; one that follows at once is the same one, sent to the process

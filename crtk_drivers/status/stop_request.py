@@ -1,9 +1,9 @@
-"""A flag that a signal handler may set."""
+"""The request to end, which a signal handler may make."""
 
 from __future__ import annotations
 
 
-class Flag:
+class StopRequest:
     """Set once, looked at again and again. It takes no lock, as `threading.Event` does.
 
     A signal handler interrupts the main thread anywhere, also where that holds the lock of an event, or in
