@@ -23,6 +23,7 @@ from crtk_drivers.config import DeviceConfig, from_values, load
 from crtk_drivers.engine import Engine, Observer, threads
 from crtk_drivers.errors import CommandRefused, CrtkError, DeviceError, StopUnconfirmed
 from crtk_drivers.front import LocalDevice
+from crtk_drivers.motion.stopping import UNSEEN
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.samples import Stamp
 from crtk_drivers.session import Session
@@ -47,8 +48,6 @@ STALL_LIMIT = 1.0
 SPEED_UP = 0.15
 """Seconds that an arm that moves goes on before a fault meets it."""
 
-UNSEEN = "could not be read back"
-"""What an engine says of a stop whose end it could not see, since the link was lost before."""
 CLOCK = "own clock"
 PAUSE = "own pause"
 OWN_KINDS = frozenset({CLOCK, PAUSE, *disturbed.KINDS})
@@ -217,8 +216,12 @@ class Rig(ABC):
         """Whether where the joints are is known to the driver, or there are none."""
         if not self.engine.capabilities.joints:
             return True
-        found = self.engine.feedback("measured_js")
-        return found is not None and found[1].wall_ns != 0
+        return self.valid("measured_js") is not None
+
+    def valid(self, name: str) -> tuple[Any, Stamp] | None:
+        """Return a feedback and its stamp if it is told as valid."""
+        found = self.engine.feedback(name)
+        return None if found is None or found[1].wall_ns == 0 else found
 
     def close_watched(self) -> None:
         """End the session, and look at the joints meanwhile. What could not be confirmed may be said."""
@@ -283,8 +286,8 @@ class Rig(ABC):
         for name in ("measured_js", "measured_cf"):
             if name not in self.engine.commands:
                 continue
-            found = self.engine.feedback(name)
-            if found is None or found[1].wall_ns == 0:
+            found = self.valid(name)
+            if found is None:
                 continue
             age = time.monotonic() - found[1].monotonic
             oldest = self.engine.options.sample_timeout + SLACK

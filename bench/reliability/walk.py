@@ -196,8 +196,8 @@ class Walk:
 
     def _check_finite(self) -> None:
         """Promise 10: nothing that is not finite is told as valid."""
-        found = self.rig.engine.feedback("measured_js") if self.rig.looks[-1].joints.size else None
-        if found is None or found[1].wall_ns == 0:
+        found = self.rig.valid("measured_js") if self.rig.looks[-1].joints.size else None
+        if found is None:
             return
         value: Value = found[0]
         if isinstance(value, JointState) and not np.isfinite(value.position).all():

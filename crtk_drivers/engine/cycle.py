@@ -40,15 +40,13 @@ from crtk_drivers.motion.feedback import Feedback
 from crtk_drivers.motion.following import FollowingWatch
 from crtk_drivers.motion.inverse import Reach
 from crtk_drivers.motion.orders import LINE, OrderMaker
-from crtk_drivers.motion.stopping import Stopping
+from crtk_drivers.motion.stopping import UNSEEN, Stopping
 from crtk_drivers.move import Move, Outcome
 from crtk_drivers.samples import EMPTY, Flag, Number, Pose, Sample, Stamp, Value, Vector
 from crtk_drivers.state import HOMING_COMMANDS, OperatingState, StateCommand, Status, parse_command
 from crtk_drivers.status.board import Observer, StatusBoard
 from crtk_drivers.status.deadman import Deadman
 from crtk_drivers.status.health import Health, HealthRecorder
-
-__all__ = ["Engine", "EngineOptions", "Observer"]
 
 logger = logging.getLogger(__name__)
 
@@ -517,7 +515,7 @@ class Engine:
                 sample = self.device.read(now + period)
             except ConnectionLost as error:
                 told = without_name(str(error), self.where)
-                return f"a stop could not be read back: {told}"
+                return f"{UNSEEN}: {told}"
             usable = sample if sample is not None and not sample.not_finite else None
             self._stopping.follow(usable, self._clock())
         return ""

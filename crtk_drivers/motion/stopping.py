@@ -15,6 +15,9 @@ from collections.abc import Callable
 from crtk_drivers.device import Device
 from crtk_drivers.samples import JointState, Sample, Vector
 
+UNSEEN = "a stop could not be read back"
+"""What is said of one whose end nobody saw, since the link was lost before."""
+
 REPEAT: float = 0.05
 """Seconds after which a stop that was not carried out is sent again."""
 
@@ -120,7 +123,7 @@ class Stopping:
         """What to say of a stop of what moved when it was last seen; empty if there is none."""
         if not self._watches or not self._moving:
             return ""
-        return f"a stop could not be read back: {self._moving} when it was last seen"
+        return f"{UNSEEN}: {self._moving} when it was last seen"
 
     @property
     def time(self) -> float:
