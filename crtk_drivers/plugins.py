@@ -49,7 +49,7 @@ FORMER: Final[Mapping[str, str]] = MappingProxyType({"netft": "ati-netft"})
 ONLY: Final = "CRTK_DRIVERS_ONLY"
 """Environment variable: the names of the plugins that may be loaded, with commas; all if unset."""
 
-_OWN_DISTRIBUTION: Final = "crtk-drivers"
+OWN_DISTRIBUTION: Final = "crtk-drivers"
 
 
 def _same_config(config: Any, sim: RunningSim) -> Any:
@@ -336,9 +336,9 @@ def _rivals(name: str, points: Iterable[EntryPoint]) -> dict[str, PluginEntry]:
     entries = {
         f"{name}@{owner}": PluginEntry(point, conflict)
         for (owner, _), point in rivals
-        if owner != _OWN_DISTRIBUTION
+        if owner != OWN_DISTRIBUTION
     }
-    own = [point for (owner, _), point in rivals if owner == _OWN_DISTRIBUTION]
+    own = [point for (owner, _), point in rivals if owner == OWN_DISTRIBUTION]
     first = PluginEntry(own[0]) if own else PluginEntry(rivals[0][1], conflict)
     return {name: first} | entries
 

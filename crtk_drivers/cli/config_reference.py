@@ -17,12 +17,11 @@ from pydantic import BaseModel, TypeAdapter
 from typing_extensions import override
 
 from crtk_drivers import plugins
+from crtk_drivers.cli.terminal import as_sentence
 from crtk_drivers.config import DeviceConfig, NodeConfig
 from crtk_drivers.config.keys import description_of
 from crtk_drivers.plugins import DevicePlugin, PluginEntry
 from crtk_drivers.sims import SimPlugin
-
-_OWN_DISTRIBUTION = "crtk-drivers"
 
 _HEAD = """\
 # Configuration
@@ -197,7 +196,7 @@ def device_tables(plugin: DevicePlugin) -> str:
     """Return the Markdown of one device: its own keys, those of every device, and the node's."""
     own = table_of(plugin.config, tuple(DeviceConfig.model_fields))
     return (
-        f"## `{plugin.name}`\n\n{_sentence(plugin.summary)}\n\n{own}\n"
+        f"## `{plugin.name}`\n\n{as_sentence(plugin.summary)}\n\n{own}\n"
         f"### Keys of every device\n\n{table_of(DeviceConfig)}\n"
         f"### Table `node`\n\n{table_of(NodeConfig)}"
     )
@@ -214,22 +213,18 @@ def document() -> str:
     for entry in _own(plugins.devices()):
         device: DevicePlugin = entry.plugin
         keys = table_of(device.config, tuple(DeviceConfig.model_fields))
-        parts.append(f"## Device `{device.name}`\n\n{_sentence(device.summary)}\n\n{keys}")
+        parts.append(f"## Device `{device.name}`\n\n{as_sentence(device.summary)}\n\n{keys}")
     for entry in _own(plugins.sims()):
         sim: SimPlugin = entry.plugin
         use = f"Options of `crtk-driver sim {sim.name}`, and of `--sim-set` beside `--sim`."
         parts.append(
-            f"## Simulator `{sim.name}`\n\n{_sentence(sim.summary)}\n\n{use}\n\n{table_of(sim.Config)}"
+            f"## Simulator `{sim.name}`\n\n{as_sentence(sim.summary)}\n\n{use}\n\n{table_of(sim.Config)}"
         )
     return "\n".join(parts)
 
 
-def _sentence(summary: str) -> str:
-    return f"{summary[:1].upper()}{summary[1:].rstrip('.')}."
-
-
 def _own(entries: Mapping[str, PluginEntry]) -> Iterator[PluginEntry]:
-    return (entry for entry in entries.values() if entry.distribution == _OWN_DISTRIBUTION)
+    return (entry for entry in entries.values() if entry.distribution == plugins.OWN_DISTRIBUTION)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -37,4 +37,9 @@ def plain(text: str) -> str:
 
 def sentence(text: str) -> str:
     """Return a plugin's summary, which may be written in any way, as a sentence without markup."""
-    return plain(f"{text[:1].upper()}{text[1:].rstrip('.')}.")
+    return plain(as_sentence(text))
+
+
+def as_sentence(text: str) -> str:
+    """Return a summary with a capital at its beginning and a full stop at its end."""
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
