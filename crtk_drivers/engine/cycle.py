@@ -59,6 +59,9 @@ _SEVERITY = {
 
 _EXPLAINED = (OperatingState.PAUSED, OperatingState.FAULT)
 
+TIME_TO_DISABLE = 2.0
+"""Seconds, beside those for the stop, in which a `disable` may end when the driver is closed meanwhile."""
+
 _AFTER_STREAM = {"pause": OperatingState.PAUSED, "fault": OperatingState.FAULT}
 
 _WAY_TO_ENABLED = {
@@ -200,6 +203,11 @@ class Engine:
     def time_to_stop(self) -> float:
         """Seconds in which it says that it has stopped, at the pace that it has now."""
         return self._stopping.time
+
+    @property
+    def time_to_close(self) -> float:
+        """Seconds in which `shut_down` ends, beside what closing the link takes."""
+        return self.time_to_stop + TIME_TO_DISABLE
 
     @property
     def has_sample(self) -> bool:
@@ -485,6 +493,7 @@ class Engine:
         overdue = ""
         try:
             if self._connected:
+                self._finish_disable()
                 self._leave(OperatingState.DISABLED, "shut down")
                 overdue = self._await_stop()
             else:
@@ -500,6 +509,19 @@ class Engine:
                 where=self.where,
                 remedy="Look at the hardware, and take its power away if it moves.",
             )
+
+    def _finish_disable(self) -> None:
+        """Let a `disable` come to its end: half of one might take the power of whoever connects next."""
+        period = 1.0 / self.capabilities.rate
+        deadline = self._clock() + self.time_to_close
+        while self._transitions.running is StateCommand.DISABLE and self._clock() < deadline:
+            if not self.capabilities.paced_by_stream:
+                self._sleep(period)
+            try:
+                self.cycle(self._clock() + period)
+            except DeviceError as error:
+                logger.warning("%s: disable was not finished: %s", self.where, error.statement)
+                return
 
     def _await_stop(self) -> str:
         """Read until the stop has been carried out, and return ""; or what to say when it was not."""

@@ -105,8 +105,8 @@ class BusThread:
 
     @property
     def time_to_close(self) -> float:
-        """Seconds in which its devices say that they have stopped."""
-        return sum(engine.time_to_stop for engine in self.engines)
+        """Seconds in which its devices say that they have stopped, or are disabled."""
+        return sum(engine.time_to_close for engine in self.engines)
 
     def join(self, deadline: float) -> bool:
         """Wait for the end until the monotonic `deadline`; return whether it came."""
