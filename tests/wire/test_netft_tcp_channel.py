@@ -238,7 +238,7 @@ def test_a_sensor_without_web_page_and_udp_is_measured_over_tcp(caplog) -> None:
             assert isinstance(wrench, Wrench)
             assert wrench.force == pytest.approx([1e-3, -1e-3, 1e-5])
             assert sample.stamp.wall_ns > 0
-            assert any(note.key == "web page" for note in device.notes)
+            assert {"web page", "transport"} <= {note.key for note in device.notes}
         finally:
             device.close()
     assert "read over TCP" in caplog.text
@@ -254,6 +254,7 @@ def test_tcp_alone_may_be_asked_for() -> None:
             for _ in range(5):
                 assert device.read(soon()) is not None
             assert time.monotonic() - begin > 0.03, "not faster than it was asked to"
+            assert not any(note.key == "transport" for note in device.notes)
         finally:
             device.close()
 

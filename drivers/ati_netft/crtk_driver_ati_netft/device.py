@@ -33,6 +33,7 @@ from crtk_driver_ati_netft.sequence import Event
 from crtk_driver_ati_netft.services import SensorBias, SensorServices
 from crtk_driver_ati_netft.source import Source
 from crtk_driver_ati_netft.stream import RECEIVE_BUFFER, Batch
+from crtk_driver_ati_netft.tcp_stream import TcpStream
 from crtk_driver_ati_netft.web import WebPages
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import (
@@ -309,6 +310,7 @@ class NetFtDevice(Device):
             (Severity.INFO, "notice", ", ".join(monitor.notices)),
             (Severity.ERROR, "compensation", self._orientation.note()),
             (Severity.WARNING, "receive_buffer", self._buffer_note()),
+            (Severity.WARNING, "transport", self._transport_note()),
             (Severity.WARNING, "page", self._page_watch.trouble),
             *self._recordings.notes(),
             *self._services.notes(),
@@ -330,6 +332,14 @@ class NetFtDevice(Device):
         return (
             f"the kernel grants {granted / 1024:.0f} KiB: measurements may be lost on a busy machine "
             f"(sudo sysctl net.core.rmem_max={self._config.receive_buffer})"
+        )
+
+    def _transport_note(self) -> str:
+        if self._config.transport != "auto" or not isinstance(self._source, TcpStream):
+            return ""
+        return (
+            f"nothing came from UDP port {self._config.rdt_port}: measuring over TCP, with 16 bits, "
+            "until the next connection"
         )
 
     def _log_connection(self, info: SensorInfo) -> None:
