@@ -100,6 +100,7 @@ class Rig(ABC):
         values: configuration in which a busy machine is no fault; `defaults`: for measuring.
         thorough: one fault is met in every activity in CI, too.
         tolerance: how far (rad, m) joints that stand may seem to move.
+        belated: seconds in which a fault may still be told of that is over already.
     """
 
     name: ClassVar[str]
@@ -110,6 +111,7 @@ class Rig(ABC):
     values: ClassVar[Mapping[str, Any]] = {}
     defaults: ClassVar[Mapping[str, Any]] = {}
     tolerance: ClassVar[float] = 3e-3
+    belated: ClassVar[float] = 0.0
     thorough: ClassVar[bool] = True
     second: ClassVar[str] = "in use"
     """Words with which a second host is refused."""
@@ -387,7 +389,8 @@ class Rig(ABC):
                 self.engine.state_command("resume" if self.status.state == "PAUSED" else "enable")
             self.until(lambda: self.engine.transition_ended, PATIENCE, "enable ends")
             if time.monotonic() > deadline:
-                raise BrokenPromiseError(f"it cannot be enabled again: {self.status}")
+                refused = [str(refusal) for refusal in self.log.refused[-2:]]
+                raise BrokenPromiseError(f"it cannot be enabled again: {self.status}, {refused}")
             if self.status.state != "ENABLED":
                 self.run(0.1)
 

@@ -23,7 +23,7 @@ SILENT = 0.5
 """`silent_timeout` of tests, s."""
 WATCHDOG = 0.2
 BOOT = 2.0
-"""Seconds in which the core may notice that a servo has started again."""
+"""Seconds in which the driver may notice that a servo has started again."""
 
 _MOVING = ("servo_jp", "servo_jv", "servo_jf", "interpolate_jv", "move_jp", "move_cp")
 
@@ -133,6 +133,7 @@ class DynamixelRig(Rig):
     defaults = _DEFAULTS
     values = _PATIENT
     tolerance = 5e-3  # three counts of 1.5 mrad
+    belated = BOOT
 
     @property
     @override

@@ -80,6 +80,18 @@ class NetFtRig(Rig):
         return SIM.spawn(rdt_port=0, tcp_port=0, http_port=0)
 
     @override
+    def ready(self) -> None:
+        super().ready()
+        if not self._has_datagrams:
+            # While RDT was closed the driver has changed to TCP, which has none of these faults.
+            self.reopen()
+            super().ready()
+
+    @property
+    def _has_datagrams(self) -> bool:
+        return "receive_buffer" in self.disturbed.counters
+
+    @override
     def joints(self) -> np.ndarray:
         return np.zeros(0)
 

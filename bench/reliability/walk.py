@@ -63,6 +63,7 @@ class Walk:
         self.story = Story()
         self._fault: Way | None = None
         self._asked = -math.inf
+        self._told_by = -math.inf
         self._start = np.zeros(0)
 
     # ------------------------------------------------------------------------------------------ steps
@@ -118,6 +119,8 @@ class Walk:
             self.rig.end_fault()
             if self._fault.lags:
                 self._asked = time.monotonic()
+            if self._fault.follows is Follows.STOPS:
+                self._told_by = time.monotonic() + self.rig.belated
             self._fault = None
             self.go_on(0.05)
 
@@ -228,6 +231,7 @@ class Walk:
         """Whatever was before: without faults it connects, enables, moves, and can be stopped."""
         self.rig.stop_activity()
         self.end_fault()
+        self.go_on(max(0.0, self._told_by - time.monotonic()))
         try:
             self.rig.ready()
         except (BrokenPromiseError, CrtkError) as error:
