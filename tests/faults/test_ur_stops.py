@@ -13,11 +13,11 @@ from ur_bench import HOME, LONG, WAYS, UrBench, driver_at, eventually, ur_bench
 
 from crtk_driver_ur.library.sequencer import LONGEST_STEP
 from crtk_driver_ur.models import JOINT_NAMES, model_named
-from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors import ConfigError, DeviceError
 from crtk_sim_backends.ur import SIM
 
 POWER_OFF, IDLE, RUNNING = 3, 5, 7
-STOPPED, PLAYING = 1, 2
+STOPPED, PLAYING, PAUSED = 1, 2, 4
 SERVO_J = 11
 FAR = [2.5, *HOME[1:]]
 CONFIG = {"sample_timeout": 1.0, "open_timeout": 5.0}
@@ -240,6 +240,43 @@ def test_closing_stops_first_and_leaves_the_arm_as_it_is_configured(
         bench.until_still()
         assert bench.q()[0] < FAR[0] - 0.1
         assert watch.standing_when_power_went, "it stands before its power goes"
+
+
+@both_ways
+def test_a_disable_is_carried_out_though_the_driver_is_closed_meanwhile(control):
+    with ur_bench({**CONFIG, "control": control}) as bench:
+        bench.enable()
+        bench.engine.state_command("disable")
+        bench.arm.close()
+        assert bench.outputs("robot_mode") == POWER_OFF
+
+
+@both_ways
+def test_a_paused_program_does_not_outlive_the_driver(control):
+    with ur_bench({**CONFIG, "control": control}) as bench:
+        bench.enable()
+        bench.arm.move_jp(FAR)
+        bench.until_moving(speed=1.0)
+        bench.inject("drop", port="dashboard", every=1, direction="in")
+        bench.inject("pause_program")
+        bench.until_state("PAUSED", "paused")
+        bench.until_outputs(runtime_state=(PAUSED,))
+        bench.sim.control.clear("drop")
+        bench.arm.close()
+        bench.until_outputs(runtime_state=(STOPPED,))
+        with bench.nothing_moves():
+            bench.sim.control.clear()
+
+
+@both_ways
+def test_a_program_that_cannot_be_ended_is_told_of(control):
+    with ur_bench({**CONFIG, "control": control}) as bench:
+        bench.enable()
+        bench.inject("drop", port="dashboard", every=1, direction="in")
+        bench.inject("pause_program")
+        bench.until_state("PAUSED", "paused")
+        with pytest.raises(DeviceError, match="dashboard"):
+            bench.arm.close()
 
 
 class Watch:

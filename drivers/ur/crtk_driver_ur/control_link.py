@@ -25,6 +25,9 @@ REMOTE_CHECK_PERIOD = 0.5
 PROGRAM_CHECK_PERIOD = 2.0
 """Seconds between two questions which program is loaded."""
 
+PROGRAM_END_PERIOD = 0.2
+"""Seconds between two requests to end a paused program."""
+
 INTERRUPTED = "another command took its place"
 PROGRAM_STOPPED = "the control program was stopped on the controller"
 
@@ -62,6 +65,8 @@ class ControlLink(ABC):
         self._remote_asked_at = -math.inf
         self._program_asked = 0
         self._program_asked_at = -math.inf
+        self._end_asked = 0
+        self._end_asked_at = -math.inf
         self._was_local = False
         self._progress = MoveProgress.DONE
         self._move_failure = ""
@@ -89,15 +94,15 @@ class ControlLink(ABC):
     def _controller(self) -> Controller:
         """Whom requests go to."""
 
-    def power_off_now(self) -> None:
-        """Switch the arm's power off, and wait for the answer; after `close`.
+    def request_now(self, name: str) -> None:
+        """Have the dashboard carry out a request, and wait for the answer; after `close`.
 
         Raises:
-            ConnectionFailed, ConnectionLost, TransitionFailed: it was not.
+            ConnectionFailed, ConnectionLost, TransitionFailed: it was not carried out.
         """
         client = client_of(self._controller)
         try:
-            client.ask("power_off")
+            client.ask(name)
         finally:
             client.close()
 
@@ -243,9 +248,15 @@ class ControlLink(ABC):
         yield from self.ask("stop_program")
 
     def end_paused_program(self) -> None:
-        """End our program instead of leaving it paused: somebody could continue a motion unasked."""
+        """End our program instead of leaving it paused: somebody could continue a motion unasked.
+
+        To be called for as long as it is paused: the controller is asked again when it has not done so.
+        """
         self.program_runs = False
-        self._try_request("stop_program")
+        now = time.monotonic()
+        if not self._end_asked and now - self._end_asked_at > PROGRAM_END_PERIOD:
+            self._end_asked_at = now
+            self._end_asked = self._try_request("stop_program")
 
     # Requests
 
@@ -291,11 +302,17 @@ class ControlLink(ABC):
             self._program_asked = 0
             known = None if reply.error is not None else str(reply.value)
             self.loaded_program = None if known is None else known.partition(": ")[2]
+        elif reply.sequence == self._end_asked:
+            self._end_asked = 0
+            if reply.error is not None:
+                logger.warning(
+                    "%s: a paused program has not ended: %s", self._where, reply.error.text
+                )
         elif reply.sequence in self._awaited:
             self._replies[reply.sequence] = reply
 
     def _forget_requests(self) -> None:
-        self._remote_asked = self._program_asked = 0
+        self._remote_asked = self._program_asked = self._end_asked = 0
         self._replies.clear()
 
     def _answer(self, name: str, sequence: int) -> Generator[None, None, Any]:

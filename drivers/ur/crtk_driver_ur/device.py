@@ -32,7 +32,13 @@ from crtk_driver_ur.reports import numbers_of, reports_of
 from crtk_driver_ur.robot import Robot
 from crtk_driver_ur.robot_api import POLYSCOPE_X, REMOTE_SINCE
 from crtk_driver_ur.rtde.stream import RTDE_PORT, RtdeStream, StateSample
-from crtk_driver_ur.safety import PROGRAM_PAUSED, RobotMode, found_in
+from crtk_driver_ur.safety import (
+    PAUSED_PROGRAM,
+    PROGRAM_PAUSED,
+    STANDING_PROGRAM,
+    RobotMode,
+    found_in,
+)
 from crtk_driver_ur.samples import pose_of
 from crtk_driver_ur.services import UrServices
 from crtk_driver_ur.servo_lag import ServoLag
@@ -116,6 +122,7 @@ class UrDevice(Device):
         self._robot = Robot(self._link, f"ur {self.address}")
         self._lag = ServoLag()
         self._in_control = False
+        self._has_paused = False  # our program, which has been told to end
         self._why_stopped = _PROGRAM_STOPPED
         self._found = ""
         self._services = UrServices(
@@ -297,16 +304,35 @@ class UrDevice(Device):
     @override
     def close(self) -> None:
         stream, self._stream = self._stream, None
-        if stream is not None:
-            stream.close()
         state = self._robot.state
         silent = state is None or time.monotonic() - state.received > DEAD_AFTER
         lost = self._stream_lost or silent
-        has_power = self._in_control or self._link.program_runs
-        self._link.close(lost=lost)
-        self._robot.state, self._in_control = None, False
+        has_program = self._link.program_runs or self._has_paused
+        has_power = self._in_control or has_program
+        try:
+            self._link.close(lost=lost)
+            if stream is not None and has_program and not lost:
+                self._end_program_now(stream)
+        finally:
+            if stream is not None:
+                stream.close()
+            self._robot.state, self._in_control, self._has_paused = None, False, False
         if has_power and not lost and self._config.on_close == "power_off":
-            self._link.power_off_now()
+            self._link.request_now("power_off")
+
+    def _end_program_now(self, stream: RtdeStream) -> None:
+        """See that our program has ended, or have the dashboard end it.
+
+        A paused one takes no command and no watchdog ends it: somebody could continue it at any time.
+        """
+        deadline = time.monotonic() + OTHER_PROGRAM_TIMEOUT
+        while time.monotonic() < deadline:
+            state = stream.receive(deadline)
+            if state is None or state.runtime_state in PAUSED_PROGRAM:
+                break
+            if state.runtime_state in STANDING_PROGRAM:
+                return
+        self._link.request_now("stop_program")
 
     @override
     def read(self, deadline: float) -> Sample | None:
@@ -323,7 +349,8 @@ class UrDevice(Device):
         self._robot.take(state)
         self._link.take(state)
         self._lag.measure(state.actual_q, state.actual_qd)
-        if self._link.program_runs and self._robot.paused:
+        self._has_paused = self._robot.paused and (self._link.program_runs or self._has_paused)
+        if self._has_paused:
             self._link.end_paused_program()
             self._why_stopped = PROGRAM_PAUSED
         self._geometry.follow_tool(state)

@@ -9,7 +9,14 @@ from contextlib import contextmanager
 
 from crtk_driver_ur.control_link import ControlLink
 from crtk_driver_ur.rtde.stream import StateSample
-from crtk_driver_ur.safety import STILL, RobotMode, RuntimeState, SafetyMode, condition_of
+from crtk_driver_ur.safety import (
+    PAUSED_PROGRAM,
+    STILL,
+    RobotMode,
+    RuntimeState,
+    SafetyMode,
+    condition_of,
+)
 from crtk_drivers.device import Condition, Steps
 from crtk_drivers.errors import CommandRefused, DeviceFault, Reason
 from crtk_drivers.state import OperatingState
@@ -83,10 +90,7 @@ class Robot:
     @property
     def paused(self) -> bool:
         """Whether a program is paused, or about to be."""
-        return self.state is not None and self.state.runtime_state in (
-            RuntimeState.PAUSING,
-            RuntimeState.PAUSED,
-        )
+        return self.state is not None and self.state.runtime_state in PAUSED_PROGRAM
 
     @property
     def standing(self) -> bool:

@@ -15,6 +15,7 @@ from crtk_drivers.device import Condition
 from crtk_drivers.state import OperatingState
 
 __all__ = [
+    "PAUSED_PROGRAM",
     "STANDING_PROGRAM",
     "STILL",
     "RobotMode",
@@ -74,6 +75,9 @@ class RuntimeState(IntEnum):
 
 STANDING_PROGRAM = frozenset({RuntimeState.STOPPING, RuntimeState.STOPPED})
 """States in which no program runs, or not for long."""
+
+PAUSED_PROGRAM = frozenset({RuntimeState.PAUSING, RuntimeState.PAUSED})
+"""States in which a program carries nothing out, but can be continued."""
 
 
 def name_of(kind: type[IntEnum], number: int) -> str:
@@ -250,6 +254,6 @@ def condition_of(
         return LOCAL_CONTROL
     if robot_status & RobotStatus.TEACH_BUTTON_PRESSED:
         return TEACH_BUTTON
-    if runtime_state in (RuntimeState.PAUSING, RuntimeState.PAUSED):
+    if runtime_state in PAUSED_PROGRAM:
         return PROGRAM_PAUSED
     return _FREE
