@@ -207,7 +207,8 @@ class Engine:
     @property
     def time_to_close(self) -> float:
         """Seconds in which `shut_down` ends, beside what closing the link takes."""
-        return self.time_to_stop + TIME_TO_DISABLE
+        disables = self._transitions.running is StateCommand.DISABLE
+        return self.time_to_stop + (TIME_TO_DISABLE if disables else 0.0)
 
     @property
     def has_sample(self) -> bool:
