@@ -231,7 +231,8 @@ class Walk:
         """Whatever was before: without faults it connects, enables, moves, and can be stopped."""
         self.rig.stop_activity()
         self.end_fault()
-        self.go_on(max(0.0, self._told_by - time.monotonic()))
+        if time.monotonic() < self._told_by:
+            self.go_on(self._told_by - time.monotonic())
         try:
             self.rig.ready()
         except (BrokenPromiseError, CrtkError) as error:
