@@ -53,7 +53,9 @@ def without_name(text: str, where: str) -> str:
     """
     address = where.partition(" ")[2]
     text = text.replace(f"{where}: ", "")
-    return text.replace(f" {address}: ", ": ") if address else text
+    if not address:
+        return text
+    return text.replace(f": {address}: ", ": ").replace(f" {address}: ", ": ")
 
 
 class CrtkError(Exception):

@@ -13,6 +13,7 @@ UR = "ur 10.0.0.2:30004"
         (f"{UR}: the stream ended", UR, "the stream ended"),
         (f"enable: {UR}: no power", UR, "enable: no power"),
         ("RTDE 10.0.0.2:30004: refused", UR, "RTDE: refused"),
+        ("enable: 10.0.0.2:30004: refused", UR, "enable: refused"),
         ("dashboard 10.0.0.2:29999: refused", UR, "dashboard 10.0.0.2:29999: refused"),
         ("loopback loopback: gone", "loopback loopback", "gone"),
         ("gone", "rig", "gone"),
