@@ -9,7 +9,7 @@ before it and the time since: nothing that a conversion since the command was ch
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +36,9 @@ _DAMPING = Damping()
 
 _OVERSPEED = 1.1
 """By how much a joint that an effort drives may exceed its speed: what is measured is noisy."""
+
+_NOISE = 0.03
+"""Share of its speed with which a joint that stands may seem to move."""
 
 
 MAX_STEP = 0.05
@@ -108,6 +111,10 @@ class SetpointLimiter:
         lag = 0.0 if capabilities.following is None else capabilities.following.lag
         delay = lag + _BRAKING_CYCLES / capabilities.rate
         self._braking = [(limit.acceleration, delay) for limit in capabilities.limits]
+        self._letting_go = [
+            (min(limit.acceleration, limit.velocity / capabilities.stop.time), delay)
+            for limit in capabilities.limits
+        ]
         self._credit = policy.max_step
         self._credited = -math.inf
         self._judges: dict[Mode, Callable[[str, Vector, Vector], tuple[Vector, str]]] = {
@@ -306,7 +313,7 @@ class SetpointLimiter:
         values = _scaled_into(values, self._velocity)
         if not before.size:
             return values, ""
-        bounds = self._stoppable(before)
+        bounds = self._stoppable(before, self._braking)
         pairs = list(zip(values.tolist(), bounds, strict=True))
         if all(low <= value <= high for value, (low, high) in pairs):
             return values, ""
@@ -314,9 +321,16 @@ class SetpointLimiter:
         index = next(i for i, (value, (low, high)) in enumerate(pairs) if not low <= value <= high)
         return vector(slowed), self._slowed_text(index, before, slowed[index])
 
-    def _stoppable(self, joints: Vector) -> list[tuple[float, float]]:
-        """Return the velocities down and up (n) from which each joint still stops before its range ends."""
-        rows = zip(joints.tolist(), self._ranges, self._braking, strict=True)
+    def _stoppable(
+        self, joints: Vector, brakes: Sequence[tuple[float, float]]
+    ) -> list[tuple[float, float]]:
+        """Return the velocities down and up (n) from which each joint still stops before its range ends.
+
+        Args:
+            joints: where they are.
+            brakes: deceleration of each, and the delay before it.
+        """
+        rows = zip(joints.tolist(), self._ranges, brakes, strict=True)
         return [
             (-stoppable_speed(here - low, *braking), stoppable_speed(high - here, *braking))
             for here, (low, high), braking in rows
@@ -348,6 +362,9 @@ class SetpointLimiter:
     def check_driven(self, name: str, state: JointState) -> None:
         """Refuse to go on with efforts when a joint is too fast, or could not stop before its range ends.
 
+        A joint that an effort drives is not braked but let go, before the device stops it otherwise: it is
+        believed to need the whole time that the device declares for a stop from full speed.
+
         Args:
             name: of the command that drives it.
             state: as measured; what is not known of it is not judged.
@@ -359,7 +376,9 @@ class SetpointLimiter:
         if velocity.size != len(self._joints):
             return
         bounds = (
-            self._stoppable(position) if position.size else [(-math.inf, math.inf)] * velocity.size
+            self._stoppable(position, self._letting_go)
+            if position.size
+            else [(-math.inf, math.inf)] * velocity.size
         )
         rows = zip(self._joints, velocity.tolist(), self._fastest, bounds, strict=True)
         for index, (joint, speed, fastest, (down, up)) in enumerate(rows):
@@ -370,7 +389,7 @@ class SetpointLimiter:
                     f"{joint} moves at {speed:.4f}, faster than {fastest:.4f}",
                     "Stopped. Send smaller efforts.",
                 )
-            margin = (_OVERSPEED - 1.0) * fastest
+            margin = _NOISE * fastest
             if position.size and not down - margin <= speed <= up + margin:
                 low, high = self._ranges[index]
                 raise self._refusal(
@@ -421,7 +440,7 @@ class SetpointLimiter:
         speeds = right.T @ (_DAMPING.gains(sizes) * (left.T @ values))
         share, slowest = 1.0, 0
         for index, (speed, (low, high)) in enumerate(
-            zip(speeds.tolist(), self._stoppable(before), strict=True)
+            zip(speeds.tolist(), self._stoppable(before, self._braking), strict=True)
         ):
             bound = high if speed > 0.0 else low
             if abs(speed) <= NEGLIGIBLE * self._fastest[index]:

@@ -3,6 +3,9 @@
 One message, exactly one, is lost, doubled or late: each of those on every way out of a motion in turn.
 """
 
+import time
+from contextlib import suppress
+
 import pytest
 from dynamixel_bench import (
     FAST_SYNC_READ,
@@ -17,6 +20,8 @@ from dynamixel_bench import (
     set_upright,
     sim_for,
 )
+
+from crtk_drivers.errors import CommandRefused
 
 VALUES = arm_values(mode_switch_dwell=0.0, stream_timeout=0.1)
 MOVING = {"servo_jv": [0.5, 0, 0, 0, 0, 0], "servo_jf": [0.6, 0, 0, 0, 0, 0]}
@@ -115,3 +120,25 @@ def test_one_answer_on_the_way_to_a_stop(bench, code):
         leave(bench, "hold")
         assert_stopped(bench, "hold")
         bench.sim.control.clear()
+
+
+@pytest.mark.parametrize("begins_at", [2.9, 3.06, 3.12, 3.135])
+def test_an_effort_that_goes_on_and_on_does_not_drive_a_joint_out_of_its_range(bench, begins_at):
+    bench.arm.disable(timeout=LONG)
+    bench.place(joint_1=begins_at)
+    bench.cycles()
+    bench.enable()
+    bench.log.refusals.clear()
+    upper = bench.engine.capabilities.limits[0].upper
+    begin, farthest = time.monotonic(), 0.0
+    while time.monotonic() < begin + 1.0:
+        with suppress(CommandRefused):
+            bench.arm.servo_jf([0.3, 0, 0, 0, 0, 0])
+        farthest = max(farthest, waist(bench)["angle"])
+        time.sleep(0.005)
+    bench.until_still()
+    farthest = max(farthest, waist(bench)["angle"])
+    bench.arm.disable(timeout=LONG)
+    bench.place(joint_1=0.0)
+    assert begins_at < farthest < upper + 0.03
+    assert "waist" in bench.log.refusals[0].detail
