@@ -269,6 +269,16 @@ def test_a_paused_program_does_not_outlive_the_driver(control):
 
 
 @both_ways
+def test_a_program_that_is_paused_while_it_starts_does_not_outlive_the_driver(control):
+    with ur_bench({**CONFIG, "control": control}) as bench:
+        bench.engine.state_command("enable")
+        bench.until_outputs(runtime_state=(PLAYING,))
+        bench.inject("pause_program")
+        bench.arm.close()
+        bench.until_outputs(runtime_state=(STOPPED,))
+
+
+@both_ways
 def test_a_program_that_cannot_be_ended_is_told_of(control):
     with ur_bench({**CONFIG, "control": control}) as bench:
         bench.enable()

@@ -44,6 +44,7 @@ class ControlLink(ABC):
         loss: why control was lost, in words; empty if it was not. Cleared by whoever starts anew.
         complaint: what the controller said last against our control program; empty if nothing.
         program_runs: our control program was started and not seen to stop since.
+        replaced: another program has been seen to run in the place of ours.
         has_local_control: the controller knows local and remote control, and is asked which it is.
         remote: whether it is in remote control; None if not known.
         arm: what the joints may do, for a control program of ours; None: as in the options.
@@ -55,6 +56,7 @@ class ControlLink(ABC):
         self.arm: RobotModel | None = None
         self.complaint = ""
         self.program_runs = False
+        self.replaced = False
         self.has_local_control = False
         self.remote: bool | None = None
         self.loaded_program: str | None = None

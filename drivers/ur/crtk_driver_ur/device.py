@@ -20,7 +20,7 @@ from typing_extensions import override
 from crtk_driver_ur.abilities import capabilities_of
 from crtk_driver_ur.arm_geometry import ArmGeometry
 from crtk_driver_ur.config import UrConfig
-from crtk_driver_ur.control_link import ControlLink
+from crtk_driver_ur.control_link import PROGRAM_STOPPED, ControlLink
 from crtk_driver_ur.control_options import ControlOptions, MotionOptions
 from crtk_driver_ur.frames import Transform
 from crtk_driver_ur.inputs import UrInputs
@@ -64,6 +64,7 @@ from crtk_drivers.errors import (
     DeviceError,
     MotionAborted,
     Reason,
+    TransitionFailed,
 )
 from crtk_drivers.geometry.quaternions import rotvec_from_pose
 from crtk_drivers.samples import Array, Pose, Sample, Vector, vector
@@ -122,7 +123,8 @@ class UrDevice(Device):
         self._robot = Robot(self._link, f"ur {self.address}")
         self._lag = ServoLag()
         self._in_control = False
-        self._has_paused = False  # our program, which has been told to end
+        self._has_program = False  # what runs on the controller, or is about to, is ours
+        self._starting = False
         self._why_stopped = _PROGRAM_STOPPED
         self._found = ""
         self._services = UrServices(
@@ -307,7 +309,7 @@ class UrDevice(Device):
         state = self._robot.state
         silent = state is None or time.monotonic() - state.received > DEAD_AFTER
         lost = self._stream_lost or silent
-        has_program = self._link.program_runs or self._has_paused
+        has_program, self._has_program = self._has_program, False
         has_power = self._in_control or has_program
         try:
             self._link.close(lost=lost)
@@ -316,7 +318,7 @@ class UrDevice(Device):
         finally:
             if stream is not None:
                 stream.close()
-            self._robot.state, self._in_control, self._has_paused = None, False, False
+            self._robot.state, self._in_control = None, False
         if has_power and not lost and self._config.on_close == "power_off":
             self._link.request_now("power_off")
 
@@ -349,8 +351,9 @@ class UrDevice(Device):
         self._robot.take(state)
         self._link.take(state)
         self._lag.measure(state.actual_q, state.actual_qd)
-        self._has_paused = self._robot.paused and (self._link.program_runs or self._has_paused)
-        if self._has_paused:
+        over = self._link.replaced or state.runtime_state in STANDING_PROGRAM
+        self._has_program = self._has_program and (self._starting or not over)
+        if self._has_program and self._robot.paused:
             self._link.end_paused_program()
             self._why_stopped = PROGRAM_PAUSED
         self._geometry.follow_tool(state)
@@ -485,9 +488,21 @@ class UrDevice(Device):
     def _start_program(self, command: str) -> Steps:
         if not (self._link.connected and self._link.program_runs):
             yield from self._require_no_program(command)
-            yield from self._link.start_program()
+            self._has_program = self._starting = True
+            try:
+                yield from self._link.start_program()
+            finally:
+                self._starting = False
         yield from self._configure()
-        yield from self._robot.until(lambda: self._robot.playing, safe=True)
+        yield from self._robot.until(
+            lambda: self._robot.playing or not self._has_program, safe=True
+        )
+        if not self._has_program:
+            raise TransitionFailed(
+                f"{command}: {PROGRAM_STOPPED}",
+                where=f"ur {self.address}",
+                remedy="Look at the teach pendant, then send it again.",
+            )
         self._link.program_runs = self._in_control = True
         self._why_stopped = _PROGRAM_STOPPED
 

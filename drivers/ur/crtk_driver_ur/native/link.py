@@ -261,8 +261,8 @@ class NativeLink(ControlLink):
         if found is not None and found[0] == self._program:
             self._follow_program(ProgramState(*found), state)
         ours = self._reported.program == self._program
-        replaced = ours and state.timestamp > self._cycled_at + REPLACED_AFTER
-        if replaced or state.runtime_state in STANDING_PROGRAM:
+        self.replaced = ours and state.timestamp > self._cycled_at + REPLACED_AFTER
+        if self.replaced or state.runtime_state in STANDING_PROGRAM:
             if self.program_runs:
                 self._remote_asked_at = -math.inf
             if ours:
