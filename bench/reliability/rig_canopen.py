@@ -33,6 +33,8 @@ MISSED = 0.2
 """Declared s after which PDOs that do not come are a fault."""
 HEARTBEAT = 0.5
 """Declared s after which a node that is not heard, and a master that is not heard, is a fault."""
+BOOT = 2.0
+"""Seconds in which the driver may notice that a node has started again."""
 
 _MOVING = ("servo_jp", "servo_jv", "servo_jf", "interpolate_jp", "interpolate_jv", "move_jp")
 
@@ -191,6 +193,7 @@ class CanopenRig(Rig):
     ways = WAYS
     absent = ABSENT
     plan = Plan(velocity=0.5, far=2.0, effort=3.0)
+    belated = BOOT
     activities = (
         REST,
         "servo_jp",

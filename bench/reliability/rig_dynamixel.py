@@ -151,6 +151,9 @@ class DynamixelRig(Rig):
     def by_hand(self) -> None:
         """A servo without an effort stays where it coasted to; what its own limits exclude, it refuses."""
         assert self.sim is not None
+        if self.status.state == "ENABLED":
+            self.arm.hold()
+        self.until_still()
         limits = self.engine.capabilities.limits
         for id, (at, limit) in enumerate(zip(self.joints(), limits, strict=True), 1):
             if not limit.lower <= at <= limit.upper:
