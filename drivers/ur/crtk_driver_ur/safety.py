@@ -218,7 +218,8 @@ TEACH_BUTTON = Condition(
 )
 PROGRAM_PAUSED = Condition(
     _PAUSED,
-    "the program was paused on the teach pendant. Stop it there if it has not ended, then resume.",
+    "the program was paused on the teach pendant. Stop it there (or by stop_program) if it has not ended, "
+    "then resume.",
 )
 
 
