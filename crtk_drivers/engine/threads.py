@@ -249,6 +249,11 @@ class Runtime:
             bus.start()
         self._watchdog.start()
 
+    @property
+    def is_open(self) -> bool:
+        """Whether it was started, and not closed since."""
+        return self._started
+
     def close(self, timeout: float = 1.5) -> None:
         """Stop and close every device, and end the threads.
 

@@ -5,6 +5,7 @@ Both fronts, plain Python and ROS, stand on a session.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
@@ -87,6 +88,16 @@ class Session:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+    def __del__(self) -> None:
+        # One that failed in its constructor has no runtime.
+        runtime = getattr(self, "_runtime", None)
+        if runtime is not None and runtime.is_open:
+            text = (
+                f"{self.engine.where} was forgotten, not closed: its threads go on. "
+                "Close it, or use it in a with statement."
+            )
+            warnings.warn(text, ResourceWarning, stacklevel=2, source=self)
 
 
 def engine_options(config: DeviceConfig) -> EngineOptions:

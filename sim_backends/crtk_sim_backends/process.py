@@ -13,6 +13,7 @@ import socket
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
@@ -223,6 +224,14 @@ class RunningSim:
         traceback: TracebackType | None,
     ) -> None:
         self.stop()
+
+    def __del__(self) -> None:
+        if self._life >= 0 and self.running:
+            text = (
+                f"the simulator with process id {self.pid} was forgotten, not stopped: it goes on. "
+                "Stop it, or use it in a with statement."
+            )
+            warnings.warn(text, ResourceWarning, stacklevel=2, source=self)
 
 
 def spawn(
