@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pkgutil import resolve_name
 from types import MappingProxyType
 from typing import Final
@@ -328,12 +329,13 @@ class UrDevice(Device):
         A paused one takes no command and no watchdog ends it: somebody could continue it at any time.
         """
         deadline = time.monotonic() + OTHER_PROGRAM_TIMEOUT
-        while time.monotonic() < deadline:
-            state = stream.receive(deadline)
-            if state is None or state.runtime_state in PAUSED_PROGRAM:
-                break
-            if state.runtime_state in STANDING_PROGRAM:
-                return
+        with suppress(ConnectionLost):
+            while time.monotonic() < deadline:
+                state = stream.receive(deadline)
+                if state is None or state.runtime_state in PAUSED_PROGRAM:
+                    break
+                if state.runtime_state in STANDING_PROGRAM:
+                    return
         self._link.request_now("stop_program")
 
     @override
