@@ -435,11 +435,6 @@ class Link:
         if self._context is not None:
             self._context.try_shutdown()
 
-    @property
-    def spins_itself(self) -> bool:
-        """Whether this link has a thread of its own."""
-        return self._context is not None
-
     # ------------------------------------------------------------------------------------ endpoints
 
     def inbox(self, topic: str, message_type: type, latched: bool | None = None) -> Inbox:

@@ -63,10 +63,6 @@ class VectorInterpolator(Interpolator[Vector]):
         target = np.clip(_finite(goal, self._rates.velocity.size), self._lower, self._upper)
         self._accept(target, np.array_equal(target, self.goal), now)
 
-    def command_relative(self, increment: ArrayLike, now: float) -> None:
-        """An increment (n,) to the newest goal arrived, or to where the stream started."""
-        self.command(self.goal + _finite(increment, self._rates.velocity.size), now)
-
     def step(self, now: float) -> tuple[Vector, Vector]:
         """Return the setpoint (n,) and its derivative at `now`."""
         self._advance(now)
@@ -243,17 +239,6 @@ class PoseInterpolator(Interpolator[tuple[Vector, Vector]]):
         newest = self._goals.newest[1]
         is_repeated = np.array_equal(position, newest[0]) and np.array_equal(orientation, newest[1])
         self._accept((position, orientation), is_repeated, now)
-
-    def command_relative(self, increment: Pose, now: float) -> None:
-        """An increment to the newest goal arrived: translation along base axes, rotation composed there."""
-        position, orientation = self._goals.newest[1]
-        self.command(
-            Pose(
-                vector(position + increment.position),
-                quaternion_product(increment.orientation, orientation),
-            ),
-            now,
-        )
 
     def step(self, now: float) -> tuple[Pose, Twist]:
         """Return the pose and the twist (base axes) at `now`."""

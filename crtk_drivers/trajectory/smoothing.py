@@ -14,7 +14,7 @@ What holds for any stream, however jittery:
   times, so that jitter of arrival hardly shows in them.
 * A stream that asks for more than the limits allow is followed within the limits, late; `lag` shows it.
 * When the next goal is missing `latency` seconds after the last one, the setpoint stops at the last goal.
-  It goes beyond it by no more than `stopping_distance` from the velocity and acceleration that it had.
+  It goes beyond it by no more than the way in which the limits stop the velocity and acceleration it had.
   If it follows a stream of v (per axis) this is v/2 · (v/a + a/j) or less; it is nothing where v is zero.
 * A position never leaves its range: towards its end, the reference is only as fast as can be stopped.
 * After `stream_timeout` without a goal a velocity or an effort goes to zero; a stream
@@ -90,21 +90,6 @@ class Rates:
     jerk: Vector
     lower: Vector
     upper: Vector
-
-
-def stopping_distance(
-    velocity: float, acceleration: float, jerk: float, present: float = 0.0
-) -> float:
-    """Return a bound of the distance in which one axis can be stopped.
-
-    Args:
-        velocity: its speed.
-        acceleration, jerk: its limits.
-        present: its acceleration now, positive if it gets faster.
-    """
-    ending = max(0.0, present) / jerk
-    fastest = velocity + present * ending / 2.0
-    return fastest * (ending + (fastest / acceleration + acceleration / jerk) / 2.0)
 
 
 class StreamClock:

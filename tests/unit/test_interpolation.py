@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import CartesianLimits, JointLimits
+from crtk_drivers.geometry.frames import moved
 from crtk_drivers.geometry.quaternions import (
     quaternion_from_rotvec,
     quaternion_product,
@@ -26,7 +27,7 @@ from crtk_drivers.trajectory.interpolators import (
     VectorInterpolator,
     WrenchInterpolator,
 )
-from crtk_drivers.trajectory.smoothing import FIRST_PERIOD, StreamClock, stopping_distance
+from crtk_drivers.trajectory.smoothing import FIRST_PERIOD, StreamClock
 
 CYCLE = 0.002
 TIMEOUT = 0.3
@@ -36,6 +37,21 @@ TOOL = CartesianLimits(0.5, 1.5, 3.0, 10.0, 50.0, 5.0)
 UPRIGHT = vector((0.0, 0.0, 0.0, 1.0))
 
 Stream = list[tuple[float, np.ndarray]]
+
+
+def stopping_distance(
+    velocity: float, acceleration: float, jerk: float, present: float = 0.0
+) -> float:
+    """Return a bound of the distance in which one axis can be stopped.
+
+    Args:
+        velocity: its speed.
+        acceleration, jerk: its limits.
+        present: its acceleration now, positive if it gets faster.
+    """
+    ending = max(0.0, present) / jerk
+    fastest = velocity + present * ending / 2.0
+    return fastest * (ending + (fastest / acceleration + acceleration / jerk) / 2.0)
 
 
 class Track:
@@ -277,7 +293,7 @@ def test_start_forgets_the_stream_before() -> None:
     assert motion.step(1.0)[0].tolist() == [0.5]
     assert motion.goal.tolist() == [0.5]
     assert motion.period == FIRST_PERIOD
-    motion.command_relative((0.1,), 1.0)
+    motion.command(motion.goal + np.array((0.1,)), 1.0)
     assert motion.goal == pytest.approx([0.6])
 
 
@@ -285,7 +301,7 @@ def test_increments_add_up_from_where_the_stream_began() -> None:
     motion = joints(SOFT, 2)
     motion.start((0.1, 0.2), 0.0)
     for index in range(5):
-        motion.command_relative((0.1, -0.05), 0.05 * index)
+        motion.command(motion.goal + np.array((0.1, -0.05)), 0.05 * index)
     assert motion.goal == pytest.approx([0.6, -0.05])
 
 
@@ -500,9 +516,9 @@ def test_relative_poses_move_along_base_axes_and_turn_about_them() -> None:
     quarter = quaternion_from_rotvec(vector((0.0, 0.0, math.pi / 2)))
     motion = PoseInterpolator(TOOL, CYCLE, TIMEOUT)
     motion.start(Pose(vector((0.0, 0.0, 0.0)), quarter, "base"), 0.0)
-    about_x = quaternion_from_rotvec(vector((0.1, 0.0, 0.0)))
+    step = Pose(vector((0.01, 0.0, 0.0)), quaternion_from_rotvec(vector((0.1, 0.0, 0.0))))
     for index in range(3):
-        motion.command_relative(Pose(vector((0.01, 0.0, 0.0)), about_x), 0.05 * index)
+        motion.command(moved(motion.goal, step), 0.05 * index)
     assert motion.goal.position == pytest.approx([0.03, 0.0, 0.0])
     should = quaternion_product(quaternion_from_rotvec(vector((0.3, 0.0, 0.0))), quarter)
     assert np.abs(turn(motion.goal.orientation, should)).max() < 1e-12
