@@ -13,11 +13,12 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crtk_drivers.commands import Kind
+from crtk_drivers.commands import Kind, Payload
 
 Array = NDArray[np.float64]
 """Any shape."""
@@ -269,6 +270,24 @@ Value = (
     | JointServo
     | CartesianServo
 )
+
+
+VALUE_TYPES: Mapping[Payload, type[Value]] = MappingProxyType(
+    {
+        Payload.JOINT_STATE: JointState,
+        Payload.POSE: Pose,
+        Payload.TWIST: Twist,
+        Payload.WRENCH: Wrench,
+        Payload.MATRIX: Matrix,
+        Payload.JOINT_SERVO: JointServo,
+        Payload.CARTESIAN_SERVO: CartesianServo,
+        Payload.NUMBER: Number,
+        Payload.NUMBERS: Numbers,
+        Payload.FLAG: Flag,
+        Payload.TEXT: Text,
+    }
+)
+"""What each payload is in Python."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

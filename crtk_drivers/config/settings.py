@@ -14,10 +14,14 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
 from crtk_drivers.geometry.quaternions import QUATERNION_TOLERANCE, quaternion_from_rpy
+from crtk_drivers.options import EngineOptions
 from crtk_drivers.samples import Pose, vector
 
 Seconds = Annotated[float, Field(gt=0.0, le=300.0)]
 """A duration in s, above zero and at most five minutes."""
+
+
+_OPTIONS = EngineOptions()
 
 
 class Settings(BaseModel):
@@ -45,11 +49,11 @@ class LimitsConfig(Settings):
     """How commands are limited before they reach the hardware."""
 
     clamp_servo: bool = Field(
-        default=True,
+        default=_OPTIONS.limits.clamp_servo,
         description="Clamp a servo position that is out of range, and warn; if false, refuse it.",
     )
     max_step: float = Field(
-        default=0.05,
+        default=_OPTIONS.limits.max_step,
         gt=0.0,
         le=1.0,
         description="Largest step between two servo positions, as the time in s that the joint "
@@ -57,20 +61,20 @@ class LimitsConfig(Settings):
         "allows in twice that time.",
     )
     max_linear_step: float = Field(
-        default=0.05,
+        default=_OPTIONS.limits.max_linear_step,
         gt=0.0,
         le=1.0,
         description="Largest step of the tool between two servo poses, in m.",
     )
     max_command_age: float | None = Field(
-        default=None,
+        default=_OPTIONS.limits.max_command_age,
         gt=0.0,
         le=60.0,
         description="Refuse a command whose stamp is older than this, in s, enable, resume and home "
         "included; not checked if null. The clocks must be synchronised.",
     )
     following_error: float | None = Field(
-        default=None,
+        default=_OPTIONS.limits.following_error,
         gt=0.0,
         le=10.0,
         description="A joint that is further than this, in rad (m), from what it was sent does not follow: "
@@ -199,50 +203,50 @@ class DeviceConfig(Settings):
     )
     open_timeout: Seconds = Field(default=5.0, description="Longest time to connect, in s.")
     stream_timeout: float = Field(
-        default=0.1,
+        default=_OPTIONS.stream_timeout,
         gt=0.0,
         le=10.0,
         description="A servo stream has stopped when no command came for this long, in s.",
     )
     interpolate_timeout: float = Field(
-        default=0.5,
+        default=_OPTIONS.interpolate_timeout,
         gt=0.0,
         le=10.0,
         description="An interpolated stream has stopped when no command came for this long, in s.",
     )
     on_stream_timeout: Literal["hold", "pause", "fault"] = Field(
-        default="hold",
+        default=_OPTIONS.on_stream_timeout,
         description="What follows when the stream has stopped and the device was held: "
         "stay ENABLED (hold), or go to PAUSED or FAULT.",
     )
     sample_timeout: float = Field(
-        default=0.5,
+        default=_OPTIONS.sample_timeout,
         gt=0.0,
         le=10.0,
         description="The device is in FAULT when its last sample is older than this, in s.",
     )
     mode_switch_dwell: float = Field(
-        default=0.1,
+        default=_OPTIONS.mode_switch_dwell,
         ge=0.0,
         le=10.0,
         description="Refuse a servo command of another kind until the last kind was silent for "
         "this long, in s.",
     )
     on_client_gone: Literal["keep", "hold"] = Field(
-        default="keep",
+        default=_OPTIONS.on_client_gone,
         description="What becomes of free drive and gravity compensation when the client that asked for "
         "them has gone: go on (keep), or hold the device and switch it off within 1 s (hold). Over ROS a "
         "process that was killed has gone when DDS says so, with Fast DDS after 20 s.",
     )
     free_timeout: float | None = Field(
-        default=None,
+        default=_OPTIONS.free_timeout,
         gt=0.0,
         le=300.0,
         description="Free drive and gravity compensation end likewise when they are not asked for again for "
         "this long, in s; they go on if null.",
     )
     move_cp: Literal["line", "joints"] = Field(
-        default="line",
+        default=_OPTIONS.move_cp,
         description="The way of move_cp and move_cr: the tool in a straight line, or the joints all at "
         "once to where inverse kinematics has the goal.",
     )

@@ -10,6 +10,7 @@ from crtk_drivers.device.capabilities import (
     JointLimits,
     Mode,
     StopPolicy,
+    mode_of,
 )
 from crtk_drivers.device.extras import (
     READINGS,
@@ -46,4 +47,5 @@ __all__ = [
     "Severity",
     "Steps",
     "StopPolicy",
+    "mode_of",
 ]

@@ -39,6 +39,12 @@ _MODE_MEANING = {
     Mode.CARTESIAN_VELOCITY: (Space.CARTESIAN, Kind.VELOCITY),
     Mode.CARTESIAN_EFFORT: (Space.CARTESIAN, Kind.EFFORT),
 }
+_MODE_OF = {meaning: mode for mode, meaning in _MODE_MEANING.items()}
+
+
+def mode_of(space: Space, kind: Kind) -> Mode:
+    """Return the mode whose setpoints carry out values of `kind`; increments lead to positions."""
+    return _MODE_OF[space, kind if kind in (Kind.VELOCITY, Kind.EFFORT) else Kind.POSITION]
 
 
 @dataclass(frozen=True, slots=True)

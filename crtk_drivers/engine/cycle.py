@@ -11,7 +11,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 from crtk_drivers.commands import Command, Level
 from crtk_drivers.device import Device, Note, Ratios
@@ -32,16 +32,17 @@ from crtk_drivers.errors import (
     without_name,
 )
 from crtk_drivers.gates.command import CommandCheck
-from crtk_drivers.gates.setpoint import LimitPolicy, SetpointLimiter
+from crtk_drivers.gates.setpoint import SetpointLimiter
 from crtk_drivers.geometry.frames import relative
 from crtk_drivers.motion.arbiter import NOBODY, Arbiter, Client, Order
 from crtk_drivers.motion.executor import MotionExecutor
 from crtk_drivers.motion.feedback import Feedback
 from crtk_drivers.motion.following import FollowingWatch
 from crtk_drivers.motion.inverse import Reach
-from crtk_drivers.motion.orders import LINE, OrderMaker
+from crtk_drivers.motion.orders import OrderMaker
 from crtk_drivers.motion.stopping import UNSEEN, Stopping
 from crtk_drivers.move import Move, Outcome
+from crtk_drivers.options import EngineOptions
 from crtk_drivers.samples import EMPTY, Flag, Number, Pose, Sample, Stamp, Value, Vector
 from crtk_drivers.state import HOMING_COMMANDS, OperatingState, StateCommand, Status, parse_command
 from crtk_drivers.status.board import Observer, StatusBoard
@@ -69,33 +70,6 @@ _WAY_TO_ENABLED = {
     OperatingState.PAUSED: "Send resume on state_command.",
     OperatingState.FAULT: "Remove the cause, then send enable on state_command.",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class EngineOptions:
-    """The choices of a user that concern the engine. Times in s.
-
-    Attributes:
-        stream_timeout: a servo stream that is silent this long has ended.
-        interpolate_timeout: the same for an interpolated stream.
-        on_stream_timeout: what happens then besides stopping: "hold" stays ENABLED, "pause", "fault".
-        sample_timeout: without a sample for this long the link counts as lost.
-        mode_switch_dwell: see `crtk_drivers.motion.arbiter`.
-        move_cp: "line" moves the tool in a straight line, "joints" the joints all at once.
-        on_client_gone: "keep" or "hold": what of free drive and gravity compensation when who asked has gone.
-        free_timeout: they end when they are not asked for again for this long; None: they go on.
-        limits: see `crtk_drivers.gates.setpoint`.
-    """
-
-    stream_timeout: float = 0.1
-    interpolate_timeout: float = 0.5
-    on_stream_timeout: str = "hold"
-    sample_timeout: float = 0.5
-    mode_switch_dwell: float = 0.1
-    move_cp: str = LINE
-    on_client_gone: str = "keep"
-    free_timeout: float | None = None
-    limits: LimitPolicy = field(default_factory=LimitPolicy)
 
 
 class Engine:
@@ -159,10 +133,7 @@ class Engine:
         self._orders = OrderMaker(
             device, reach, self._check, limiter, self._feedback, self.where, self.options.move_cp
         )
-        dwell, slow = self.options.mode_switch_dwell, self.options.interpolate_timeout
-        self._arbiter = Arbiter(
-            dwell, self.where, max(dwell, slow), self.options.stream_timeout, slow
-        )
+        self._arbiter = Arbiter(self.options, self.where)
         ends = self.options.on_client_gone == "hold", self.options.free_timeout
         self._freed, self._carried = Tether(*ends), Tether(*ends)
         self._motion = MotionExecutor(
@@ -736,9 +707,8 @@ class Engine:
             ended = self._motion.step(now)
             after = _AFTER_STREAM.get(self.options.on_stream_timeout)
             if ended and after is not None:
-                self._leave(
-                    after, f"{ended} stopped for more than {self._stream_timeout(ended):g} s"
-                )
+                silence = self.options.silence(self.commands[ended].level)
+                self._leave(after, f"{ended} stopped for more than {silence:g} s")
 
     def _judge_stop(self, running: StateCommand | None, now: float) -> None:
         """Send a stop again that a client asks for again; one that is overdue is a fault."""
@@ -765,10 +735,6 @@ class Engine:
         if status.state is OperatingState.FAULT and status.detail:
             reason, remedy = status.detail, ""
         self._leave(OperatingState.FAULT, reason, remedy)
-
-    def _stream_timeout(self, name: str) -> float:
-        is_slow = self.commands[name].level is Level.INTERPOLATE
-        return self.options.interpolate_timeout if is_slow else self.options.stream_timeout
 
     def _follow_condition(self) -> None:
         condition, status = self.device.condition, self.status

@@ -4,40 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, cast
+from typing import Any
 
 from crtk_drivers.commands import Command, Kind, Payload
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.geometry.conversions import as_pose
 from crtk_drivers.samples import (
-    CartesianServo,
+    VALUE_TYPES,
     Flag,
-    JointServo,
-    JointState,
     Number,
     Numbers,
-    Pose,
     Text,
     Twist,
     Value,
     Wrench,
     joint_state,
     vector,
-)
-
-_TYPES: Mapping[Payload, type] = MappingProxyType(
-    {
-        Payload.JOINT_STATE: JointState,
-        Payload.POSE: Pose,
-        Payload.TWIST: Twist,
-        Payload.WRENCH: Wrench,
-        Payload.JOINT_SERVO: JointServo,
-        Payload.CARTESIAN_SERVO: CartesianServo,
-        Payload.NUMBER: Number,
-        Payload.FLAG: Flag,
-        Payload.NUMBERS: Numbers,
-        Payload.TEXT: Text,
-    }
 )
 
 _HELP: Mapping[Payload, str] = MappingProxyType(
@@ -111,10 +93,10 @@ def converted(
         CommandRefused: it cannot be one.
     """
     try:
-        if isinstance(value, tuple(_TYPES.values())):
-            if not isinstance(value, _TYPES[payload]):
+        if isinstance(value, tuple(VALUE_TYPES.values())):
+            if not isinstance(value, VALUE_TYPES[payload]):
                 raise TypeError(f"the payload is a {payload}")
-            return cast("Value", value)
+            return value
         return _CONVERT[payload](kind, value)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise CommandRefused(

@@ -14,14 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crtk_drivers.commands import Command, Kind, Level, Payload, find
+from crtk_drivers.commands import Command, Kind, Level, find
 from crtk_drivers.device import Capabilities
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.gates.setpoint import LimitPolicy
 from crtk_drivers.geometry.frames import WrenchAxes
 from crtk_drivers.geometry.quaternions import QUATERNION_TOLERANCE
+from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import (
     EMPTY,
+    VALUE_TYPES,
     AxisMode,
     CartesianServo,
     Flag,
@@ -57,16 +58,6 @@ _FIELD_NAME = {
     Kind.RELATIVE: "position",
     Kind.VELOCITY: "velocity",
     Kind.EFFORT: "effort",
-}
-_VALUE_TYPE: dict[Payload, type] = {
-    Payload.JOINT_STATE: JointState,
-    Payload.POSE: Pose,
-    Payload.TWIST: Twist,
-    Payload.WRENCH: Wrench,
-    Payload.JOINT_SERVO: JointServo,
-    Payload.CARTESIAN_SERVO: CartesianServo,
-    Payload.NUMBER: Number,
-    Payload.FLAG: Flag,
 }
 
 _ZERO = vector(np.zeros(3))
@@ -134,7 +125,7 @@ class CommandCheck:
         Raises:
             CommandRefused: with the reason; nothing has been changed.
         """
-        expected = _VALUE_TYPE[command.payload]
+        expected = VALUE_TYPES[command.payload]
         if not isinstance(value, expected):
             raise self._refusal(
                 command,
@@ -399,7 +390,6 @@ class CommandCheck:
             ordered[AxisMode.POSITION],
             ordered[AxisMode.VELOCITY],
             ordered[AxisMode.EFFORT],
-            self._joints,
         )
 
     def _check_cartesian_servo(self, command: Command, value: CartesianServo) -> CartesianServo:

@@ -18,6 +18,7 @@ from crtk_drivers.device import Capabilities, Mode, Setpoint
 from crtk_drivers.errors import REPORT, CommandRefused, Reason
 from crtk_drivers.gates.braking import NEGLIGIBLE, stoppable_speed
 from crtk_drivers.gates.resolved_rate import Damping
+from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import Array, JointState, Pose, Vector, vector
 
 _VELOCITY_TOLERANCE = 0.01
@@ -39,33 +40,6 @@ _OVERSPEED = 1.1
 
 _NOISE = 0.03
 """Share of its speed with which a joint that stands may seem to move."""
-
-
-MAX_STEP = 0.05
-"""Seconds: two and a half periods of a stream at 50 Hz, so that one of its commands may be lost."""
-
-
-@dataclass(frozen=True, slots=True)
-class LimitPolicy:
-    """The choices a user has.
-
-    Attributes:
-        clamp_servo: a servo position out of range is clamped with a warning; otherwise refused.
-        max_step: largest distance in rad (m) between two servo positions of one joint, as a time: a
-            joint may be asked to go as far as its velocity limit takes it in this many seconds; with the
-            first of a stream no further than its acceleration takes it in twice that time from how it
-            moves then. It is also how far a stream may run ahead of its velocity limit before it is refused.
-        max_linear_step: the same for the tool, in m; it may turn as far as its angular velocity limit takes
-            it in `max_step`.
-        max_command_age: in seconds; a command whose stamp is older is refused. None: not checked.
-        following_error: in rad (m), how far a joint may be from what it was sent; None: as declared.
-    """
-
-    clamp_servo: bool = True
-    max_step: float = MAX_STEP
-    max_linear_step: float = 0.05
-    max_command_age: float | None = None
-    following_error: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

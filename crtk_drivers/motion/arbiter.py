@@ -21,6 +21,7 @@ from crtk_drivers.device import Goal, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.geometry.frames import both
 from crtk_drivers.move import Move
+from crtk_drivers.options import EngineOptions
 from crtk_drivers.samples import EMPTY, Pose, Value, Vector, empty, vector
 
 
@@ -96,23 +97,15 @@ class Arbiter:
     """The mailbox. Thread-safe.
 
     Args:
-        dwell: seconds that a servo stream must be silent before one of another kind may take over.
-        slow_dwell: the same for an interpolated stream, whose commands are further apart.
-        timeout: seconds that a servo stream must be silent before it has ended.
-        slow_timeout: the same for an interpolated stream.
+        options: how long a stream must be silent before it has ended, and before one of another kind may
+            take over: an interpolated stream, whose commands are far apart, until it has ended at least.
+        where: the device, for messages.
     """
 
-    def __init__(
-        self,
-        dwell: float,
-        where: str,
-        slow_dwell: float | None = None,
-        timeout: float = 0.1,
-        slow_timeout: float = 0.5,
-    ) -> None:
-        slow = dwell if slow_dwell is None else slow_dwell
-        self._dwells = {Level.SERVO: dwell, Level.INTERPOLATE: slow}
-        self._timeouts = {Level.SERVO: timeout, Level.INTERPOLATE: slow_timeout}
+    def __init__(self, options: EngineOptions, where: str) -> None:
+        dwell, slow = options.mode_switch_dwell, options.interpolate_timeout
+        self._options = options
+        self._dwells = {Level.SERVO: dwell, Level.INTERPOLATE: max(dwell, slow)}
         self._where = where
         self._lock = threading.Lock()
         self._order: Order | None = None
@@ -132,7 +125,7 @@ class Arbiter:
             return
         with self._lock:
             stream, holder, owner = self._stream, self._holder, self._owner
-            timeout = self._timeouts[self._level]
+            timeout = self._options.silence(self._level)
             if not stream or now - self._streamed >= timeout:
                 return
         is_owner = client.is_same(owner)

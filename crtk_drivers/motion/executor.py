@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from crtk_drivers.commands import Kind, Level, Space, find
-from crtk_drivers.device import Device, Goal, Mode, Setpoint, Steps
+from crtk_drivers.device import Device, Goal, Mode, Setpoint, Steps, mode_of
 from crtk_drivers.errors import (
     REPORT,
     CommandRefused,
@@ -39,7 +39,6 @@ from crtk_drivers.motion.inverse import Reach
 from crtk_drivers.motion.mixed import MixedAxesStream, MixedJointStream
 from crtk_drivers.motion.stopping import Stopping
 from crtk_drivers.motion.streams import (
-    STREAM_MODES,
     HeldStream,
     JointStream,
     PoseStream,
@@ -329,12 +328,12 @@ class MotionExecutor:
         if order.goal is not None and order.goal.pose is None:
             return Mode.JOINT_POSITION
         command, modes = find(order.name), self._capabilities.modes
-        kind = command.kind if command.kind in STREAM_MODES else Kind.POSITION
-        in_joints, in_space = STREAM_MODES[kind]
-        if command.space is Space.CARTESIAN and in_space in modes:
-            return in_space
-        by_twists = command.space is Space.CARTESIAN and self._capabilities.integrates_twists
-        is_integrated = kind is Kind.VELOCITY and (by_twists or in_joints not in modes)
+        in_joints = mode_of(Space.JOINT, command.kind)
+        is_cartesian = command.space is Space.CARTESIAN
+        if is_cartesian and mode_of(Space.CARTESIAN, command.kind) in modes:
+            return mode_of(Space.CARTESIAN, command.kind)
+        by_twists = is_cartesian and self._capabilities.integrates_twists
+        is_integrated = command.kind is Kind.VELOCITY and (by_twists or in_joints not in modes)
         return Mode.JOINT_POSITION if is_integrated else in_joints
 
     def _end_for(self, order: Order, now: float) -> None:

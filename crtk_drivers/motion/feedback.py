@@ -253,7 +253,7 @@ class Feedback:
     def latch(self, values: Mapping[str, Value], stamp_ns: int = 0) -> None:
         """Keep what ``goal_*`` or the settings say from now on, with the stamp of the command, if any."""
         stamp = Stamp(stamp_ns or time.time_ns(), time.monotonic())
-        self._latched.update({name: (value, stamp) for name, value in values.items()})
+        self._latched.update({name: (self._named(value), stamp) for name, value in values.items()})
 
     # -------------------------------------------------------------------------------------- read by
 
@@ -520,8 +520,11 @@ class Feedback:
         value = sample.values.get(name) if sample is not None else None
         return value if isinstance(value, JointState) else None
 
-    def _named(self, value: JointState) -> JointState:
-        return value if value.name else replace(value, name=self._capabilities.joints)
+    def _named(self, value: Value) -> Value:
+        """Return a value as it is told: joints have their names."""
+        if not isinstance(value, JointState) or value.name:
+            return value
+        return replace(value, name=self._capabilities.joints)
 
     def _pose_setpoint(self, sample: Sample, stamp: Stamp) -> tuple[Value, Stamp] | None:
         active = self._active

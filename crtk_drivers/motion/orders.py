@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from crtk_drivers.commands import Command, Kind, Level
-from crtk_drivers.device import FULL, Device, Goal, Mode, Ratios, Setpoint
+from crtk_drivers.commands import Command, Kind, Level, Space
+from crtk_drivers.device import FULL, Device, Goal, Mode, Ratios, Setpoint, mode_of
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.gates.command import CommandCheck
 from crtk_drivers.gates.setpoint import SetpointLimiter
@@ -36,24 +36,6 @@ from crtk_drivers.samples import (
     vector,
 )
 
-LINE, JOINTS = "line", "joints"
-"""The ways that ``move_cp`` may take."""
-
-_JOINT_MODES = {
-    Kind.POSITION: Mode.JOINT_POSITION,
-    Kind.VELOCITY: Mode.JOINT_VELOCITY,
-    Kind.EFFORT: Mode.JOINT_EFFORT,
-}
-_CARTESIAN_MODES = {
-    Kind.VELOCITY: Mode.CARTESIAN_VELOCITY,
-    Kind.EFFORT: Mode.CARTESIAN_EFFORT,
-}
-_AXIS_MODES = {
-    AxisMode.POSITION: Mode.JOINT_POSITION,
-    AxisMode.VELOCITY: Mode.JOINT_VELOCITY,
-    AxisMode.EFFORT: Mode.JOINT_EFFORT,
-}
-
 
 class OrderMaker:
     """Makes orders for one device.
@@ -65,7 +47,7 @@ class OrderMaker:
         limiter: how far a servo command may be away.
         feedback: where the device is.
         where: the device, for messages.
-        move_cp: `LINE` or `JOINTS`; a line needs limits of the tool.
+        move_cp: "line" or "joints"; a line needs limits of the tool.
 
     Attributes:
         ratios: of the moves that are made from now on.
@@ -79,7 +61,7 @@ class OrderMaker:
         limiter: SetpointLimiter,
         feedback: Feedback,
         where: str,
-        move_cp: str = LINE,
+        move_cp: str = "line",
     ) -> None:
         self._device = device
         self._capabilities = device.capabilities
@@ -130,7 +112,7 @@ class OrderMaker:
         if isinstance(value, CartesianServo):
             return self._servo_mixed_axes(command, value)
         assert isinstance(value, Twist | Wrench)
-        mode = _CARTESIAN_MODES[command.kind]
+        mode = mode_of(Space.CARTESIAN, command.kind)
         if command.frame or mode not in self._modes:
             self._reach.pose(command)
             return Order(command.name, target=value)
@@ -142,7 +124,7 @@ class OrderMaker:
 
     def _servo_joints(self, command: Command, value: JointState) -> Order:
         if not command.is_relative:
-            mode = _JOINT_MODES[command.kind]
+            mode = mode_of(Space.JOINT, command.kind)
             return self._direct(command, Setpoint(mode, joint_values(command.kind, value)))
         before = self._reach.reference(command)
         target = Setpoint(Mode.JOINT_POSITION, vector(before + value.position))
@@ -172,8 +154,9 @@ class OrderMaker:
         if len(used) == 1:
             (only,) = used
             values = value.velocity if only is AxisMode.VELOCITY else value.effort
-            if _AXIS_MODES[only] in self._modes:
-                return self._direct(command, Setpoint(_AXIS_MODES[only], values))
+            mode = mode_of(Space.JOINT, Kind[only.name])
+            if mode in self._modes:
+                return self._direct(command, Setpoint(mode, values))
         if AxisMode.EFFORT in used or Mode.JOINT_POSITION not in self._modes:
             raise self._unsupported(command, used)
         if AxisMode.POSITION in used:
@@ -267,7 +250,7 @@ class OrderMaker:
         if not self._has_kinematics:
             return self._order_to(command, Goal(pose=value, ratios=self.ratios), EMPTY, value)
         joints = self._reach.joints(command, value)
-        in_joints = self._moves_joints and self._move_cp == JOINTS
+        in_joints = self._moves_joints and self._move_cp == "joints"
         if in_joints or (limits is None and not self._moves_poses):
             goal = Goal(joints=joints, ratios=self.ratios)
             return self._order_to(command, goal, joints, value)
@@ -281,7 +264,7 @@ class OrderMaker:
     ) -> Order:
         goals: dict[str, Value] = {}
         if joints.size:
-            goals["goal_js"] = JointState(position=joints, name=self._capabilities.joints)
+            goals["goal_js"] = JointState(position=joints)
         if pose is not None:
             goals["goal_cp"] = pose
         elif self._has_kinematics:

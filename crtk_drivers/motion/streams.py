@@ -12,13 +12,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 import numpy as np
 from typing_extensions import override
 
-from crtk_drivers.commands import Kind, find
-from crtk_drivers.device import Device, Mode, Setpoint
+from crtk_drivers.commands import Kind, Space, find
+from crtk_drivers.device import Device, Mode, Setpoint, mode_of
 from crtk_drivers.gates.setpoint import SetpointLimiter
 from crtk_drivers.geometry.frames import (
     moved,
@@ -51,14 +50,6 @@ from crtk_drivers.trajectory.interpolators import (
     WrenchInterpolator,
 )
 from crtk_drivers.trajectory.smoothing import LONGEST_STEP
-
-STREAM_MODES = {
-    Kind.POSITION: (Mode.JOINT_POSITION, Mode.CARTESIAN_POSITION),
-    Kind.RELATIVE: (Mode.JOINT_POSITION, Mode.CARTESIAN_POSITION),
-    Kind.VELOCITY: (Mode.JOINT_VELOCITY, Mode.CARTESIAN_VELOCITY),
-    Kind.EFFORT: (Mode.JOINT_EFFORT, Mode.CARTESIAN_EFFORT),
-}
-"""The modes that a stream of each kind is meant for, of joints and of the tool."""
 
 Clamp = Callable[[str, Vector, Vector], Vector]
 """Puts joint positions into their range: (command, positions, positions that it starts from)."""
@@ -130,7 +121,7 @@ class JointStream(Stream):
         self._device = device
         self._clamp = clamp
         self._kind = find(name).kind
-        self._mode = STREAM_MODES[self._kind][0]
+        self._mode = mode_of(Space.JOINT, self._kind)
         capabilities = device.capabilities
         cycle = 1.0 / capabilities.rate
         self._interpolator = JointInterpolator(capabilities.limits, cycle, timeout, self._kind)
@@ -183,7 +174,7 @@ class JointStream(Stream):
     def goals(self) -> Mapping[str, Value]:
         capabilities = self._device.capabilities
         state = joint_state(self._kind, self._interpolator.goal)
-        goals: dict[str, Value] = {"goal_js": replace(state, name=capabilities.joints)}
+        goals: dict[str, Value] = {"goal_js": state}
         if self._mode is Mode.JOINT_POSITION and capabilities.has_kinematics:
             goals["goal_cp"] = self._device.forward_kinematics(state.position)
         return goals

@@ -8,6 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import fields
 from types import TracebackType
 from typing import Any, Self
 
@@ -16,7 +17,7 @@ from crtk_drivers.config import DeviceConfig, from_values
 from crtk_drivers.engine import Engine, EngineOptions
 from crtk_drivers.engine.threads import Runtime
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.gates.setpoint import LimitPolicy
+from crtk_drivers.options import LimitPolicy
 from crtk_drivers.pages import RunningPage
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.session.scene import DeviceScene
@@ -102,24 +103,8 @@ class Session:
 
 def engine_options(config: DeviceConfig) -> EngineOptions:
     """Return the engine's share of a configuration."""
-    limits = config.limits
-    return EngineOptions(
-        stream_timeout=config.stream_timeout,
-        interpolate_timeout=config.interpolate_timeout,
-        on_stream_timeout=config.on_stream_timeout,
-        sample_timeout=config.sample_timeout,
-        mode_switch_dwell=config.mode_switch_dwell,
-        move_cp=config.move_cp,
-        on_client_gone=config.on_client_gone,
-        free_timeout=config.free_timeout,
-        limits=LimitPolicy(
-            clamp_servo=limits.clamp_servo,
-            max_step=limits.max_step,
-            max_linear_step=limits.max_linear_step,
-            max_command_age=limits.max_command_age,
-            following_error=limits.following_error,
-        ),
-    )
+    given = {key.name: getattr(config, key.name) for key in fields(EngineOptions)}
+    return EngineOptions(**given | {"limits": LimitPolicy(**config.limits.model_dump())})
 
 
 def open_session(

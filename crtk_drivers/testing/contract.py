@@ -26,22 +26,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crtk_drivers.commands import Payload, find
+from crtk_drivers.commands import find
 from crtk_drivers.device import Capabilities
 from crtk_drivers.errors import CommandRefused, MotionAborted, Reason
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.motion.arbiter import Client
-from crtk_drivers.samples import JointState, Matrix, Pose, Twist, Value, Vector, Wrench, vector
+from crtk_drivers.samples import (
+    VALUE_TYPES,
+    JointState,
+    Matrix,
+    Pose,
+    Twist,
+    Value,
+    Vector,
+    Wrench,
+    vector,
+)
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState
-
-_TYPES: dict[Payload, type] = {
-    Payload.JOINT_STATE: JointState,
-    Payload.POSE: Pose,
-    Payload.TWIST: Twist,
-    Payload.WRENCH: Wrench,
-    Payload.MATRIX: Matrix,
-}
 
 
 class DeviceContract:
@@ -234,7 +236,7 @@ class DeviceContract:
         for name in arm.engine.capabilities.measured:
             assert name in sample, f"{name} is declared and not in the sample"
             value = sample[name]
-            assert isinstance(value, _TYPES[find(name).payload])
+            assert isinstance(value, VALUE_TYPES[find(name).payload])
             for part in _parts(value):
                 assert np.isfinite(part).all(), f"{name} holds {part}"
 

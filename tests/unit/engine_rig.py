@@ -20,8 +20,8 @@ from crtk_drivers.device import (
 )
 from crtk_drivers.engine import Engine, EngineOptions, Observer
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, KinematicsError
-from crtk_drivers.gates.setpoint import LimitPolicy
 from crtk_drivers.geometry.quaternions import quaternion_from_rotvec, rotvec_from_quaternion
+from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import JointState, Pose, Sample, Stamp, Vector, vector
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.testing.clock import FakeClock

@@ -23,11 +23,11 @@ from crtk_drivers.device import (
 )
 from crtk_drivers.engine import Engine, EngineOptions
 from crtk_drivers.errors import CommandRefused
-from crtk_drivers.gates.setpoint import LimitPolicy
 from crtk_drivers.geometry.quaternions import quaternion_from_rotvec
 from crtk_drivers.geometry.rates import turn
 from crtk_drivers.kinematics.chain import DHJoint, chain_from_dh
 from crtk_drivers.kinematics.serial import SerialChain
+from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import (
     Array,
     AxisMode,

@@ -9,6 +9,7 @@ from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.geometry.quaternions import quaternion_from_rotvec, rotvec_from_quaternion
 from crtk_drivers.motion.arbiter import Arbiter, Order
 from crtk_drivers.move import Move
+from crtk_drivers.options import EngineOptions
 from crtk_drivers.samples import Pose, vector
 
 
@@ -25,7 +26,7 @@ def move() -> Order:
 
 
 def test_it_is_one_deep_and_gives_each_order_once() -> None:
-    arbiter = Arbiter(0.1, "here")
+    arbiter = Arbiter(EngineOptions(), "here")
     assert arbiter.take() is None
     arbiter.put(position(1.0), 0.0)
     newest = position(2.0)
@@ -35,7 +36,7 @@ def test_it_is_one_deep_and_gives_each_order_once() -> None:
 
 
 def test_increments_are_summed_and_start_anew_once_taken() -> None:
-    arbiter = Arbiter(0.1, "here")
+    arbiter = Arbiter(EngineOptions(), "here")
     for _ in range(3):
         arbiter.put(increment(0.5, -1.0), 0.0)
     order = arbiter.take()
@@ -48,7 +49,7 @@ def test_increments_are_summed_and_start_anew_once_taken() -> None:
 
 
 def test_an_increment_onto_a_waiting_position_moves_that() -> None:
-    arbiter = Arbiter(0.0, "here")
+    arbiter = Arbiter(EngineOptions(mode_switch_dwell=0.0), "here")
     arbiter.put(position(1.0, 2.0), 0.0)
     arbiter.put(increment(0.5, 0.5), 1.0)
     order = arbiter.take()
@@ -64,7 +65,7 @@ def displacement(position: tuple[float, ...], angle: float) -> Order:
 
 
 def test_displacements_are_summed_along_the_axes_of_the_base() -> None:
-    arbiter = Arbiter(0.1, "here")
+    arbiter = Arbiter(EngineOptions(), "here")
     for _ in range(3):
         arbiter.put(displacement((0.1, -0.2, 0.0), 0.5), 0.0)
     order = arbiter.take()
@@ -75,7 +76,7 @@ def test_displacements_are_summed_along_the_axes_of_the_base() -> None:
 
 
 def test_no_increment_is_lost_between_two_threads() -> None:
-    arbiter = Arbiter(0.1, "here")
+    arbiter = Arbiter(EngineOptions(), "here")
     ready, total = threading.Event(), [0.0]
 
     def send() -> None:
@@ -95,7 +96,7 @@ def test_no_increment_is_lost_between_two_threads() -> None:
 
 
 def test_a_move_that_is_replaced_or_forgotten_is_handed_back() -> None:
-    arbiter = Arbiter(0.1, "here")
+    arbiter = Arbiter(EngineOptions(), "here")
     first, second = move(), move()
     assert arbiter.put(first, 0.0) is None
     assert arbiter.move_waits
@@ -106,7 +107,7 @@ def test_a_move_that_is_replaced_or_forgotten_is_handed_back() -> None:
 
 
 def test_another_stream_takes_over_after_the_dwell_only() -> None:
-    arbiter = Arbiter(0.1, "here")
+    arbiter = Arbiter(EngineOptions(), "here")
     arbiter.put(position(0.0), 10.0)
     with pytest.raises(CommandRefused, match="a stream of servo_jp is running") as caught:
         arbiter.put(increment(0.0), 10.09)
@@ -124,7 +125,7 @@ def test_another_stream_takes_over_after_the_dwell_only() -> None:
 
 @pytest.mark.parametrize("other", [Order("hold"), Order("free"), move()])
 def test_what_is_no_stream_ends_one_at_once(other: Order) -> None:
-    arbiter = Arbiter(0.1, "here")
+    arbiter = Arbiter(EngineOptions(), "here")
     arbiter.put(position(0.0), 0.0)
     arbiter.put(other, 0.0)
     arbiter.put(increment(0.0), 0.0)

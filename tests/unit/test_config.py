@@ -27,7 +27,7 @@ from crtk_drivers.config import (
 )
 from crtk_drivers.config.file import MAX_SIZE, parse_toml, parse_yaml
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.gates.setpoint import LimitPolicy
+from crtk_drivers.options import LimitPolicy
 
 Write = Callable[..., Path]
 

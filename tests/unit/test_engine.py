@@ -19,8 +19,8 @@ from crtk_drivers.errors import (
     MotionAborted,
     Reason,
 )
-from crtk_drivers.gates.setpoint import LimitPolicy
 from crtk_drivers.move import Outcome
+from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import JointState, Pose, Stamp, Twist, Wrench, vector
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.clock import FakeClock

@@ -14,7 +14,8 @@ from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.gates.braking import braking_way, stoppable_speed
 from crtk_drivers.gates.command import LARGEST, CommandCheck
-from crtk_drivers.gates.setpoint import LimitPolicy, SetpointLimiter
+from crtk_drivers.gates.setpoint import SetpointLimiter
+from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import EMPTY, JointState, Pose, Vector, vector
 
 POLICY = LimitPolicy(max_step=0.1)

@@ -28,10 +28,10 @@ from engine_rig import jp
 from crtk_drivers.device import Mode
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.gates.setpoint import LimitPolicy
 from crtk_drivers.geometry.frames import moved, product
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.geometry.rates import turn
+from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import JointServo, Pose, Value, Vector, vector
 
 ZERO = (0.0,) * 6

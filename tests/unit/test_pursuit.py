@@ -11,10 +11,10 @@ from engine_rig import jp
 from crtk_drivers.device import JointLimits, Mode
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.gates.setpoint import LimitPolicy
 from crtk_drivers.geometry.frames import moved
 from crtk_drivers.geometry.quaternions import quaternion_from_rotvec, quaternion_product
 from crtk_drivers.geometry.rates import turn
+from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import Pose, Vector, vector
 
 CONVERGED = 1e-8

@@ -12,7 +12,7 @@ from engine_rig import LIMIT, PERIOD, Rig, jf, jp, jv, pose, two_joints
 from crtk_drivers.device import CartesianLimits, Mode
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.gates.setpoint import LimitPolicy
+from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import JointState, Pose, Twist, Value, Vector, vector
 from crtk_drivers.state import OperatingState
 from crtk_drivers.status.board import WARNING_INTERVAL

@@ -11,10 +11,10 @@ from engine_rig import jf, jp, jv
 from crtk_drivers.device import Condition, Mode, MoveProgress
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, MotionAborted, Reason
-from crtk_drivers.gates.setpoint import LimitPolicy
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.motion.executor import REST_TIMEOUT
 from crtk_drivers.move import Move
+from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import Flag, Value, vector
 from crtk_drivers.state import OperatingState
 
