@@ -35,6 +35,7 @@ from crtk_drivers.gates.command import CommandCheck
 from crtk_drivers.gates.setpoint import SetpointLimiter
 from crtk_drivers.geometry.frames import relative
 from crtk_drivers.motion.arbiter import NOBODY, Arbiter, Client, Order
+from crtk_drivers.motion.context import MotionContext
 from crtk_drivers.motion.executor import MotionExecutor
 from crtk_drivers.motion.feedback import Feedback
 from crtk_drivers.motion.following import FollowingWatch
@@ -118,44 +119,33 @@ class Engine:
         self._board = StatusBoard(connecting, self.where, self._health, clock)
         limits, axes = self.options.limits, self._feedback.axes
         self._check = CommandCheck(self.capabilities, limits, self.where, axes)
-        has_kinematics = self.capabilities.has_kinematics
-        limiter = SetpointLimiter(
-            self.capabilities,
-            self.options.limits,
-            self.where,
-            device.jacobian if has_kinematics else None,
-        )
         self._stopping = Stopping(device, clock)
+        jacobian = device.jacobian if self.capabilities.has_kinematics else None
+        context = MotionContext(
+            device=device,
+            where=self.where,
+            options=self.options,
+            feedback=self._feedback,
+            check=self._check,
+            limiter=SetpointLimiter(self.capabilities, limits, self.where, jacobian),
+            inverse=Reach(device, self.where, self._check, self._feedback),
+            stopping=self._stopping,
+            board=self._board,
+            health=self._health,
+        )
         self._stop_asked = False
         self._overdue = ""
         self._broken_sample = ""
-        reach = Reach(device, self.where, self._check, self._feedback)
-        self._orders = OrderMaker(
-            device, reach, self._check, limiter, self._feedback, self.where, self.options.move_cp
-        )
+        self._orders = OrderMaker(context)
         self._arbiter = Arbiter(self.options, self.where)
         ends = self.options.on_client_gone == "hold", self.options.free_timeout
         self._freed, self._carried = Tether(*ends), Tether(*ends)
-        self._motion = MotionExecutor(
-            device,
-            self.where,
-            self._arbiter,
-            limiter,
-            reach,
-            self._feedback,
-            self._board,
-            self._health,
-            self._stopping,
-            FollowingWatch(self.capabilities, self.options.limits.following_error),
-            self.options.stream_timeout,
-            self.options.interpolate_timeout,
-        )
+        following = FollowingWatch(self.capabilities, limits.following_error)
+        self._motion = MotionExecutor(context, self._arbiter, following)
         self._feedback.latch(_ratio_values(self._orders.ratios))
         timeout = self.capabilities.transition_timeout
         self._requests = Requests(self.services, self.where, timeout)
-        self._transitions = Transitions(
-            device, self.where, self._board, self._motion.end, self._stopping, self._feedback.seed
-        )
+        self._transitions = Transitions(context, self._motion.end)
         self._waiting = WaitingMove(self.where, self._board, self._transitions, self._begin_waiting)
 
     # ------------------------------------------------------------------ for the fronts, any thread

@@ -11,7 +11,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from crtk_drivers.device import Device, Steps
+from crtk_drivers.device import Steps
 from crtk_drivers.errors import (
     REPORT,
     CommandRefused,
@@ -20,7 +20,7 @@ from crtk_drivers.errors import (
     Reason,
     unexpected,
 )
-from crtk_drivers.motion.stopping import Stopping
+from crtk_drivers.motion.context import MotionContext
 from crtk_drivers.state import (
     HOMING_COMMANDS,
     HOMING_STATES,
@@ -29,7 +29,6 @@ from crtk_drivers.state import (
     StateCommand,
     target_of,
 )
-from crtk_drivers.status.board import StatusBoard
 from crtk_drivers.status.procedures import close
 
 logger = logging.getLogger(__name__)
@@ -67,33 +66,20 @@ class Transitions:
     """Carries out the state commands of one device.
 
     Args:
-        device: whose procedures are run.
-        where: the device, for messages.
-        board: where the reached state is announced.
-        end_motion: called before a procedure begins.
-        stopping: stops the device, before a procedure begins and where one fails.
-        seed: called when ENABLED is reached, and after `home`, which moves and changes what positions mean:
-            the setpoint becomes the measured position. The end waits for as long as it returns False: there
-            is no fresh sample.
+        context: of the device.
+        end_motion: called before a procedure begins, with the name of its command.
     """
 
-    def __init__(
-        self,
-        device: Device,
-        where: str,
-        board: StatusBoard,
-        end_motion: Callable[[str], None],
-        stopping: Stopping,
-        seed: Callable[[float], bool],
-    ) -> None:
+    def __init__(self, context: MotionContext, end_motion: Callable[[str], None]) -> None:
+        device = context.device
         self._device = device
         self._needs_homing = device.capabilities.needs_homing
         self._timeout = device.capabilities.transition_timeout
-        self._where = where
-        self._board = board
+        self._where = context.where
+        self._board = context.board
         self._end_motion = end_motion
-        self._stopping = stopping
-        self._seed = seed
+        self._stopping = context.stopping
+        self._feedback = context.feedback
         self._running: _Running | None = None
         self._next: StateCommand | None = None
         self._abandoned: list[_Running] = []
@@ -288,12 +274,20 @@ class Transitions:
             self._stopping.stop()
 
     def _reached(self, running: _Running, now: float) -> bool:
-        """Announce the end, and return True; False if it is not known yet where the device is."""
+        """Announce the end, and return True; False if it is not known yet where the device is.
+
+        In ENABLED the setpoint becomes the measured position, also after `home`, which moves and changes what
+        positions mean.
+        """
         homing = running.command in HOMING_COMMANDS
         if running.command is StateCommand.DISABLE and not self._stopping.confirmed:
             self._stopping.begin_anew()  # without power it may stand soon
         stays_put = running.command is StateCommand.UNHOME
-        if running.target is OperatingState.ENABLED and not stays_put and not self._seed(now):
+        if (
+            running.target is OperatingState.ENABLED
+            and not stays_put
+            and not self._feedback.seed(now)
+        ):
             return False
         homed = self._device.is_homed if self._needs_homing else True
         if homing and homed is (running.command is StateCommand.UNHOME):

@@ -8,8 +8,9 @@ from typing import Final
 
 from typing_extensions import override
 
-from crtk_drivers.device import Device, Goal, Mode, MoveProgress, Setpoint
+from crtk_drivers.device import Goal, Mode, MoveProgress, Setpoint
 from crtk_drivers.errors import MotionAborted
+from crtk_drivers.motion.context import MotionContext
 from crtk_drivers.motion.feedback import Point
 from crtk_drivers.motion.tool import PoseOutput
 from crtk_drivers.move import Move
@@ -47,12 +48,12 @@ class MoveExecution(ABC):
 class NativeMove(MoveExecution):
     """The hardware plans and executes; this one watches."""
 
-    def __init__(self, move: Move, device: Device, goal: Goal, missing: Missing) -> None:
+    def __init__(self, move: Move, context: MotionContext, goal: Goal, missing: Missing) -> None:
         super().__init__(move)
-        self._device = device
+        self._device = context.device
         self._missing = missing
         self._ended: float | None = None
-        device.move(goal)
+        context.device.move(goal)
 
     @override
     def step(self, now: float) -> bool:
@@ -81,11 +82,10 @@ class StreamedMove(MoveExecution):
 
     Args:
         move: the handle.
-        device: whose pace it follows.
+        context: of the device.
         send: takes the name of the command, a point, and monotonic seconds.
         missing: which joint is not at the goal.
         now: monotonic seconds.
-        period: of the I/O cycle, s.
         pace: of the trajectory at its beginning, of real time.
 
     Attributes:
@@ -95,15 +95,15 @@ class StreamedMove(MoveExecution):
     def __init__(
         self,
         move: Move,
-        device: Device,
+        context: MotionContext,
         send: Callable[[str, Point, float], object],
         missing: Missing,
         now: float,
-        period: float,
         pace: float,
     ) -> None:
         super().__init__(move)
-        self._device = device
+        period = context.cycle
+        self._device = context.device
         self._send = send
         self._missing = missing
         self._ended: float | None = None
@@ -152,15 +152,14 @@ class ProfileMove(StreamedMove):
     def __init__(
         self,
         move: Move,
-        device: Device,
+        context: MotionContext,
         profile: JointProfile,
         send: Callable[[str, Point, float], object],
         missing: Missing,
         now: float,
-        period: float,
         pace: float,
     ) -> None:
-        super().__init__(move, device, send, missing, now, period, pace)
+        super().__init__(move, context, send, missing, now, pace)
         self._profile = profile
 
     @property
@@ -181,16 +180,15 @@ class LineMove(StreamedMove):
     def __init__(
         self,
         move: Move,
-        device: Device,
+        context: MotionContext,
         profile: LineProfile,
         output: PoseOutput,
         send: Callable[[str, Point, float], object],
         missing: Missing,
         now: float,
-        period: float,
         pace: float,
     ) -> None:
-        super().__init__(move, device, send, missing, now, period, pace)
+        super().__init__(move, context, send, missing, now, pace)
         self._profile = profile
         self._output = output
 

@@ -14,8 +14,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from crtk_drivers.commands import Kind, Level, Space, find
-from crtk_drivers.device import Device, Goal, Mode, Setpoint, Steps, mode_of
+from crtk_drivers.commands import Command, Kind, Level, Space, find
+from crtk_drivers.device import Goal, Mode, Setpoint, Steps, mode_of
 from crtk_drivers.errors import (
     REPORT,
     CommandRefused,
@@ -24,8 +24,8 @@ from crtk_drivers.errors import (
     MotionAborted,
     Reason,
 )
-from crtk_drivers.gates.setpoint import SetpointLimiter
 from crtk_drivers.motion.arbiter import Arbiter, Order, combined
+from crtk_drivers.motion.context import MotionContext
 from crtk_drivers.motion.executions import (
     LineMove,
     MoveExecution,
@@ -33,11 +33,9 @@ from crtk_drivers.motion.executions import (
     ProfileMove,
     StreamedMove,
 )
-from crtk_drivers.motion.feedback import Feedback, Point
+from crtk_drivers.motion.feedback import Point
 from crtk_drivers.motion.following import FollowingWatch
-from crtk_drivers.motion.inverse import Reach
 from crtk_drivers.motion.mixed import MixedAxesStream, MixedJointStream
-from crtk_drivers.motion.stopping import Stopping
 from crtk_drivers.motion.streams import (
     HeldStream,
     JointStream,
@@ -50,9 +48,7 @@ from crtk_drivers.motion.tool import PoseOutput
 from crtk_drivers.move import Move, Outcome
 from crtk_drivers.samples import Value, Vector, vector
 from crtk_drivers.state import OperatingState
-from crtk_drivers.status.board import StatusBoard
 from crtk_drivers.status.deadman import Deadman
-from crtk_drivers.status.health import HealthRecorder
 from crtk_drivers.status.procedures import close
 from crtk_drivers.trajectory.profiles import JointProfile, LineProfile
 
@@ -73,48 +69,25 @@ class MotionExecutor:
     """Executes the orders of one device. All methods but `abandon` belong to the I/O thread.
 
     Args:
-        device: written to.
-        where: the device, for messages.
+        context: of the device.
         arbiter: where orders lie.
-        limiter: the last gate before the wire.
-        reach: from poses to joints.
-        feedback: told what was sent.
-        board: told when moves end, and what is refused.
-        health: counts.
-        stopping: stops the device.
         following: watches that the joints are where they were sent.
-        stream_timeout: seconds after which a silent servo stream has ended.
-        interpolate_timeout: the same for an interpolated stream.
     """
 
-    def __init__(
-        self,
-        device: Device,
-        where: str,
-        arbiter: Arbiter,
-        limiter: SetpointLimiter,
-        reach: Reach,
-        feedback: Feedback,
-        board: StatusBoard,
-        health: HealthRecorder,
-        stopping: Stopping,
-        following: FollowingWatch,
-        stream_timeout: float,
-        interpolate_timeout: float,
-    ) -> None:
-        self._device = device
-        self._where = where
-        self._capabilities = device.capabilities
+    def __init__(self, context: MotionContext, arbiter: Arbiter, following: FollowingWatch) -> None:
+        self._context = context
+        self._device = context.device
+        self._where = context.where
+        self._capabilities = context.capabilities
         self._arbiter = arbiter
-        self._limiter = limiter
-        self._reach = reach
-        self._feedback = feedback
-        self._board = board
-        self._health = health
-        self._stopping = stopping
+        self._limiter = context.limiter
+        self._inverse = context.inverse
+        self._feedback = context.feedback
+        self._board = context.board
+        self._health = context.health
+        self._stopping = context.stopping
         self._follows = following
-        self._stream = Deadman(stream_timeout)
-        self._interpolate_timeout = interpolate_timeout
+        self._stream = Deadman(context.options.stream_timeout)
         self._following: Stream | None = None
         self._move: MoveExecution | None = None
         self._starting: Move | None = None
@@ -394,9 +367,7 @@ class MotionExecutor:
 
     def _fell_silent(self, waiting: Order, now: float) -> bool:
         """Whether the stream of an order that waits has ended meanwhile."""
-        is_servo = waiting.level is Level.SERVO
-        timeout = self._stream.timeout if is_servo else self._interpolate_timeout
-        return now - self._waiting_fed > timeout
+        return now - self._waiting_fed > self._context.options.silence(waiting.level)
 
     def _end_starting(self, outcome: Outcome, reason: str) -> None:
         """End a move that has not begun."""
@@ -410,7 +381,7 @@ class MotionExecutor:
             if target.mode is Mode.JOINT_POSITION and not self._stream.armed:
                 before, velocity, _ = self._feedback.motion(now)
                 self._limiter.check_start(order.name, target.values, before, velocity)
-            limited = self._limit(order.name, target, now)
+            limited = self._context.limit(order.name, target, now)
         except CommandRefused as refusal:
             self._refuse(refusal, order)  # and what was going on goes on
             return
@@ -426,8 +397,8 @@ class MotionExecutor:
             return order.setpoint
         if order.displacement is not None:
             command = find(order.name)
-            pose = self._reach.moved(command, order.displacement)
-            return self._reach.setpoint(command, pose)
+            pose = self._inverse.moved(command, order.displacement)
+            return self._inverse.setpoint(command, pose)
         target = vector(self._feedback.reference_joints() + order.increment)
         return Setpoint(Mode.JOINT_POSITION, target)
 
@@ -456,28 +427,7 @@ class MotionExecutor:
             self._board.latched(goal)
 
     def _begin_stream(self, name: str, now: float) -> Stream:
-        command, device, feedback = find(name), self._device, self._feedback
-        limiter, reach = self._limiter, self._reach
-        servo, slow = self._stream.timeout, self._interpolate_timeout
-        if command.base_name == "servo_js":
-            return MixedJointStream(name, device, feedback, limiter, servo, now)
-        if command.base_name == "servo_cs":
-            return MixedAxesStream(name, device, feedback, reach, limiter, servo, now)
-        if command.level is Level.SERVO:
-            if command.kind in (Kind.POSITION, Kind.RELATIVE):
-                return PursuitStream(name, device, feedback, reach, limiter, servo, now)
-            return HeldStream(name, device, feedback, reach, servo, now)
-        if command.space is Space.JOINT:
-            return JointStream(name, device, feedback, self._clamp, slow, now)
-        if command.kind in (Kind.VELOCITY, Kind.EFFORT):
-            return SmoothStream(name, device, feedback, reach, slow, now)
-        return PoseStream(name, device, feedback, reach, slow, now)
-
-    def _clamp(self, name: str, positions: Vector, before: Vector) -> Vector:
-        clamped, warning = self._limiter.into_range(name, positions, before)
-        if warning:
-            self._warn_clamped(name, warning)
-        return clamped
+        return stream_class(find(name))(name, self._context, now)
 
     def _go_on(self, stream: Stream, now: float) -> str:
         point = stream.step(now)
@@ -499,9 +449,9 @@ class MotionExecutor:
         if self._is_native(goal):
             self._feedback.follow_device()
             self._stopping.moves_again()
-            self._move = NativeMove(move, self._device, goal, self._missing(order))
+            self._move = NativeMove(move, self._context, goal, self._missing(order))
             return
-        period, missing = 1.0 / self._capabilities.rate, self._missing(order)
+        missing = self._missing(order)
         position, velocity, acceleration = self._feedback.motion(now)
         pace = self._pace(velocity, before)
         # In the time of the trajectory, in which the motion that it goes on from is as much faster.
@@ -511,23 +461,23 @@ class MotionExecutor:
             speed, change = vector(velocity * share), vector(acceleration * share * share)
             profile = JointProfile(position, speed, change, order.joints, limits, goal.ratios)
             self._move = ProfileMove(
-                move, self._device, profile, self._send_point, missing, now, period, pace
+                move, self._context, profile, self._send_point, missing, now, pace
             )
             return
         command = find(order.name)
         tool = self._capabilities.line_limits or self._capabilities.cartesian_limits
         assert tool is not None
         line = LineProfile(
-            self._reach.pose(command),
+            self._inverse.pose(command),
             goal.pose,
             tool,
             goal.ratios,
             vector(self._feedback.reference_twist(now) * share),
             vector(self._feedback.reference_twist_change(now) * share * share),
         )
-        output = PoseOutput(command, self._device, self._feedback, self._reach, now, share)
+        output = PoseOutput(command, self._context, now, share)
         self._move = LineMove(
-            move, self._device, line, output, self._send_point, missing, now, period, pace
+            move, self._context, line, output, self._send_point, missing, now, pace
         )
 
     def _missing(self, order: Order) -> Callable[[float], str | None]:
@@ -549,22 +499,9 @@ class MotionExecutor:
             self._finish_move(Outcome.REACHED)
 
     def _send_point(self, name: str, point: Point, now: float, stamp_ns: int = 0) -> Setpoint:
-        setpoint = self._limit(name, point.setpoint, now)
+        setpoint = self._context.limit(name, point.setpoint, now)
         self._send(point.limited_to(setpoint), now, stamp_ns)
         return setpoint
-
-    def _limit(self, name: str, setpoint: Setpoint, now: float) -> Setpoint:
-        before = self._feedback.before(setpoint.mode, now)
-        if setpoint.mode.kind is Kind.EFFORT:
-            self._limiter.check_driven(name, self._feedback.measured_state()[0])
-        limited = self._limiter.limit(name, setpoint, before, now)
-        if limited.warning:
-            self._warn_clamped(name, limited.warning)
-        return limited.setpoint
-
-    def _warn_clamped(self, name: str, warning: str) -> None:
-        self._health.clamped += 1
-        self._board.warned(f"{name}: {warning}")
 
     def _send(self, point: Point, now: float, stamp_ns: int = 0) -> None:
         self._write(point.setpoint)
@@ -665,3 +602,17 @@ class MotionExecutor:
             self._stopping.stop()
             self._feedback.hold()
         return ended
+
+
+def stream_class(command: Command) -> type[Stream]:
+    """Return what carries out a stream of `command` that goes on between its commands."""
+    if command.base_name == "servo_js":
+        return MixedJointStream
+    if command.base_name == "servo_cs":
+        return MixedAxesStream
+    moves = command.kind in (Kind.VELOCITY, Kind.EFFORT)
+    if command.level is Level.SERVO:
+        return HeldStream if moves else PursuitStream
+    if command.space is Space.JOINT:
+        return JointStream
+    return SmoothStream if moves else PoseStream

@@ -8,68 +8,40 @@ and the stream is over.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 from typing_extensions import override
 
-from crtk_drivers.commands import find
-from crtk_drivers.device import Device, Mode, Setpoint
+from crtk_drivers.device import Mode, Setpoint
 from crtk_drivers.gates.resolved_rate import ResolvedRate
-from crtk_drivers.gates.setpoint import SetpointLimiter
 from crtk_drivers.geometry.frames import product, relative, twist_from_base, twist_in_base
 from crtk_drivers.geometry.quaternions import quaternion_from_rotvec, quaternion_product, unit
 from crtk_drivers.motion.arbiter import Order
-from crtk_drivers.motion.feedback import Feedback, Point
-from crtk_drivers.motion.inverse import Reach
-from crtk_drivers.motion.streams import Stream
+from crtk_drivers.motion.context import MotionContext
+from crtk_drivers.motion.feedback import Point
+from crtk_drivers.motion.streams import ServoStream
 from crtk_drivers.motion.tool import Pursuit
 from crtk_drivers.samples import (
     AxisMode,
     CartesianServo,
     JointServo,
     Pose,
-    Value,
     Vector,
     empty,
     vector,
 )
-from crtk_drivers.status.deadman import Deadman
 
 _STILL = 1e-6
 """rad/s (m/s) of an axis that stands."""
 
 
-class MixedJointStream(Stream):
-    """servo_js with axes of position and of velocity.
+class MixedJointStream(ServoStream):
+    """servo_js with axes of position and of velocity."""
 
-    Args:
-        name: of the command.
-        device: whose limits and rate it keeps.
-        feedback: where it begins.
-        limiter: that the joints pass.
-        timeout: seconds without a command after which it comes to rest.
-        now: monotonic seconds.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        device: Device,
-        feedback: Feedback,
-        limiter: SetpointLimiter,
-        timeout: float,
-        now: float,
-    ) -> None:
-        super().__init__(name)
-        capabilities = device.capabilities
-        self._feedback = feedback
-        self._limiter = limiter
-        self._cycle = 1.0 / capabilities.rate
-        self._rates = ResolvedRate(capabilities.limits, None, self._cycle)
-        self._silence = Deadman(timeout)
-        self._silence.feed(now)
-        position, self._velocity, _ = feedback.motion(now)
+    def __init__(self, name: str, context: MotionContext, now: float) -> None:
+        super().__init__(name, context, now)
+        self._rates = ResolvedRate(context.capabilities.limits, None, self._cycle)
+        position, self._velocity, _ = self._feedback.motion(now)
         self._position = position
         self._wanted = vector(np.zeros(position.size))
         self._moves = np.zeros(position.size, dtype=bool)
@@ -82,15 +54,14 @@ class MixedJointStream(Stream):
         goes, moves = modes == AxisMode.POSITION, modes == AxisMode.VELOCITY
         if goes.any():
             position = vector(np.where(goes, value.position, here))
-            self._limiter.check_speed(self.name, position, here, now)
+            self._context.limiter.check_speed(self.name, position, here, now)
         self._position, self._moves = position, ~goes
         self._wanted = value.velocity if moves.any() else vector(np.zeros(here.size))
         self._silence.feed(now)
 
     @override
     def step(self, now: float) -> Point:
-        if self._silence.expired(now):
-            self._silence.disarm()
+        if self._fell_silent(now):
             self._wanted = vector(np.zeros(self._wanted.size))
         here = self._feedback.reference_joints()
         before = vector(np.where(self._moves, self._velocity, 0.0))
@@ -103,54 +74,23 @@ class MixedJointStream(Stream):
     @property
     @override
     def is_over(self) -> bool:
-        return not self._silence.armed and bool(np.abs(self._velocity).max() <= _STILL)
-
-    @property
-    @override
-    def goals(self) -> Mapping[str, Value]:
-        """None: a servo stream has no goal."""
-        return {}
+        return super().is_over and bool(np.abs(self._velocity).max() <= _STILL)
 
 
-class MixedAxesStream(Stream):
-    """servo_cs with axes of position and of velocity, in a task frame.
+class MixedAxesStream(ServoStream):
+    """servo_cs with axes of position and of velocity, in a task frame."""
 
-    Args:
-        name: of the command.
-        device: whose limits and rate it keeps.
-        feedback: where it begins.
-        reach: what can be reached.
-        limiter: that the joints pass.
-        timeout: seconds without a command after which it is over.
-        now: monotonic seconds.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        device: Device,
-        feedback: Feedback,
-        reach: Reach,
-        limiter: SetpointLimiter,
-        timeout: float,
-        now: float,
-    ) -> None:
-        super().__init__(name)
-        self._command = find(name)
-        self._feedback = feedback
-        self._reach = reach
-        self._pursuit = Pursuit(device, limiter)
-        self._takes_poses = Mode.CARTESIAN_POSITION in device.capabilities.modes
-        self._cycle = 1.0 / device.capabilities.rate
-        self._silence = Deadman(timeout)
-        self._silence.feed(now)
-        self._task = reach.pose(self._command)
+    def __init__(self, name: str, context: MotionContext, now: float) -> None:
+        super().__init__(name, context, now)
+        self._pursuit = Pursuit(context)
+        self._takes_poses = Mode.CARTESIAN_POSITION in context.capabilities.modes
+        self._task = self._inverse.pose(self._command)
         self._held: Pose | None = None
-        twist = twist_from_base(feedback.reference_twist(now), "body", self._task)
+        twist = twist_from_base(self._feedback.reference_twist(now), "body", self._task)
         self._twist: list[float] = twist.tolist()
         self._wanted = [0.0] * 6
         self._has_position = False
-        limits = device.capabilities.cartesian_limits
+        limits = context.capabilities.cartesian_limits
         assert limits is not None
         most = (limits.linear_acceleration,) * 3 + (limits.angular_acceleration,) * 3
         self._change = [limit * self._cycle / math.sqrt(3.0) for limit in most]
@@ -168,15 +108,14 @@ class MixedAxesStream(Stream):
         speeds = zip(self._twist, value.modes, strict=True)
         self._twist = [0.0 if mode == AxisMode.POSITION else speed for speed, mode in speeds]
         # Near a singularity the tool may be behind, and axes that stay are to come back.
-        self._held = aimed(value, self._reach.pose(self._command), self._held)
+        self._held = aimed(value, self._inverse.pose(self._command), self._held)
         self._has_position = AxisMode.POSITION in value.modes
         self._wanted = value.twist.linear.tolist() + value.twist.angular.tolist()
         self._silence.feed(now)
 
     @override
     def step(self, now: float) -> Point:
-        if self._silence.expired(now):
-            self._silence.disarm()
+        if self._fell_silent(now):
             self._wanted = [0.0] * 6
         assert self._held is not None
         ways = zip(self._twist, self._wanted, self._change, strict=True)
@@ -184,10 +123,10 @@ class MixedAxesStream(Stream):
         self._held = _moved_on(self._held, self._twist, self._cycle)
         pose = product(self._task, self._held)
         if self._takes_poses:
-            return Point(self._reach.setpoint(self._command, pose))
+            return Point(self._inverse.setpoint(self._command, pose))
         before = self._feedback.reference_joints()
         near = self._feedback.expected_joints(self._cycle)
-        joints = self._reach.joints(self._command, pose, near)
+        joints = self._inverse.joints(self._command, pose, near)
         return self._pursuit.point(before, pose, joints, now)
 
     @property
@@ -198,13 +137,7 @@ class MixedAxesStream(Stream):
     @property
     @override
     def is_over(self) -> bool:
-        return not self._silence.armed and max(map(abs, self._twist)) <= _STILL
-
-    @property
-    @override
-    def goals(self) -> Mapping[str, Value]:
-        """None: a servo stream has no goal."""
-        return {}
+        return super().is_over and max(map(abs, self._twist)) <= _STILL
 
 
 def aimed(value: CartesianServo, here: Pose, held: Pose | None = None) -> Pose:

@@ -11,14 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from crtk_drivers.commands import Command, Kind, Level, Space
-from crtk_drivers.device import FULL, Device, Goal, Mode, Ratios, Setpoint, mode_of
+from crtk_drivers.device import FULL, Goal, Mode, Ratios, Setpoint, mode_of
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.gates.command import CommandCheck
-from crtk_drivers.gates.setpoint import SetpointLimiter
 from crtk_drivers.geometry.frames import pose_in_base, product, wrench_in_base
 from crtk_drivers.motion.arbiter import Order
-from crtk_drivers.motion.feedback import Feedback
-from crtk_drivers.motion.inverse import Reach
+from crtk_drivers.motion.context import MotionContext
 from crtk_drivers.motion.mixed import aimed
 from crtk_drivers.move import Move
 from crtk_drivers.samples import (
@@ -41,43 +38,29 @@ class OrderMaker:
     """Makes orders for one device.
 
     Args:
-        device: whose modes and kinematics count.
-        reach: from poses to joints.
-        check: of what is computed here.
-        limiter: how far a servo command may be away.
-        feedback: where the device is.
-        where: the device, for messages.
-        move_cp: "line" or "joints"; a line needs limits of the tool.
+        context: of the device.
 
     Attributes:
         ratios: of the moves that are made from now on.
     """
 
-    def __init__(
-        self,
-        device: Device,
-        reach: Reach,
-        check: CommandCheck,
-        limiter: SetpointLimiter,
-        feedback: Feedback,
-        where: str,
-        move_cp: str = "line",
-    ) -> None:
-        self._device = device
-        self._capabilities = device.capabilities
-        self._modes = self._capabilities.modes
-        self._takes_poses = Mode.CARTESIAN_POSITION in self._modes
-        self._moves_poses = "move_cp" in self._capabilities.native_moves
-        self._moves_joints = (
-            Mode.JOINT_POSITION in self._modes or "move_jp" in self._capabilities.native_moves
+    def __init__(self, context: MotionContext) -> None:
+        capabilities = context.capabilities
+        self._device = context.device
+        self._capabilities = capabilities
+        self._modes = capabilities.modes
+        self._takes_poses = Mode.CARTESIAN_POSITION in capabilities.modes
+        self._moves_poses = "move_cp" in capabilities.native_moves
+        self._has_kinematics = capabilities.has_kinematics
+        self._inverse = context.inverse
+        self._check = context.check
+        self._limiter = context.limiter
+        self._feedback = context.feedback
+        self._where = context.where
+        moves_joints = (
+            Mode.JOINT_POSITION in capabilities.modes or "move_jp" in capabilities.native_moves
         )
-        self._has_kinematics = self._capabilities.has_kinematics
-        self._reach = reach
-        self._check = check
-        self._limiter = limiter
-        self._feedback = feedback
-        self._where = where
-        self._move_cp = move_cp
+        self._by_joints = moves_joints and context.options.move_cp == "joints"
         self.ratios: Ratios = FULL
 
     def make(self, command: Command, value: Value, now: float) -> Order:
@@ -114,7 +97,7 @@ class OrderMaker:
         assert isinstance(value, Twist | Wrench)
         mode = mode_of(Space.CARTESIAN, command.kind)
         if command.frame or mode not in self._modes:
-            self._reach.pose(command)
+            self._inverse.pose(command)
             return Order(command.name, target=value)
         return self._direct(command, Setpoint(mode, vector(value.vector)))
 
@@ -126,20 +109,20 @@ class OrderMaker:
         if not command.is_relative:
             mode = mode_of(Space.JOINT, command.kind)
             return self._direct(command, Setpoint(mode, joint_values(command.kind, value)))
-        before = self._reach.reference(command)
+        before = self._inverse.reference(command)
         target = Setpoint(Mode.JOINT_POSITION, vector(before + value.position))
         self._limiter.judge(command.name, target, before)
         return Order(command.name, increment=value.position)
 
     def _servo_pose(self, command: Command, value: Pose) -> Order:
-        goal = self._reach.moved(command, value) if command.is_relative else value
-        setpoint = self._reach.setpoint(command, goal)
+        goal = self._inverse.moved(command, value) if command.is_relative else value
+        setpoint = self._inverse.setpoint(command, goal)
         if setpoint.mode is Mode.CARTESIAN_POSITION or self._capabilities.cartesian_limits is None:
             order = self._direct(command, setpoint)
         else:
             before = self._feedback.reference_joints()
             self._limiter.into_range(command.name, setpoint.values, before)
-            self._limiter.judge_tool(command.name, goal, self._reach.pose(command))
+            self._limiter.judge_tool(command.name, goal, self._inverse.pose(command))
             order = Order(command.name, setpoint, target=goal)
         return Order(command.name, displacement=value) if command.is_relative else order
 
@@ -148,7 +131,7 @@ class OrderMaker:
         used = {AxisMode(mode) for mode in value.modes} - {AxisMode.NONE}
         self._require_some(command, used)
         if used == {AxisMode.POSITION} and Mode.JOINT_POSITION in self._modes:
-            before = self._reach.reference(command)
+            before = self._inverse.reference(command)
             position = np.where(modes == AxisMode.POSITION, value.position, before)
             return self._direct(command, Setpoint(Mode.JOINT_POSITION, vector(position)))
         if len(used) == 1:
@@ -160,7 +143,7 @@ class OrderMaker:
         if AxisMode.EFFORT in used or Mode.JOINT_POSITION not in self._modes:
             raise self._unsupported(command, used)
         if AxisMode.POSITION in used:
-            before = self._reach.reference(command)
+            before = self._inverse.reference(command)
             position = np.where(modes == AxisMode.POSITION, value.position, before)
             self._limiter.judge(
                 command.name, Setpoint(Mode.JOINT_POSITION, vector(position)), before
@@ -171,7 +154,7 @@ class OrderMaker:
         used = {AxisMode(mode) for mode in value.modes} - {AxisMode.NONE}
         self._require_some(command, used)
         if AxisMode.EFFORT not in used:
-            here = self._reach.pose(command)
+            here = self._inverse.pose(command)
             if AxisMode.POSITION in used:
                 self._servo_pose(command, product(value.task, aimed(value, here)))  # or refused
             return Order(command.name, target=value)
@@ -213,10 +196,10 @@ class OrderMaker:
             return self._interpolate_pose(command, value)
         if isinstance(value, Twist | Wrench):
             if command.frame:
-                self._reach.pose(command)
+                self._inverse.pose(command)
             return Order(command.name, target=value)
         assert isinstance(value, JointState)
-        before = self._reach.reference(command)
+        before = self._inverse.reference(command)
         if command.is_relative:
             return Order(command.name, increment=value.position)
         if command.kind is Kind.POSITION:
@@ -225,10 +208,10 @@ class OrderMaker:
 
     def _interpolate_pose(self, command: Command, value: Pose) -> Order:
         if command.is_relative:
-            self._reach.pose(command)
+            self._inverse.pose(command)
             return Order(command.name, displacement=value)
         if not self._takes_poses:
-            self._reach.joints(command, value)
+            self._inverse.joints(command, value)
         return Order(command.name, target=value)
 
     # ----------------------------------------------------------------------------------------- move
@@ -239,24 +222,23 @@ class OrderMaker:
         assert isinstance(value, JointState)
         target = value.position
         if command.is_relative:
-            target = vector(self._reach.reference(command) + target)
+            target = vector(self._inverse.reference(command) + target)
             self._check.check_target(command, target)
         return self._order_to(command, Goal(joints=target, ratios=self.ratios), target)
 
     def _move_pose(self, command: Command, value: Pose, now: float) -> Order:
         if command.is_relative:
-            value = self._reach.moved(command, value, native=self._moves_poses)
+            value = self._inverse.moved(command, value, native=self._moves_poses)
         limits = self._capabilities.line_limits or self._capabilities.cartesian_limits
         if not self._has_kinematics:
             return self._order_to(command, Goal(pose=value, ratios=self.ratios), EMPTY, value)
-        joints = self._reach.joints(command, value)
-        in_joints = self._moves_joints and self._move_cp == "joints"
-        if in_joints or (limits is None and not self._moves_poses):
+        joints = self._inverse.joints(command, value)
+        if self._by_joints or (limits is None and not self._moves_poses):
             goal = Goal(joints=joints, ratios=self.ratios)
             return self._order_to(command, goal, joints, value)
         if limits is not None:
             begins = None if self._moves_poses else now
-            joints = self._reach.line(command, value, limits, self.ratios, begins)
+            joints = self._inverse.line(command, value, limits, self.ratios, begins)
         return self._order_to(command, Goal(pose=value, ratios=self.ratios), joints, value)
 
     def _order_to(

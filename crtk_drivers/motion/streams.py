@@ -16,9 +16,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from typing_extensions import override
 
-from crtk_drivers.commands import Kind, Space, find
-from crtk_drivers.device import Device, Mode, Setpoint, mode_of
-from crtk_drivers.gates.setpoint import SetpointLimiter
+from crtk_drivers.commands import Command, Kind, Space, find
+from crtk_drivers.device import Mode, Setpoint, mode_of
 from crtk_drivers.geometry.frames import (
     moved,
     twist_from_base,
@@ -27,8 +26,8 @@ from crtk_drivers.geometry.frames import (
     wrench_in_base,
 )
 from crtk_drivers.motion.arbiter import Order
-from crtk_drivers.motion.feedback import Feedback, Point
-from crtk_drivers.motion.inverse import Reach
+from crtk_drivers.motion.context import MotionContext
+from crtk_drivers.motion.feedback import Point
 from crtk_drivers.motion.tool import PoseOutput, Pursuit, TwistOutput, WrenchOutput
 from crtk_drivers.samples import (
     JointState,
@@ -51,15 +50,27 @@ from crtk_drivers.trajectory.interpolators import (
 )
 from crtk_drivers.trajectory.smoothing import LONGEST_STEP
 
-Clamp = Callable[[str, Vector, Vector], Vector]
-"""Puts joint positions into their range: (command, positions, positions that it starts from)."""
-
 
 class Stream(ABC):
-    """One stream while it runs; `name` is its command."""
+    """One stream while it runs.
 
-    def __init__(self, name: str) -> None:
+    Args:
+        name: of its command.
+        context: of the device.
+        now: monotonic seconds at which it begins.
+
+    Attributes:
+        name: of its command.
+    """
+
+    def __init__(self, name: str, context: MotionContext, now: float) -> None:
         self.name = name
+        self._command = find(name)
+        self._context = context
+        self._feedback = context.feedback
+        self._inverse = context.inverse
+        self._cycle = context.cycle
+        self._timeout = context.options.silence(self._command.level)
 
     @abstractmethod
     def feed(self, order: Order, now: float) -> None:
@@ -91,50 +102,49 @@ class Stream(ABC):
         return empty()
 
     @property
-    @abstractmethod
     def goals(self) -> Mapping[str, Value]:
-        """What ``goal_*`` say."""
+        """What ``goal_*`` say; a servo stream has no goal."""
+        return {}
+
+
+class ServoStream(Stream):
+    """A stream of servo_* that goes on between its commands; without one for its timeout it comes to rest."""
+
+    def __init__(self, name: str, context: MotionContext, now: float) -> None:
+        super().__init__(name, context, now)
+        self._silence = Deadman(self._timeout)
+        self._silence.feed(now)
+
+    def _fell_silent(self, now: float) -> bool:
+        """Whether no command came for the timeout; from then on this stays so until the next one."""
+        if self._silence.expired(now):
+            self._silence.disarm()
+        return not self._silence.armed
+
+    @property
+    @override
+    def is_over(self) -> bool:
+        return not self._silence.armed
 
 
 class JointStream(Stream):
-    """interpolate_jp, _jr, _jv and _jf.
+    """interpolate_jp, _jr, _jv and _jf."""
 
-    Args:
-        name: of the command.
-        device: whose limits and rate it keeps.
-        feedback: where it begins.
-        clamp: for goals out of range.
-        timeout: seconds without a command after which it ends.
-        now: monotonic seconds.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        device: Device,
-        feedback: Feedback,
-        clamp: Clamp,
-        timeout: float,
-        now: float,
-    ) -> None:
-        super().__init__(name)
-        self._device = device
-        self._clamp = clamp
-        self._kind = find(name).kind
+    def __init__(self, name: str, context: MotionContext, now: float) -> None:
+        super().__init__(name, context, now)
+        self._kind = self._command.kind
         self._mode = mode_of(Space.JOINT, self._kind)
-        capabilities = device.capabilities
-        cycle = 1.0 / capabilities.rate
-        self._interpolator = JointInterpolator(capabilities.limits, cycle, timeout, self._kind)
-        position, velocity, acceleration = feedback.motion(now)
+        limits, cycle = context.capabilities.limits, self._cycle
+        self._interpolator = JointInterpolator(limits, cycle, self._timeout, self._kind)
+        position, velocity, acceleration = self._feedback.motion(now)
         before = now - cycle  # when that went out
         if self._mode is Mode.JOINT_POSITION:
             self._interpolator.start(position, before, velocity, acceleration)
         elif self._mode is Mode.JOINT_VELOCITY:
             self._interpolator.start(velocity, before, acceleration)
         else:
-            effort = feedback.commanded_effort()
-            at_rest = np.zeros(len(capabilities.joints))
-            self._interpolator.start(effort if effort.size else at_rest, before)
+            effort = self._feedback.commanded_effort()
+            self._interpolator.start(effort if effort.size else np.zeros(len(limits)), before)
 
     @override
     def feed(self, order: Order, now: float) -> None:
@@ -145,7 +155,7 @@ class JointStream(Stream):
             assert isinstance(order.target, JointState)
             goal = joint_values(self._kind, order.target)
         if self._mode is Mode.JOINT_POSITION:
-            goal = self._clamp(self.name, goal, before)
+            goal = self._context.into_range(self.name, goal, before)
         self._interpolator.command(goal, now)
 
     @override
@@ -172,63 +182,43 @@ class JointStream(Stream):
     @property
     @override
     def goals(self) -> Mapping[str, Value]:
-        capabilities = self._device.capabilities
         state = joint_state(self._kind, self._interpolator.goal)
         goals: dict[str, Value] = {"goal_js": state}
-        if self._mode is Mode.JOINT_POSITION and capabilities.has_kinematics:
-            goals["goal_cp"] = self._device.forward_kinematics(state.position)
+        if self._mode is Mode.JOINT_POSITION and self._context.capabilities.has_kinematics:
+            goals["goal_cp"] = self._context.device.forward_kinematics(state.position)
         return goals
 
 
 class PoseStream(Stream):
-    """interpolate_cp and _cr.
+    """interpolate_cp and _cr."""
 
-    Args:
-        name: of the command.
-        device: whose limits and rate it keeps.
-        feedback: where it begins, and how the tool moves there.
-        reach: what can be reached.
-        timeout: seconds without a command after which it ends.
-        now: monotonic seconds.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        device: Device,
-        feedback: Feedback,
-        reach: Reach,
-        timeout: float,
-        now: float,
-    ) -> None:
-        super().__init__(name)
-        self._command = find(name)
-        self._reach = reach
-        capabilities = device.capabilities
+    def __init__(self, name: str, context: MotionContext, now: float) -> None:
+        super().__init__(name, context, now)
+        capabilities, cycle = context.capabilities, self._cycle
         limits = capabilities.cartesian_limits
         assert limits is not None
         self._base = capabilities.base_pose
         self._takes_poses = Mode.CARTESIAN_POSITION in capabilities.modes
-        cycle = 1.0 / capabilities.rate
-        self._interpolator = PoseInterpolator(limits, cycle, timeout)
+        self._interpolator = PoseInterpolator(limits, cycle, self._timeout)
         self._interpolator.start(
-            reach.pose(self._command),
+            self._inverse.pose(self._command),
             now - cycle,
-            feedback.reference_twist(now),
-            feedback.reference_twist_change(now),
+            self._feedback.reference_twist(now),
+            self._feedback.reference_twist_change(now),
         )
-        self._output = PoseOutput(self._command, device, feedback, reach, now)
+        self._output = PoseOutput(self._command, context, now)
         self._last = now - cycle
         self._longest = LONGEST_STEP * cycle
 
     @override
     def feed(self, order: Order, now: float) -> None:
         if order.displacement is not None:
+            command, inverse = self._command, self._inverse
             goal = moved(self._interpolator.goal, order.displacement, order.frame, self._base)
             if self._takes_poses:
-                self._reach.check_way(self._command, goal)
+                inverse.check_way(command, goal)
             else:
-                self._reach.joints(self._command, goal, self._reach.reference(self._command))
+                inverse.joints(command, goal, inverse.reference(command))
         else:
             assert isinstance(order.target, Pose)
             goal = order.target
@@ -252,50 +242,25 @@ class PoseStream(Stream):
         return {"goal_cp": self._interpolator.goal}
 
 
-class PursuitStream(Stream):
-    """servo_cp and _cr on joints.
+class PursuitStream(ServoStream):
+    """servo_cp and _cr on joints; when it falls silent it goes no further."""
 
-    Args:
-        name: of the command.
-        device: whose limits and rate it keeps.
-        feedback: where the joints are.
-        reach: what can be reached.
-        limiter: that the joints pass.
-        timeout: seconds without a command after which it goes no further.
-        now: monotonic seconds.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        device: Device,
-        feedback: Feedback,
-        reach: Reach,
-        limiter: SetpointLimiter,
-        timeout: float,
-        now: float,
-    ) -> None:
-        super().__init__(name)
-        self._command = find(name)
-        self._base = device.capabilities.base_pose
-        self._cycle = 1.0 / device.capabilities.rate
-        self._feedback = feedback
-        self._reach = reach
-        self._limiter = limiter
-        self._pursuit = Pursuit(device, limiter)
-        self._silence = Deadman(timeout)
-        self._silence.feed(now)
+    def __init__(self, name: str, context: MotionContext, now: float) -> None:
+        super().__init__(name, context, now)
+        self._base = context.capabilities.base_pose
+        self._limiter = context.limiter
+        self._pursuit = Pursuit(context)
         self._goal: Pose | None = None
         self._joints = empty()
-        self._velocity: Vector | None = feedback.motion(now)[1]  # until the first step
+        self._velocity: Vector | None = self._feedback.motion(now)[1]  # until the first step
 
     @override
     def feed(self, order: Order, now: float) -> None:
         if order.displacement is not None:
-            here = self._reach.pose(self._command)
+            here = self._inverse.pose(self._command)
             goal = moved(self._goal or here, order.displacement, order.frame, self._base)
             near = self._feedback.expected_joints(self._cycle)
-            joints = self._reach.joints(self._command, goal, near)
+            joints = self._inverse.joints(self._command, goal, near)
             self._limiter.judge_tool(self.name, goal, here)
         else:
             assert isinstance(order.target, Pose)
@@ -307,10 +272,8 @@ class PursuitStream(Stream):
     @override
     def step(self, now: float) -> Point:
         assert self._goal is not None
-        if self._silence.expired(now):
-            self._silence.disarm()
         before = self._feedback.reference_joints()
-        if not self._silence.armed:
+        if self._fell_silent(now):
             return Point(Setpoint(Mode.JOINT_POSITION, before))
         velocity, self._velocity = self._velocity, None
         may_jump = velocity is None or self._limiter.can_start(self._joints, before, velocity)
@@ -321,26 +284,15 @@ class PursuitStream(Stream):
     def behind(self) -> Vector:
         return self._pursuit.behind
 
-    @property
-    @override
-    def is_over(self) -> bool:
-        return not self._silence.armed
-
-    @property
-    @override
-    def goals(self) -> Mapping[str, Value]:
-        """None: a servo stream has no goal."""
-        return {}
-
 
 class _InFrame:
     """A twist or wrench that is given in the frame of a command's sub-namespace."""
 
-    def __init__(self, name: str, device: Device, reach: Reach) -> None:
-        self._command = find(name)
-        self._base = device.capabilities.base_pose
-        self._reach = reach
-        is_twist = self._command.kind is Kind.VELOCITY
+    def __init__(self, command: Command, context: MotionContext) -> None:
+        self._command = command
+        self._base = context.capabilities.base_pose
+        self._inverse = context.inverse
+        is_twist = command.kind is Kind.VELOCITY
         self._in_base = twist_in_base if is_twist else wrench_in_base
         self._from_base = twist_from_base if is_twist else wrench_from_base
 
@@ -353,46 +305,24 @@ class _InFrame:
         return self._turned(self._from_base, values)
 
     def _turned(self, convert: Callable[..., Vector], values: Vector) -> Vector:
-        frame = self._reach.frame_of(self._command)
+        frame = self._inverse.frame_of(self._command)
         if not frame:
             return values
-        return convert(values, frame, self._reach.pose(self._command), self._base)
+        return convert(values, frame, self._inverse.pose(self._command), self._base)
 
 
-def _output(
-    name: str, device: Device, feedback: Feedback, now: float
-) -> TwistOutput | WrenchOutput:
-    if find(name).kind is Kind.VELOCITY:
-        return TwistOutput(device, feedback, now)
-    return WrenchOutput(device, feedback)
+def _output(command: Command, context: MotionContext, now: float) -> TwistOutput | WrenchOutput:
+    is_twist = command.kind is Kind.VELOCITY
+    return TwistOutput(context, now) if is_twist else WrenchOutput(context)
 
 
-class HeldStream(Stream):
-    """servo_cv and servo_cf: the newest twist or wrench, carried out anew in each cycle.
+class HeldStream(ServoStream):
+    """servo_cv and servo_cf: the newest twist or wrench, carried out anew in each cycle."""
 
-    Args:
-        name: of the command.
-        device: whose limits and rate it keeps.
-        feedback: where it begins.
-        reach: where the tool is.
-        timeout: seconds without a command after which it comes to rest.
-        now: monotonic seconds.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        device: Device,
-        feedback: Feedback,
-        reach: Reach,
-        timeout: float,
-        now: float,
-    ) -> None:
-        super().__init__(name)
-        self._frame = _InFrame(name, device, reach)
-        self._output = _output(name, device, feedback, now)
-        self._silence = Deadman(timeout)
-        self._silence.feed(now)
+    def __init__(self, name: str, context: MotionContext, now: float) -> None:
+        super().__init__(name, context, now)
+        self._frame = _InFrame(self._command, context)
+        self._output = _output(self._command, context, now)
         self._values = vector(np.zeros(6))
 
     @override
@@ -403,61 +333,34 @@ class HeldStream(Stream):
 
     @override
     def step(self, now: float) -> Point:
-        if self._silence.expired(now):
-            self._silence.disarm()
+        if self._fell_silent(now):
             self._values = vector(np.zeros(6))
         return self._output.point(self._frame.in_base(self._values))
 
     @property
     @override
     def is_over(self) -> bool:
-        return not self._silence.armed and self._output.is_at_rest
-
-    @property
-    @override
-    def goals(self) -> Mapping[str, Value]:
-        """None: a servo stream has no goal."""
-        return {}
+        return super().is_over and self._output.is_at_rest
 
 
 class SmoothStream(Stream):
-    """interpolate_cv and interpolate_cf: as `HeldStream`, smoothed in the frame in which they are given.
+    """interpolate_cv and interpolate_cf: as `HeldStream`, smoothed in the frame in which they are given."""
 
-    Args:
-        name: of the command.
-        device: whose limits and rate it keeps.
-        feedback: where it begins.
-        reach: where the tool is.
-        timeout: seconds without a command after which it ends.
-        now: monotonic seconds.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        device: Device,
-        feedback: Feedback,
-        reach: Reach,
-        timeout: float,
-        now: float,
-    ) -> None:
-        super().__init__(name)
-        capabilities = device.capabilities
-        limits = capabilities.cartesian_limits
+    def __init__(self, name: str, context: MotionContext, now: float) -> None:
+        super().__init__(name, context, now)
+        limits = context.capabilities.cartesian_limits
         assert limits is not None
-        command, cycle = find(name), 1.0 / capabilities.rate
-        self._base_frame = capabilities.base_frame
-        self._is_twist = command.kind is Kind.VELOCITY
-        self._frame = _InFrame(name, device, reach)
-        self._output = _output(name, device, feedback, now)
+        self._is_twist = self._command.kind is Kind.VELOCITY
+        self._frame = _InFrame(self._command, context)
+        self._output = _output(self._command, context, now)
         self._interpolator: TwistInterpolator | WrenchInterpolator
         if self._is_twist:
-            self._interpolator = TwistInterpolator(limits, cycle, timeout)
-            start = feedback.reference_twist(now)
+            self._interpolator = TwistInterpolator(limits, self._cycle, self._timeout)
+            start = self._feedback.reference_twist(now)
         else:
-            self._interpolator = WrenchInterpolator(limits, cycle, timeout)
-            start = feedback.commanded_wrench()
-        self._interpolator.start(self._frame.from_base(start), now - cycle)
+            self._interpolator = WrenchInterpolator(limits, self._cycle, self._timeout)
+            start = self._feedback.commanded_wrench()
+        self._interpolator.start(self._frame.from_base(start), now - self._cycle)
 
     @override
     def feed(self, order: Order, now: float) -> None:
@@ -488,4 +391,4 @@ class SmoothStream(Stream):
         if not self._is_twist:
             return {}
         goal = self._frame.in_base(self._interpolator.goal)
-        return {"goal_cv": Twist(goal[:3], goal[3:], self._base_frame)}
+        return {"goal_cv": Twist(goal[:3], goal[3:], self._context.capabilities.base_frame)}

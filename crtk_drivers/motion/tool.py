@@ -6,12 +6,12 @@ Each output belongs to one stream or move, in the I/O thread, and is asked once 
 from __future__ import annotations
 
 from crtk_drivers.commands import Command
-from crtk_drivers.device import Device, Mode, Setpoint
+from crtk_drivers.device import Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.gates.resolved_rate import ResolvedRate
-from crtk_drivers.gates.setpoint import SetpointLimiter, norms_into
-from crtk_drivers.motion.feedback import Feedback, Point
-from crtk_drivers.motion.inverse import Reach
+from crtk_drivers.gates.setpoint import norms_into
+from crtk_drivers.motion.context import MotionContext
+from crtk_drivers.motion.feedback import Point
 from crtk_drivers.samples import JointState, Pose, Vector, empty, frozen, vector
 
 _STILL = 1e-6
@@ -29,30 +29,22 @@ class PoseOutput:
 
     Args:
         command: that they come from.
-        device: whose modes, limits and rate it keeps.
-        feedback: where it begins.
-        reach: what can be reached.
+        context: of the device.
         now: monotonic seconds.
         share: of real time in the motion's own time, at its beginning; 0: begin at rest.
     """
 
     def __init__(
-        self,
-        command: Command,
-        device: Device,
-        feedback: Feedback,
-        reach: Reach,
-        now: float,
-        share: float = 1.0,
+        self, command: Command, context: MotionContext, now: float, share: float = 1.0
     ) -> None:
-        capabilities = device.capabilities
+        capabilities = context.capabilities
         self._command = command
-        self._device = device
-        self._reach = reach
+        self._context = context
+        self._inverse = context.inverse
         self._takes_poses = Mode.CARTESIAN_POSITION in capabilities.modes
-        self._joints, velocity, self._acceleration = feedback.motion(now)
+        self._joints, velocity, self._acceleration = context.feedback.motion(now)
         self._velocity = frozen(velocity * share)
-        self._step = 1.0 / capabilities.rate
+        self._step = context.cycle
         self._fastest = [limit.velocity for limit in capabilities.limits]
 
     def point(self, pose: Pose, twist: Vector, step: float) -> Point:
@@ -66,10 +58,10 @@ class PoseOutput:
             CommandRefused: out of reach, or a joint would be too fast.
         """
         if self._takes_poses:
-            return Point(self._reach.setpoint(self._command, pose), twist=twist)
+            return Point(self._inverse.setpoint(self._command, pose), twist=twist)
         # Where the joints would go on to: inverse kinematics has the least to do from there.
         expected = frozen(self._joints + self._velocity * step)
-        joints = self._reach.joints(self._command, pose, expected)
+        joints = self._inverse.joints(self._command, pose, expected)
         if step > _INSTANT:
             velocity = frozen((joints - self._joints) / step)
             self._check_speed(velocity)
@@ -89,12 +81,12 @@ class PoseOutput:
         excess = [abs(speed) / fastest for speed, fastest in speeds]
         largest = max(excess)
         if largest > 1.0 + _TOLERANCE:
-            name = self._device.capabilities.joints[excess.index(largest)]
+            name = self._context.capabilities.joints[excess.index(largest)]
             raise CommandRefused(
                 self._command.name,
                 Reason.STEP_TOO_LARGE,
                 f"{name} would be too fast on the way",
-                where=self._device.address,
+                where=self._context.where,
                 remedy="Stay away from singularities, or command joints.",
             )
 
@@ -106,8 +98,7 @@ class TwistOutput:
     the limits of position, velocity and acceleration, see `crtk_drivers.gates.resolved_rate`.
 
     Args:
-        device: whose modes, limits and rate it keeps.
-        feedback: where it is, and how it moves at the beginning.
+        context: of the device.
         now: monotonic seconds.
 
     Attributes:
@@ -116,17 +107,17 @@ class TwistOutput:
 
     share = 1.0
 
-    def __init__(self, device: Device, feedback: Feedback, now: float) -> None:
-        capabilities = device.capabilities
-        self._device = device
-        self._feedback = feedback
-        self._cycle = 1.0 / capabilities.rate
+    def __init__(self, context: MotionContext, now: float) -> None:
+        capabilities = context.capabilities
+        self._device = context.device
+        self._feedback = context.feedback
+        self._cycle = context.cycle
         self._takes_twists = Mode.CARTESIAN_VELOCITY in capabilities.modes
         takes_velocities = Mode.JOINT_VELOCITY in capabilities.modes
         self._takes_velocities = takes_velocities and not capabilities.integrates_twists
         limits = capabilities.cartesian_limits
         self._rates = ResolvedRate(capabilities.limits, limits, self._cycle)
-        _, self._velocity, _ = feedback.motion(now)
+        _, self._velocity, _ = context.feedback.motion(now)
 
     def point(self, twist: Vector) -> Point:
         """Return what to send for a twist (6,), base axes, in this cycle."""
@@ -159,15 +150,14 @@ class WrenchOutput:
     Both within the limits of the tool's force and torque.
 
     Args:
-        device: whose modes it keeps.
-        feedback: where it is.
+        context: of the device.
     """
 
-    def __init__(self, device: Device, feedback: Feedback) -> None:
-        self._device = device
-        self._feedback = feedback
-        self._takes_wrenches = Mode.CARTESIAN_EFFORT in device.capabilities.modes
-        limits = device.capabilities.cartesian_limits
+    def __init__(self, context: MotionContext) -> None:
+        self._device = context.device
+        self._feedback = context.feedback
+        self._takes_wrenches = Mode.CARTESIAN_EFFORT in context.capabilities.modes
+        limits = context.capabilities.cartesian_limits
         assert limits is not None
         self._limits = limits.force, limits.torque
 
@@ -194,20 +184,19 @@ class Pursuit:
     until the pose is reached.
 
     Args:
-        device: whose limits and rate it keeps.
-        limiter: that the joints pass.
+        context: of the device.
 
     Attributes:
         behind: how far (n,) the last step is from the joint position that reaches the pose.
     """
 
-    def __init__(self, device: Device, limiter: SetpointLimiter) -> None:
-        capabilities = device.capabilities
+    def __init__(self, context: MotionContext) -> None:
+        capabilities = context.capabilities
         self.behind = empty()
-        self._device = device
-        self._cycle = 1.0 / capabilities.rate
+        self._device = context.device
+        self._cycle = context.cycle
         self._rates = ResolvedRate(capabilities.limits, capabilities.cartesian_limits, self._cycle)
-        self._limiter = limiter
+        self._limiter = context.limiter
         self._approaches = False
 
     def point(

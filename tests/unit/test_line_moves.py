@@ -14,12 +14,11 @@ from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, MotionAborted, Reason
 from crtk_drivers.geometry.frames import moved
 from crtk_drivers.geometry.rates import turn
-from crtk_drivers.motion.orders import JOINTS
 from crtk_drivers.move import Move
 from crtk_drivers.samples import Number, Pose, Vector, vector
 
 EXACT = 1e-6
-BY_JOINTS = EngineOptions(move_cp=JOINTS)
+BY_JOINTS = EngineOptions(move_cp="joints")
 WAY = (0.12, 0.1, 0.08, 0.3, -0.2, 0.4)
 TAKES = (Mode.JOINT_POSITION, Mode.CARTESIAN_POSITION)
 

@@ -1,0 +1,85 @@
+"""What all that moves one device shares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from crtk_drivers.commands import Kind
+from crtk_drivers.device import Capabilities, Device, Setpoint
+from crtk_drivers.gates.command import CommandCheck
+from crtk_drivers.gates.setpoint import SetpointLimiter
+from crtk_drivers.motion.feedback import Feedback
+from crtk_drivers.motion.inverse import Reach
+from crtk_drivers.motion.stopping import Stopping
+from crtk_drivers.options import EngineOptions
+from crtk_drivers.samples import Vector
+from crtk_drivers.status.board import StatusBoard
+from crtk_drivers.status.health import HealthRecorder
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MotionContext:
+    """The parts of one device's motion that orders, streams, moves and state commands work with.
+
+    Attributes:
+        device: that is commanded.
+        where: the device, for messages.
+        options: of the user.
+        feedback: what is measured, set and aimed at.
+        check: of what was computed from a command.
+        limiter: the last gate before the wire.
+        inverse: from poses to what the hardware takes.
+        stopping: stops the device, and watches that it stands.
+        board: told of states, warnings and refusals.
+        health: counts.
+    """
+
+    device: Device
+    where: str
+    options: EngineOptions
+    feedback: Feedback
+    check: CommandCheck
+    limiter: SetpointLimiter
+    inverse: Reach
+    stopping: Stopping
+    board: StatusBoard
+    health: HealthRecorder
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """Those of the device."""
+        return self.device.capabilities
+
+    @property
+    def cycle(self) -> float:
+        """Seconds between two cycles."""
+        return 1.0 / self.device.capabilities.rate
+
+    def limit(self, name: str, setpoint: Setpoint, now: float) -> Setpoint:
+        """Return the setpoint of a command that may be sent at monotonic seconds; what is clamped is told.
+
+        Raises:
+            CommandRefused: it may not be sent, or an effort drives a joint too fast or out of its range.
+        """
+        if setpoint.mode.kind is Kind.EFFORT:
+            self.limiter.check_driven(name, self.feedback.measured_state()[0])
+        before = self.feedback.before(setpoint.mode, now)
+        limited = self.limiter.limit(name, setpoint, before, now)
+        if limited.warning:
+            self._warn_clamped(name, limited.warning)
+        return limited.setpoint
+
+    def into_range(self, name: str, positions: Vector, before: Vector) -> Vector:
+        """Return joint positions (n,) of a command, clamped to their range; that is told.
+
+        Raises:
+            CommandRefused: out of range where the user does not want them clamped.
+        """
+        clamped, warning = self.limiter.into_range(name, positions, before)
+        if warning:
+            self._warn_clamped(name, warning)
+        return clamped
+
+    def _warn_clamped(self, name: str, warning: str) -> None:
+        self.health.clamped += 1
+        self.board.warned(f"{name}: {warning}")
