@@ -38,7 +38,6 @@ from crtk_drivers.motion.arbiter import NOBODY, Arbiter, Client, Order
 from crtk_drivers.motion.context import MotionContext
 from crtk_drivers.motion.executor import MotionExecutor
 from crtk_drivers.motion.feedback import Feedback
-from crtk_drivers.motion.following import FollowingWatch
 from crtk_drivers.motion.inverse import Reach
 from crtk_drivers.motion.orders import OrderMaker
 from crtk_drivers.motion.stopping import UNSEEN, Stopping
@@ -140,8 +139,7 @@ class Engine:
         self._arbiter = Arbiter(self.options, self.where)
         ends = self.options.on_client_gone == "hold", self.options.free_timeout
         self._freed, self._carried = Tether(*ends), Tether(*ends)
-        following = FollowingWatch(self.capabilities, limits.following_error)
-        self._motion = MotionExecutor(context, self._arbiter, following)
+        self._motion = MotionExecutor(context, self._arbiter)
         self._feedback.latch(_ratio_values(self._orders.ratios))
         timeout = self.capabilities.transition_timeout
         self._requests = Requests(self.services, self.where, timeout)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable
 from typing import Final
 
 from typing_extensions import override
 
-from crtk_drivers.device import Goal, Mode, MoveProgress, Setpoint
+from crtk_drivers.commands import find
+from crtk_drivers.device import Capabilities, Goal, Mode, MoveProgress, Setpoint
 from crtk_drivers.errors import MotionAborted
+from crtk_drivers.motion.activity import Activity
+from crtk_drivers.motion.arbiter import Order
 from crtk_drivers.motion.context import MotionContext
 from crtk_drivers.motion.feedback import Point
+from crtk_drivers.motion.output import Output
+from crtk_drivers.motion.stopping import SLOWEST_PACE
 from crtk_drivers.motion.tool import PoseOutput
-from crtk_drivers.move import Move
-from crtk_drivers.samples import JointState
+from crtk_drivers.samples import JointState, vector
 from crtk_drivers.trajectory.profiles import JointProfile, LineProfile
 
 ARRIVAL_TIMEOUT: Final = 10.0
@@ -23,68 +25,86 @@ ARRIVAL_TIMEOUT: Final = 10.0
 SETTLING_TIME: Final = 2.0
 """Seconds in which the joints must be measured at the goal of a move that the hardware says it has ended."""
 
-Missing = Callable[[float], str | None]
-"""Says which joint is not at the goal, empty if none is; None without a sample since that monotonic time."""
-
 PACE_TIME: Final = 0.2
 """Seconds in which a trajectory goes from rest to full pace, or back, where the hardware's own pace jumps."""
 
 
-class MoveExecution(ABC):
-    """A move while it runs, in the I/O thread."""
-
-    def __init__(self, move: Move) -> None:
-        self.move = move
-
-    @abstractmethod
-    def step(self, now: float) -> bool:
-        """Do this cycle's part; return True when the goal is reached.
-
-        Raises:
-            MotionAborted: it cannot be reached.
-        """
+def is_native(goal: Goal, capabilities: Capabilities) -> bool:
+    """Whether the hardware plans the way to a goal."""
+    name = "move_jp" if goal.pose is None else "move_cp"
+    return name in capabilities.native_moves
 
 
-class NativeMove(MoveExecution):
+def begin_move(
+    order: Order, context: MotionContext, now: float, before: Activity | None
+) -> NativeMove | StreamedMove:
+    """Begin the move of an order at monotonic seconds.
+
+    Args:
+        order: has a goal.
+        context: of the device.
+        now: monotonic seconds.
+        before: what it replaces, with whose motion a trajectory of ours goes on.
+
+    Raises:
+        CommandRefused, MotionAborted: there is no way to the goal from here.
+        DeviceError: the hardware could not be told.
+    """
+    assert order.goal is not None
+    if is_native(order.goal, context.capabilities):
+        context.feedback.follow_device()
+        context.stopping.moves_again()
+        return NativeMove(order, context)
+    if isinstance(before, StreamedMove):
+        pace = before.pace
+    else:
+        pace = 1.0 if context.feedback.motion(now)[1].any() else context.device.pace
+    # In the time of the trajectory, in which the motion that it goes on from is as much faster.
+    share = 1.0 / pace if pace > SLOWEST_PACE else 0.0
+    way = (_JointWay if order.goal.pose is None else _LineWay)(order, context, now, share)
+    return StreamedMove(order, context, way, now, pace)
+
+
+class NativeMove(Activity):
     """The hardware plans and executes; this one watches."""
 
-    def __init__(self, move: Move, context: MotionContext, goal: Goal, missing: Missing) -> None:
-        super().__init__(move)
+    def __init__(self, order: Order, context: MotionContext) -> None:
+        super().__init__(order.name, order.stamp_ns, order.move)
+        assert order.goal is not None
         self._device = context.device
-        self._missing = missing
+        self._joints = order.joints
         self._ended: float | None = None
-        context.device.move(goal)
+        self._device.move(order.goal)
 
     @override
-    def step(self, now: float) -> bool:
+    def step(self, now: float, output: Output) -> bool:
         """Ask the hardware how far it is, and look whether it is there when it says so."""
         progress = self._device.move_progress()
         if progress is MoveProgress.FAILED:
-            raise MotionAborted(f"the hardware ended {self.move.name} before its goal")
+            raise MotionAborted(f"the hardware ended {self.name} before its goal")
         if progress is not MoveProgress.DONE:
             return False
         if self._ended is None:
             self._ended = now
-        missing = self._missing(self._ended)
+        missing = output.missing(self._joints, self._ended)
         if missing and now - self._ended > SETTLING_TIME:
             raise MotionAborted(
-                f"the hardware says that {self.move.name} has ended, but {missing}",
+                f"the hardware says that {self.name} has ended, but {missing}",
                 remedy="Look at what holds it.",
             )
         return missing == ""
 
 
-class StreamedMove(MoveExecution):
+class StreamedMove(Activity):
     """A trajectory of our own, sent point by point.
 
     After a late cycle the profile goes on from where it was, at most two periods further: no burst and
     no jump, the motion just takes longer. So it does where the hardware is slowed down.
 
     Args:
-        move: the handle.
+        order: of the move.
         context: of the device.
-        send: takes the name of the command, a point, and monotonic seconds.
-        missing: which joint is not at the goal.
+        way: to its goal.
         now: monotonic seconds.
         pace: of the trajectory at its beginning, of real time.
 
@@ -94,26 +114,24 @@ class StreamedMove(MoveExecution):
 
     def __init__(
         self,
-        move: Move,
+        order: Order,
         context: MotionContext,
-        send: Callable[[str, Point, float], object],
-        missing: Missing,
+        way: _JointWay | _LineWay,
         now: float,
         pace: float,
     ) -> None:
-        super().__init__(move)
-        period = context.cycle
+        super().__init__(order.name, order.stamp_ns, order.move)
         self._device = context.device
-        self._send = send
-        self._missing = missing
+        self._goal = order.joints
+        self._way = way
         self._ended: float | None = None
-        self._last = now - period  # when the setpoint went out from which it starts
-        self._longest = 2.0 * period
+        self._last = now - context.cycle  # when the setpoint went out from which it starts
+        self._longest = 2.0 * context.cycle
         self._time = 0.0
         self.pace = pace
 
     @override
-    def step(self, now: float) -> bool:
+    def step(self, now: float, output: Output) -> bool:
         """Send the next point; at the end the last one, until the hardware is there."""
         passed = min(now - self._last, self._longest)
         self._last = now
@@ -121,82 +139,65 @@ class StreamedMove(MoveExecution):
         self.pace = min(max(self._device.pace, self.pace - change), self.pace + change)
         step = self.pace * passed
         self._time += step
-        self._send(self.move.name, self._point(self._time, step).at_pace(self.pace), now)
-        late = self._time - self._duration
+        output.send_limited(self.name, self._way.point(self._time, step).at_pace(self.pace), now)
+        late = self._time - self._way.duration
         if late < 0.0:
             return False
         if self._ended is None:
             self._ended = now
-        missing = self._missing(self._ended)
+        missing = output.missing(self._goal, self._ended)
         if late > ARRIVAL_TIMEOUT:
             raise MotionAborted(
-                f"the hardware has not come to rest where {self.move.name} ends in {ARRIVAL_TIMEOUT:g} s"
+                f"the hardware has not come to rest where {self.name} ends in {ARRIVAL_TIMEOUT:g} s"
                 + (f": {missing}" if missing else ""),
                 remedy="Look at what holds it.",
             )
         return self._device.has_arrived and missing == ""
 
-    @property
-    @abstractmethod
-    def _duration(self) -> float:
-        """Seconds from start to rest."""
 
-    @abstractmethod
-    def _point(self, time: float, step: float) -> Point:
-        """Return what to send `time` seconds of the trajectory after its start, and `step` after the last."""
+class _JointWay:
+    """A profile of the joints, from the motion that goes on at `now`; `share` as for `PoseOutput`."""
 
+    def __init__(self, order: Order, context: MotionContext, now: float, share: float) -> None:
+        assert order.goal is not None
+        position, velocity, acceleration = context.feedback.motion(now)
+        self._profile = JointProfile(
+            position,
+            vector(velocity * share),
+            vector(acceleration * share * share),
+            order.joints,
+            context.capabilities.move_limits or context.capabilities.limits,
+            order.goal.ratios,
+        )
+        self.duration = self._profile.duration
 
-class ProfileMove(StreamedMove):
-    """A profile of the joints."""
-
-    def __init__(
-        self,
-        move: Move,
-        context: MotionContext,
-        profile: JointProfile,
-        send: Callable[[str, Point, float], object],
-        missing: Missing,
-        now: float,
-        pace: float,
-    ) -> None:
-        super().__init__(move, context, send, missing, now, pace)
-        self._profile = profile
-
-    @property
-    @override
-    def _duration(self) -> float:
-        return self._profile.duration
-
-    @override
-    def _point(self, time: float, step: float) -> Point:
+    def point(self, time: float, step: float) -> Point:
+        """Return what to send `time` seconds of the profile after its start, and `step` after the last."""
         position, velocity, acceleration = self._profile.state(time)
         state = JointState(position=position, velocity=velocity)
         return Point(Setpoint(Mode.JOINT_POSITION, position), state, acceleration)
 
 
-class LineMove(StreamedMove):
-    """A straight line of the tool."""
+class _LineWay:
+    """A straight line of the tool, as `_JointWay`."""
 
-    def __init__(
-        self,
-        move: Move,
-        context: MotionContext,
-        profile: LineProfile,
-        output: PoseOutput,
-        send: Callable[[str, Point, float], object],
-        missing: Missing,
-        now: float,
-        pace: float,
-    ) -> None:
-        super().__init__(move, context, send, missing, now, pace)
-        self._profile = profile
-        self._output = output
+    def __init__(self, order: Order, context: MotionContext, now: float, share: float) -> None:
+        command, capabilities, feedback = find(order.name), context.capabilities, context.feedback
+        limits = capabilities.line_limits or capabilities.cartesian_limits
+        assert limits is not None
+        assert order.goal is not None
+        assert order.goal.pose is not None
+        self._profile = LineProfile(
+            context.inverse.pose(command),
+            order.goal.pose,
+            limits,
+            order.goal.ratios,
+            vector(feedback.reference_twist(now) * share),
+            vector(feedback.reference_twist_change(now) * share * share),
+        )
+        self._output = PoseOutput(command, context, now, share)
+        self.duration = self._profile.duration
 
-    @property
-    @override
-    def _duration(self) -> float:
-        return self._profile.duration
-
-    @override
-    def _point(self, time: float, step: float) -> Point:
+    def point(self, time: float, step: float) -> Point:
+        """See `_JointWay.point`."""
         return self._output.point(*self._profile.at(time), step)

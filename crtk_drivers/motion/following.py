@@ -11,6 +11,7 @@ import math
 from collections import deque
 
 from crtk_drivers.device import Capabilities
+from crtk_drivers.motion.stopping import SLOWEST_PACE
 from crtk_drivers.samples import Vector
 
 
@@ -63,7 +64,7 @@ class FollowingWatch:
         sent = self._sent
         if not sent or measured.size != len(self._error):
             return ""
-        begin = at - self._lag / max(pace, 0.05)
+        begin = at - self._lag / max(pace, SLOWEST_PACE)
         # The one that was in force when the window begins stays.
         while len(sent) > 1 and sent[1][0] <= begin:
             sent.popleft()

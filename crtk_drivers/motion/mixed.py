@@ -60,7 +60,7 @@ class MixedJointStream(ServoStream):
         self._silence.feed(now)
 
     @override
-    def step(self, now: float) -> Point:
+    def point(self, now: float) -> Point:
         if self._fell_silent(now):
             self._wanted = vector(np.zeros(self._wanted.size))
         here = self._feedback.reference_joints()
@@ -114,7 +114,7 @@ class MixedAxesStream(ServoStream):
         self._silence.feed(now)
 
     @override
-    def step(self, now: float) -> Point:
+    def point(self, now: float) -> Point:
         if self._fell_silent(now):
             self._wanted = [0.0] * 6
         assert self._held is not None

@@ -31,7 +31,7 @@ _HALF = 0.5
 """Share of the declared time after which a stop is sent again to a device that does not say if it arrived."""
 
 SLOWEST_PACE = 0.05
-"""Of real time, that hardware which somebody has slowed down is given credit for."""
+"""Of real time: hardware that is slowed down further counts as standing."""
 
 _SHORTEST = 1e-3
 """Seconds between two positions from which a speed can be told."""

@@ -1,16 +1,17 @@
-"""Streams that go on between their commands, in the I/O thread.
+"""Streams, in the I/O thread.
 
-interpolate_* all do; of servo_*, those do that change with the arm's own motion: twists and wrenches that
-joints carry out or that are given in the tool's axes, poses that joints follow, and mixed setpoints.
+Most go on between their commands: interpolate_*, and of servo_* those that change with the arm's own motion:
+twists and wrenches that joints carry out or that are given in the tool's axes, poses that joints follow, and
+mixed setpoints. Any other command of servo_* is sent as it comes (`DirectStream`).
 
-A stream takes commands as they come (`feed`) and says in each cycle what is to be sent (`step`). It begins
+A stream takes commands as they come (`feed`) and says in each cycle what is to be sent (`point`). It begins
 with the velocity and acceleration of the motion that it replaces, as far as they are known, and ends by
 itself when no command came for its timeout and the motion has come to its end.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -25,9 +26,11 @@ from crtk_drivers.geometry.frames import (
     wrench_from_base,
     wrench_in_base,
 )
+from crtk_drivers.motion.activity import Activity
 from crtk_drivers.motion.arbiter import Order
 from crtk_drivers.motion.context import MotionContext
 from crtk_drivers.motion.feedback import Point
+from crtk_drivers.motion.output import Output
 from crtk_drivers.motion.tool import PoseOutput, Pursuit, TwistOutput, WrenchOutput
 from crtk_drivers.samples import (
     JointState,
@@ -51,26 +54,33 @@ from crtk_drivers.trajectory.interpolators import (
 from crtk_drivers.trajectory.smoothing import LONGEST_STEP
 
 
-class Stream(ABC):
+class Stream(Activity):
     """One stream while it runs.
 
     Args:
         name: of its command.
         context: of the device.
         now: monotonic seconds at which it begins.
-
-    Attributes:
-        name: of its command.
     """
 
     def __init__(self, name: str, context: MotionContext, now: float) -> None:
-        self.name = name
+        super().__init__(name)
         self._command = find(name)
         self._context = context
         self._feedback = context.feedback
         self._inverse = context.inverse
         self._cycle = context.cycle
         self._timeout = context.options.silence(self._command.level)
+
+    @override
+    def step(self, now: float, output: Output) -> bool:
+        self.sent(output.send_limited(self.name, self.point(now), now, self._told_ns))
+        return self.is_over
+
+    @property
+    def _told_ns(self) -> int:
+        """The stamp that ``setpoint_*`` carry."""
+        return 0
 
     @abstractmethod
     def feed(self, order: Order, now: float) -> None:
@@ -81,15 +91,15 @@ class Stream(ABC):
         """
 
     @abstractmethod
-    def step(self, now: float) -> Point:
+    def point(self, now: float) -> Point:
         """Return what to send now.
 
         Raises:
             CommandRefused: it cannot go on.
         """
 
-    def sent(self, setpoint: Setpoint) -> None:  # noqa: B027 - to most streams it makes no difference
-        """What went out of this cycle's `step`, within the limits."""
+    def sent(self, setpoint: Setpoint) -> None:
+        """What went out of this cycle's `point`, within the limits."""
 
     @property
     @abstractmethod
@@ -108,7 +118,7 @@ class Stream(ABC):
 
 
 class ServoStream(Stream):
-    """A stream of servo_* that goes on between its commands; without one for its timeout it comes to rest."""
+    """A stream of servo_*; without a command for its timeout it comes to rest."""
 
     def __init__(self, name: str, context: MotionContext, now: float) -> None:
         super().__init__(name, context, now)
@@ -123,8 +133,79 @@ class ServoStream(Stream):
 
     @property
     @override
+    def _told_ns(self) -> int:
+        return self.stamp_ns
+
+    @property
+    @override
     def is_over(self) -> bool:
         return not self._silence.armed
+
+
+class DirectStream(ServoStream):
+    """Commands of servo_* that the hardware takes as they are, each sent once, when it comes.
+
+    In between nothing new is sent, but of a velocity: it is lowered where the range of a joint comes near. It
+    takes commands of any name.
+    """
+
+    def __init__(self, name: str, context: MotionContext, now: float) -> None:
+        super().__init__(name, context, now)
+        self._limiter = context.limiter
+        self._target: Setpoint | None = None
+        self._due: Setpoint | None = None
+
+    @override
+    def feed(self, order: Order, now: float) -> None:
+        target = direct_target(order, self._context)
+        if target.mode is Mode.JOINT_POSITION and self._target is None:
+            before, velocity, _ = self._feedback.motion(now)
+            self._limiter.check_start(order.name, target.values, before, velocity)
+        self._due = self._context.limit(order.name, target, now)
+        self._target = target
+        self.name = order.name
+        self._silence.feed(now)
+
+    @override
+    def step(self, now: float, output: Output) -> bool:
+        due, self._due = self._due, None
+        if due is not None:
+            output.send(Point(due), now, self.stamp_ns)
+        elif self._fell_silent(now):
+            return True
+        else:
+            self._go_on(now, output)
+        return False
+
+    @override
+    def point(self, now: float) -> Point:
+        assert self._target is not None
+        before = self._feedback.before(self._target.mode, now)
+        return Point(self._limiter.judge(self.name, self._target, before).setpoint)
+
+    def _go_on(self, now: float, output: Output) -> None:
+        last = output.last
+        if last is not None and last.mode.kind is Kind.VELOCITY:
+            point = self.point(now)
+            if point.setpoint.values.tolist() != last.values.tolist():
+                output.send(point, now, self.stamp_ns)
+                return
+        output.repeat()
+
+
+def direct_target(order: Order, context: MotionContext) -> Setpoint:
+    """Return where an order of a `DirectStream` leads from the setpoint in force.
+
+    Raises:
+        CommandRefused: out of reach.
+    """
+    if order.setpoint is not None:
+        return order.setpoint
+    if order.displacement is not None:
+        command = find(order.name)
+        return context.inverse.setpoint(command, context.inverse.moved(command, order.displacement))
+    target = vector(context.feedback.reference_joints() + order.increment)
+    return Setpoint(Mode.JOINT_POSITION, target)
 
 
 class JointStream(Stream):
@@ -159,7 +240,7 @@ class JointStream(Stream):
         self._interpolator.command(goal, now)
 
     @override
-    def step(self, now: float) -> Point:
+    def point(self, now: float) -> Point:
         point = self._interpolator.point(now)
         acceleration = {
             Mode.JOINT_POSITION: self._interpolator.acceleration,
@@ -225,7 +306,7 @@ class PoseStream(Stream):
         self._interpolator.command(goal, now)
 
     @override
-    def step(self, now: float) -> Point:
+    def point(self, now: float) -> Point:
         pose, twist = self._interpolator.step(now)
         step = min(max(0.0, now - self._last), self._longest)  # as far as that has gone on
         self._last = now
@@ -270,7 +351,7 @@ class PursuitStream(ServoStream):
         self._silence.feed(now)
 
     @override
-    def step(self, now: float) -> Point:
+    def point(self, now: float) -> Point:
         assert self._goal is not None
         before = self._feedback.reference_joints()
         if self._fell_silent(now):
@@ -332,7 +413,7 @@ class HeldStream(ServoStream):
         self._values = vector(order.target.vector)
 
     @override
-    def step(self, now: float) -> Point:
+    def point(self, now: float) -> Point:
         if self._fell_silent(now):
             self._values = vector(np.zeros(6))
         return self._output.point(self._frame.in_base(self._values))
@@ -368,7 +449,7 @@ class SmoothStream(Stream):
         self._interpolator.command(order.target.vector, now)
 
     @override
-    def step(self, now: float) -> Point:
+    def point(self, now: float) -> Point:
         values, _ = self._interpolator.step(now)
         point = self._output.point(self._frame.in_base(values))
         if isinstance(self._output, TwistOutput):
