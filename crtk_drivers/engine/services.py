@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 
-from crtk_drivers.device import Answer, Service
+from crtk_drivers.device import Service
 from crtk_drivers.errors import (
     REPORT,
     CommandRefused,
@@ -19,7 +19,7 @@ from crtk_drivers.errors import (
     TransitionFailed,
     unexpected,
 )
-from crtk_drivers.status.procedures import close
+from crtk_drivers.status.procedures import Procedure
 
 
 class Request:
@@ -68,8 +68,7 @@ class Requests:
         self._timeout = timeout
         self._lock = threading.Lock()
         self._request: Request | None = None
-        self._answer: Answer | None = None
-        self._deadline = 0.0
+        self._procedure: Procedure | None = None
         self._gone = "not connected yet"
 
     def begin(self) -> None:
@@ -121,12 +120,10 @@ class Requests:
         if request is None:
             return
         try:
-            if self._answer is None:
-                self._answer = self._services[request.name].run()
-                self._deadline = now + self._timeout
-            next(self._answer)
-        except StopIteration as end:
-            self._finish(end.value or "")
+            if self._procedure is None:
+                steps = self._services[request.name].run()
+                self._procedure = Procedure(steps, self._where, now + self._timeout)
+            has_ended = self._procedure.step()
         except CrtkError as error:
             self._finish(error=error)
         except Exception as error:
@@ -134,7 +131,9 @@ class Requests:
             self._finish(error=TransitionFailed(text, where=self._where, remedy=REPORT))
             raise
         else:
-            if now > self._deadline:
+            if has_ended:
+                self._finish(self._procedure.answer)
+            elif self._procedure.is_overdue(now):
                 text = f"{request.name} did not end in {self._timeout:g} s"
                 self._finish(error=TransitionFailed(text, where=self._where))
 
@@ -145,9 +144,10 @@ class Requests:
         self._finish(error=error)
 
     def _finish(self, text: str = "", error: CrtkError | None = None) -> None:
-        answer, self._answer = self._answer, None
+        procedure, self._procedure = self._procedure, None
         with self._lock:
             request, self._request = self._request, None
-        close(answer, self._where)
+        if procedure is not None:
+            procedure.close()
         if request is not None:
             request.finish(text, error)

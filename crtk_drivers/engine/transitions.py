@@ -29,7 +29,7 @@ from crtk_drivers.state import (
     StateCommand,
     target_of,
 )
-from crtk_drivers.status.procedures import close
+from crtk_drivers.status.procedures import Procedure
 
 logger = logging.getLogger(__name__)
 
@@ -58,8 +58,7 @@ class _Running:
     target: OperatingState
     stamp_ns: int
     stops: bool = False
-    steps: Steps | None = None
-    deadline: float = 0.0
+    procedure: Procedure | None = None
 
 
 class Transitions:
@@ -195,7 +194,9 @@ class Transitions:
     def close_cancelled(self) -> None:
         """Let the procedures of commands that were cancelled clean up. I/O thread only."""
         while self._abandoned:
-            close(self._abandoned.pop().steps, self._where)
+            procedure = self._abandoned.pop().procedure
+            if procedure is not None:
+                procedure.close()
 
     def step(self, now: float) -> None:
         """Resume the running procedure, if there is one.
@@ -208,13 +209,10 @@ class Transitions:
         if running is None:
             return
         try:
-            if running.steps is None and not self._begin(running, now):
+            procedure = running.procedure or self._begin(running, now)
+            if procedure is None:
                 return
-            assert running.steps is not None
-            next(running.steps)
-        except StopIteration:
-            if self._reached(running, now):
-                return
+            has_ended = procedure.step()
         except ConnectionLost:
             raise
         except CommandRefused as refusal:
@@ -227,27 +225,29 @@ class Transitions:
             logger.exception("%s: %s", self._where, running.command)
             self._failed(running, f"{running.command}: {unexpected(error)}", REPORT)
             return
-        if now > running.deadline:
-            close(running.steps, self._where)
+        if has_ended and self._reached(running, now):
+            return
+        if procedure.is_overdue(now):
+            procedure.close()
             self._failed(running, f"{running.command} did not finish in {self._timeout:g} s")
 
-    def _begin(self, running: _Running, now: float) -> bool:
-        """Begin the procedure, and return True; False while the hardware comes to rest before it."""
+    def _begin(self, running: _Running, now: float) -> Procedure | None:
+        """Begin the procedure, and return it; None while the hardware comes to rest before it."""
         if not running.stops:
             running.stops = True
             self._end_motion(str(running.command))
             if self._board.status.state is OperatingState.ENABLED:
                 self._stopping.stop()
-                return False
+                return None
         if not self._stopping.confirmed and not self._stopping.overdue(now):
-            return False
+            return None
         if running.command in HOMING_COMMANDS:
             self._board.update(busy=True)
         if running.command is not StateCommand.DISABLE:
             self._stopping.moves_again()
-        running.steps = self._procedures[running.command]()
-        running.deadline = now + self._timeout
-        return True
+        steps = self._procedures[running.command]()
+        running.procedure = Procedure(steps, self._where, now + self._timeout)
+        return running.procedure
 
     def _ended(self, running: _Running) -> bool:
         """Whether `running` was still the command that runs; now none does."""

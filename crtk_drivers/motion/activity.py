@@ -10,7 +10,7 @@ from crtk_drivers.device import Device
 from crtk_drivers.motion.arbiter import Order
 from crtk_drivers.motion.output import Output
 from crtk_drivers.move import Move, Outcome
-from crtk_drivers.status.procedures import close
+from crtk_drivers.status.procedures import Procedure
 
 
 class Activity(ABC):
@@ -67,14 +67,13 @@ class FreeDrive(Activity):
 
     def __init__(self, order: Order, device: Device, where: str) -> None:
         super().__init__(order.name, order.stamp_ns)
-        self._where = where
-        self._steps = device.free()
+        self._procedure = Procedure(device.free(), where)
 
     @override
     def step(self, now: float, output: Output) -> bool:
-        next(self._steps, None)
+        self._procedure.step()
         return False
 
     @override
     def end(self, outcome: Outcome, reason: str = "") -> None:
-        close(self._steps, self._where)
+        self._procedure.close()
