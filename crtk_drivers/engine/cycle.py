@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
 from crtk_drivers.commands import Command, Level
@@ -41,6 +41,7 @@ from crtk_drivers.motion.feedback import Feedback
 from crtk_drivers.motion.inverse import Reach
 from crtk_drivers.motion.orders import OrderMaker
 from crtk_drivers.motion.stopping import UNSEEN, Stopping
+from crtk_drivers.motion.told import Told
 from crtk_drivers.move import Move, Outcome
 from crtk_drivers.options import EngineOptions
 from crtk_drivers.samples import EMPTY, Flag, Number, Pose, Sample, Stamp, Value, Vector
@@ -108,6 +109,7 @@ class Engine:
         period = 1.0 / self.capabilities.rate
         stale_after = min(max(5.0 * period, 0.02), self.options.sample_timeout)
         self._feedback = Feedback(device, stale_after)
+        self._told = Told(self._feedback)
         self.services, self.inputs, self.readings = device.services, device.inputs, device.readings
         own_names = (*self.services, *self.inputs)
         self._health = HealthRecorder(self.capabilities.rate, 2.0 * period, own_names)
@@ -120,11 +122,12 @@ class Engine:
         self._check = CommandCheck(self.capabilities, limits, self.where, axes)
         self._stopping = Stopping(device, clock)
         jacobian = device.jacobian if self.capabilities.has_kinematics else None
-        context = MotionContext(
+        self._context = context = MotionContext(
             device=device,
             where=self.where,
             options=self.options,
             feedback=self._feedback,
+            told=self._told,
             check=self._check,
             limiter=SetpointLimiter(self.capabilities, limits, self.where, jacobian),
             inverse=Reach(device, self.where, self._check, self._feedback),
@@ -140,7 +143,7 @@ class Engine:
         ends = self.options.on_client_gone == "hold", self.options.free_timeout
         self._freed, self._carried = Tether(*ends), Tether(*ends)
         self._motion = MotionExecutor(context, self._arbiter)
-        self._feedback.latch(_ratio_values(self._orders.ratios))
+        self._told.latch(_ratio_values(self._orders.ratios))
         timeout = self.capabilities.transition_timeout
         self._requests = Requests(self.services, self.where, timeout)
         self._transitions = Transitions(context, self._motion.end)
@@ -193,11 +196,11 @@ class Engine:
 
         The stamp's `wall_ns` is 0 if the value is not valid now. None: there never was one.
         """
-        return self._feedback.get(name, self._clock(), self.status.state)
+        return self._told.get(name, self._clock(), self.status.state)
 
     def latched(self, name: str) -> tuple[Value, Stamp] | None:
         """Return the newest value of ``goal_*`` or ``trajectory_j/ratio``, None before the first goal."""
-        return self._feedback.latched(name)
+        return self._told.latched(name)
 
     def health(self) -> Health:
         """Return the counters."""
@@ -336,7 +339,7 @@ class Engine:
                 with self._board.lock:
                     self._require_rest(name)
                     taken.take(value)
-                    self._feedback.forget_pose()
+                    self._told.forget_pose()
             else:
                 taken.take(value)
         except CommandRefused as refusal:
@@ -620,7 +623,7 @@ class Engine:
                     return None
             self._put(order, client)
             if order.move is not None:
-                self._latch(order.goals, order.stamp_ns)
+                self._context.latch(order.goals, order.stamp_ns)
                 self._board.update(busy=True)
         return order.move
 
@@ -656,7 +659,7 @@ class Engine:
         }[command.name](value.value)
         with self._board.lock:
             self._orders.ratios = changed
-            self._latch(_ratio_values(changed), 0)
+            self._context.latch(_ratio_values(changed), 0)
 
     @property
     def _is_free(self) -> bool:
@@ -676,11 +679,6 @@ class Engine:
         if reason:
             self._board.warned(f"use_gravity_compensation: {reason}; it is off")
             self._motion.use_gravity_compensation(False)
-
-    def _latch(self, values: Mapping[str, Value], stamp_ns: int) -> None:
-        self._feedback.latch(values, stamp_ns)
-        for name in values:
-            self._board.latched(name)
 
     def _advance(self, now: float) -> None:
         running = self._transitions.running

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from crtk_drivers.commands import Kind
@@ -11,8 +12,9 @@ from crtk_drivers.gates.setpoint import SetpointLimiter
 from crtk_drivers.motion.feedback import Feedback
 from crtk_drivers.motion.inverse import Reach
 from crtk_drivers.motion.stopping import Stopping
+from crtk_drivers.motion.told import Told
 from crtk_drivers.options import EngineOptions
-from crtk_drivers.samples import Vector
+from crtk_drivers.samples import Value, Vector
 from crtk_drivers.status.board import StatusBoard
 from crtk_drivers.status.health import HealthRecorder
 
@@ -25,7 +27,8 @@ class MotionContext:
         device: that is commanded.
         where: the device, for messages.
         options: of the user.
-        feedback: what is measured, set and aimed at.
+        feedback: what is measured and set.
+        told: what the fronts tell of it, and what is aimed at.
         check: of what was computed from a command.
         limiter: the last gate before the wire.
         inverse: from poses to what the hardware takes.
@@ -38,6 +41,7 @@ class MotionContext:
     where: str
     options: EngineOptions
     feedback: Feedback
+    told: Told
     check: CommandCheck
     limiter: SetpointLimiter
     inverse: Reach
@@ -79,6 +83,12 @@ class MotionContext:
         if warning:
             self._warn_clamped(name, warning)
         return clamped
+
+    def latch(self, values: Mapping[str, Value], stamp_ns: int) -> None:
+        """Let the fronts tell new values of ``goal_*`` or of settings, with the stamp of the command."""
+        self.told.latch(values, stamp_ns)
+        for name in values:
+            self.board.latched(name)
 
     def _warn_clamped(self, name: str, warning: str) -> None:
         self.health.clamped += 1

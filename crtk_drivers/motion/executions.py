@@ -12,8 +12,8 @@ from crtk_drivers.errors import MotionAborted
 from crtk_drivers.motion.activity import Activity
 from crtk_drivers.motion.arbiter import Order
 from crtk_drivers.motion.context import MotionContext
-from crtk_drivers.motion.feedback import Point
 from crtk_drivers.motion.output import Output
+from crtk_drivers.motion.point import Point
 from crtk_drivers.motion.stopping import SLOWEST_PACE
 from crtk_drivers.motion.tool import PoseOutput
 from crtk_drivers.samples import JointState, vector

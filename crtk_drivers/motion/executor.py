@@ -193,7 +193,7 @@ class MotionExecutor:
             self._stopping.stop()
             self._feedback.hold()
         else:
-            self._feedback.release()
+            self._feedback.follow_device()
             self._stopping.moves_again()
             self._activity = FreeDrive(order, self._device, self._where)
 
@@ -212,9 +212,7 @@ class MotionExecutor:
         stream.stamp_ns = order.stamp_ns
         self._health.stream = order.name
         if order.level is Level.INTERPOLATE:
-            self._feedback.latch(stream.goals, order.stamp_ns)
-            for goal in stream.goals:
-                self._board.latched(goal)
+            self._context.latch(stream.goals, order.stamp_ns)
         stream.step(now, self._output)
 
     def _stream_class(self, order: Order) -> type[Stream]:

@@ -18,7 +18,7 @@ from crtk_drivers.geometry.frames import product, relative, twist_from_base, twi
 from crtk_drivers.geometry.quaternions import quaternion_from_rotvec, quaternion_product, unit
 from crtk_drivers.motion.arbiter import Order
 from crtk_drivers.motion.context import MotionContext
-from crtk_drivers.motion.feedback import Point
+from crtk_drivers.motion.point import Point
 from crtk_drivers.motion.streams import ServoStream
 from crtk_drivers.motion.tool import Pursuit
 from crtk_drivers.samples import (

@@ -6,8 +6,8 @@ from crtk_drivers.commands import Kind
 from crtk_drivers.device import Mode, Setpoint
 from crtk_drivers.errors import DeviceFault
 from crtk_drivers.motion.context import MotionContext
-from crtk_drivers.motion.feedback import Point
 from crtk_drivers.motion.following import FollowingWatch
+from crtk_drivers.motion.point import Point
 from crtk_drivers.samples import Vector
 from crtk_drivers.state import OperatingState
 

@@ -29,8 +29,8 @@ from crtk_drivers.geometry.frames import (
 from crtk_drivers.motion.activity import Activity
 from crtk_drivers.motion.arbiter import Order
 from crtk_drivers.motion.context import MotionContext
-from crtk_drivers.motion.feedback import Point
 from crtk_drivers.motion.output import Output
+from crtk_drivers.motion.point import Point
 from crtk_drivers.motion.tool import PoseOutput, Pursuit, TwistOutput, WrenchOutput
 from crtk_drivers.samples import (
     JointState,

@@ -11,7 +11,7 @@ from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.gates.resolved_rate import ResolvedRate
 from crtk_drivers.gates.setpoint import norms_into
 from crtk_drivers.motion.context import MotionContext
-from crtk_drivers.motion.feedback import Point
+from crtk_drivers.motion.point import Point
 from crtk_drivers.samples import JointState, Pose, Vector, empty, frozen, vector
 
 _STILL = 1e-6
