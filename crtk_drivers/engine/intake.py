@@ -1,0 +1,467 @@
+"""What clients ask of one device, checked in their own threads.
+
+Everything is checked at once, and nothing touches the bus: what passed lies in a mailbox, or with the state
+commands, until the I/O thread (`crtk_drivers.engine.cycle`) takes it.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from crtk_drivers.commands import Command, Level
+from crtk_drivers.device import Device, Note, Ratios
+from crtk_drivers.device.offered import WRENCH_AXES, missing_for, offered
+from crtk_drivers.engine.services import Request, Requests
+from crtk_drivers.engine.tether import Tether
+from crtk_drivers.engine.transitions import Transitions
+from crtk_drivers.engine.waiting import Waiting, WaitingMove
+from crtk_drivers.errors import (
+    CommandRefused,
+    Reason,
+)
+from crtk_drivers.gates.command import CommandCheck
+from crtk_drivers.gates.setpoint import SetpointLimiter
+from crtk_drivers.geometry.frames import relative
+from crtk_drivers.motion.arbiter import NOBODY, Arbiter, Client, Order
+from crtk_drivers.motion.context import MotionContext
+from crtk_drivers.motion.executor import MotionExecutor
+from crtk_drivers.motion.feedback import Feedback
+from crtk_drivers.motion.inverse import Reach
+from crtk_drivers.motion.orders import OrderMaker
+from crtk_drivers.motion.stopping import Stopping
+from crtk_drivers.motion.told import Told
+from crtk_drivers.move import Move, Outcome
+from crtk_drivers.options import EngineOptions
+from crtk_drivers.samples import EMPTY, Flag, Number, Pose, Stamp, Value, Vector
+from crtk_drivers.state import OperatingState, StateCommand, Status, parse_command
+from crtk_drivers.status.board import Observer, StatusBoard
+from crtk_drivers.status.health import Health, HealthRecorder
+
+_WAY_TO_ENABLED = {
+    OperatingState.DISABLED: "Send enable on state_command.",
+    OperatingState.PAUSED: "Send resume on state_command.",
+    OperatingState.FAULT: "Remove the cause, then send enable on state_command.",
+}
+
+
+class Intake:
+    """Takes what clients ask of one device, and tells them what it answers. From any thread.
+
+    Args:
+        device: constructed, not open.
+        name: of the device, for messages.
+        options: the user's choices.
+        clock: monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        name: str,
+        options: EngineOptions | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.device = device
+        self.name = name
+        self.where = f"{name} {device.address}"
+        self.capabilities = device.capabilities
+        self.commands = offered(self.capabilities)
+        self.options = options or EngineOptions()
+        self.on_sample: Callable[[], None] | None = None
+        """Called by the I/O thread at the end of each cycle that brought a sample; must return at once."""
+        self.own_notes: tuple[Note, ...] = ()
+        """What the front has to say of the device, beside its own notes; replaced as a whole."""
+        self._clock = clock
+        self._connected = False
+        period = 1.0 / self.capabilities.rate
+        stale_after = min(max(5.0 * period, 0.02), self.options.sample_timeout)
+        self._feedback = Feedback(device, stale_after)
+        self._told = Told(self._feedback)
+        self.services, self.inputs, self.readings = device.services, device.inputs, device.readings
+        own_names = (*self.services, *self.inputs)
+        self._health = HealthRecorder(self.capabilities.rate, 2.0 * period, own_names)
+        homed = not self.capabilities.needs_homing
+        begun = f"connecting to {device.address} since {time.strftime('%H:%M:%S')}"
+        connecting = Status(OperatingState.FAULT, homed, detail=begun, connecting=True)
+        self._board = StatusBoard(connecting, self.where, self._health, clock)
+        limits, axes = self.options.limits, self._feedback.axes
+        self._check = CommandCheck(self.capabilities, limits, self.where, axes)
+        self._stopping = Stopping(device, clock)
+        jacobian = device.jacobian if self.capabilities.has_kinematics else None
+        self._context = context = MotionContext(
+            device=device,
+            where=self.where,
+            options=self.options,
+            feedback=self._feedback,
+            told=self._told,
+            check=self._check,
+            limiter=SetpointLimiter(self.capabilities, limits, self.where, jacobian),
+            inverse=Reach(device, self.where, self._check, self._feedback),
+            stopping=self._stopping,
+            board=self._board,
+            health=self._health,
+        )
+        self._stop_asked = False
+        self._orders = OrderMaker(context)
+        self._arbiter = Arbiter(self.options, self.where)
+        ends = self.options.on_client_gone == "hold", self.options.free_timeout
+        self._freed, self._carried = Tether(*ends), Tether(*ends)
+        self._motion = MotionExecutor(context, self._arbiter)
+        self._told.latch(_ratio_values(self._orders.ratios))
+        timeout = self.capabilities.transition_timeout
+        self._requests = Requests(self.services, self.where, timeout)
+        self._transitions = Transitions(context, self._motion.end)
+        self._waiting = WaitingMove(self.where, self._board, self._transitions, self._begin_waiting)
+
+    @property
+    def status(self) -> Status:
+        """The operating state as last announced."""
+        return self._board.status
+
+    @property
+    def connected(self) -> bool:
+        """Whether the device is open."""
+        return self._connected
+
+    @property
+    def time_to_stop(self) -> float:
+        """Seconds in which it says that it has stopped, at the pace that it has now."""
+        return self._stopping.time
+
+    @property
+    def has_sample(self) -> bool:
+        """Whether the device has been read since it was connected."""
+        return self._feedback.sample_age(self._clock()) < math.inf
+
+    @property
+    def transition_ended(self) -> bool:
+        """Whether no state command is being carried out; `status` is then the one it ended in."""
+        with self._board.lock:
+            return self._transitions.running is None
+
+    def add_observer(self, observer: Observer) -> None:
+        """Tell `observer` from now on."""
+        self._board.add(observer)
+
+    def remove_observer(self, observer: Observer) -> None:
+        """Tell `observer` no more."""
+        self._board.remove(observer)
+
+    def feedback(self, name: str) -> tuple[Value, Stamp] | None:
+        """Return the newest value of ``measured_*``, ``setpoint_*`` or ``jacobian`` with its stamp.
+
+        The stamp's `wall_ns` is 0 if the value is not valid now. None: there never was one.
+        """
+        return self._told.get(name, self._clock(), self.status.state)
+
+    def latched(self, name: str) -> tuple[Value, Stamp] | None:
+        """Return the newest value of ``goal_*`` or ``trajectory_j/ratio``, None before the first goal."""
+        return self._told.latched(name)
+
+    def health(self) -> Health:
+        """Return the counters."""
+        age = self._feedback.sample_age(self._clock())
+        notes = (*self.device.notes, *self.own_notes)
+        return self._health.snapshot(age, self.device.counters, notes)
+
+    def tell_frames(self, told: Callable[[str], str]) -> None:
+        """Name frames in refusals as `told` does: to clients on ROS they carry a prefix."""
+        self._check.told_frame = told
+
+    def forward_kinematics(self, joints: Vector, name: str = "forward_kinematics") -> Pose:
+        """Return the tool pose of a joint position (n,).
+
+        Args:
+            joints: position.
+            name: the pose is in the base frame, or in the device's own base by
+                ``local/forward_kinematics``.
+
+        Raises:
+            CommandRefused: no kinematics, wrong size or not finite.
+        """
+        command, base = self._require(name), self.capabilities.base_pose
+        pose = self.device.forward_kinematics(self._check.check_joints(command, joints))
+        if command.frame == "local" and base is not None:
+            return replace(relative(base, pose), frame_id="local")
+        return pose
+
+    def inverse_kinematics(self, pose: Pose, reference: Vector = EMPTY) -> Vector:
+        """Return the joint position (n,) nearest to `reference` (default: the setpoint).
+
+        Raises:
+            CommandRefused: no kinematics, or a pose or reference that is no pose or reference.
+            KinematicsError: no solution within the limits.
+        """
+        command = self._require("inverse_kinematics")
+        checked = self._check.check_pose(command, pose)
+        if reference.size:
+            reference = self._check.check_joints(command, reference)
+        else:
+            reference = self._feedback.reference_joints()
+        return self.device.inverse_kinematics(checked, reference)
+
+    def submit(
+        self,
+        name: str,
+        value: Value | None = None,
+        stamp_ns: int = 0,
+        client: Client = NOBODY,
+    ) -> Move | None:
+        """Accept a command, to be executed in the next cycle; see `crtk_drivers.engine.waiting` for moves.
+
+        Args:
+            name: ``servo_jp``, ``move_cp``, ``hold``, ...
+            value: of the type that the command table names; None for hold and free.
+            stamp_ns: the sender's stamp, 0 if it gave none.
+            client: who asks; see `crtk_drivers.motion.arbiter`.
+
+        Returns:
+            the handle of a move; None otherwise.
+
+        Raises:
+            CommandRefused: nothing was sent and nothing changed. Counted, and told to the observers.
+        """
+        try:
+            command = self._require(name)
+            if name == "hold":
+                self._hold(command, client)
+                return None
+            if command.level is Level.SETTING:
+                self._set(command, self._check.check(command, value), client)
+                return None
+            if command.level is not Level.MOVE:
+                self._waiting.end(f"by {name}", Outcome.PREEMPTED)
+            elif self._transitions.leads_to is OperatingState.ENABLED:
+                checked = self._check.check(command, value, stamp_ns, time.time_ns())
+                waiting = Waiting(command, checked, stamp_ns, client, Move(name))
+                if self._waiting.put(waiting):
+                    return waiting.move
+            return self._carry_out(command, value, stamp_ns, client)
+        except CommandRefused as refusal:
+            refusal.stamp_ns = stamp_ns
+            self._board.refused(refusal)
+            raise
+
+    def state_command(self, text: str, stamp_ns: int = 0) -> None:
+        """Ask for ``enable``, ``disable``, ``pause``, ``resume``, ``home`` or ``unhome``.
+
+        Returns at once; the status tells when it is reached.
+
+        Args:
+            text: one of them.
+            stamp_ns: the sender's stamp, 0 if it gave none.
+
+        Raises:
+            CommandRefused: unknown, invalid in this state, too old for what sets the device going, not
+                connected, or another one is running.
+        """
+        try:
+            command = parse_command(text)
+            self._check.check_state_command(command, stamp_ns, time.time_ns())
+            self._require_connected("state_command", f"{command}: ")
+            with self._board.lock:
+                if command is StateCommand.PAUSE:  # a stop, also where it is refused
+                    self._waiting.end("by pause", Outcome.PREEMPTED)
+                if self._transitions.accept(command, stamp_ns):
+                    self._waiting.end(f"by {command}", Outcome.PREEMPTED)
+        except CommandRefused as refusal:
+            refusal.where = refusal.where or self.where
+            refusal.stamp_ns = stamp_ns
+            self._board.refused(refusal)
+            self._board.announce()
+            raise
+
+    def request(self, name: str) -> Request:
+        """Ask the device for one of its own `services`.
+
+        Raises:
+            CommandRefused: there is no such service, one is running, or the device is not connected.
+        """
+        try:
+            return self._requests.ask(name)
+        except CommandRefused as refusal:
+            self._board.refused(refusal)
+            raise
+
+    def give(self, name: str, value: Value) -> None:
+        """Hand a value to one of the device's own `inputs`.
+
+        Raises:
+            CommandRefused: the device does not take it, or not while a motion is carried out.
+        """
+        taken = self.inputs[name]
+        try:
+            if taken.at_rest:
+                with self._board.lock:
+                    self._require_rest(name)
+                    taken.take(value)
+                    self._told.forget_pose()
+            else:
+                taken.take(value)
+        except CommandRefused as refusal:
+            refusal.where = refusal.where or self.where
+            self._board.refused(refusal)
+            raise
+
+    def report_refusal(self, refusal: CommandRefused) -> None:
+        """Count and tell a refusal that a front made itself (a payload it could not convert)."""
+        self._board.refused(refusal)
+
+    # ---------------------------------------------------------------------------------------- inside
+
+    def _require(self, name: str) -> Command:
+        try:
+            return self.commands[name]
+        except KeyError:
+            raise CommandRefused(
+                name,
+                Reason.UNSUPPORTED,
+                "this device does not offer it",
+                where=self.where,
+                remedy=missing_for(name, self.capabilities),
+            ) from None
+
+    def _require_connected(self, name: str, what: str = "") -> None:
+        if not self._connected:
+            raise CommandRefused(
+                name,
+                Reason.NOT_CONNECTED,
+                f"{what}{self.status.cause or 'not connected'}",
+                where=self.where,
+                remedy="The driver keeps trying to connect; send it again afterwards.",
+            )
+
+    def _require_enabled(self, name: str) -> None:
+        """Refuse unless ENABLED, with no state command being carried out."""
+        with self._board.lock:
+            running, status = self._transitions.running, self.status
+        if running is not None:
+            raise CommandRefused(
+                name,
+                Reason.TRANSITION_RUNNING,
+                f"{running} is running",
+                where=self.where,
+                remedy="Wait until operating_state says that it is done, or send disable to end it.",
+            )
+        if status.state is not OperatingState.ENABLED:
+            why = f" ({status.cause})" if status.cause else ""
+            raise CommandRefused(
+                name,
+                Reason.NOT_ENABLED,
+                f"the device is {status.state}{why}",
+                where=self.where,
+                remedy=_WAY_TO_ENABLED[status.state],
+            )
+
+    def _require_rest(self, name: str) -> None:
+        """Refuse while a motion is carried out, or waits to be."""
+        moving = self.status.is_busy or self._arbiter.streams(self._clock())
+        if moving or not self._motion.rests:
+            raise CommandRefused(
+                name,
+                Reason.INVALID_TRANSITION,
+                "a motion is being carried out",
+                where=self.where,
+                remedy="Send hold, and then it again.",
+            )
+
+    def _hold(self, command: Command, client: Client) -> None:
+        """End what goes on; where that has been done already, a stop that was not read back is sent again.
+
+        One look at the state decides, so that no change of it makes this a refusal.
+        """
+        with self._board.lock:
+            self._transitions.end_homing()
+            self._waiting.end("by hold", Outcome.PREEMPTED)
+            running = self._transitions.running is not None
+            enabled = self.status.state is OperatingState.ENABLED
+            if self._connected and (running or not enabled):
+                self._stop_asked = True
+                return
+            self._require_enabled(command.name)
+            self._put(Order(command.name), client)
+
+    def _put(self, order: Order, client: Client) -> None:
+        replaced = self._arbiter.put(order, self._clock(), client)
+        if replaced is not None:
+            replaced.finish(Outcome.PREEMPTED, f"by {order.name}")
+        self._waiting.replaced_by(order)
+
+    def _begin_waiting(self, waiting: Waiting) -> None:
+        """Carry out the move that waited, as if it came now."""
+        self._carry_out(waiting.command, waiting.value, waiting.stamp_ns, waiting.client, waiting)
+
+    def _carry_out(
+        self,
+        command: Command,
+        value: Value | None,
+        stamp_ns: int,
+        client: Client,
+        waiting: Waiting | None = None,
+    ) -> Move | None:
+        order = self._order(command, value, stamp_ns, client)
+        with self._board.lock:
+            self._require_enabled(command.name)
+            if waiting is not None:
+                if not self._waiting.holds(waiting):
+                    return None
+                order = replace(order, move=waiting.move)
+            if command.name == "free":
+                self._freed.tie(client, self._clock())
+                if self._is_free:
+                    return None
+            self._put(order, client)
+            if order.move is not None:
+                self._context.latch(order.goals, order.stamp_ns)
+                self._board.update(busy=True)
+        return order.move
+
+    def _order(self, command: Command, value: Value | None, stamp_ns: int, client: Client) -> Order:
+        self._require_enabled(command.name)
+        self._arbiter.admit(command.name, client, self._clock())
+        if not command.is_motion:
+            return Order(command.name)
+        checked = self._check.check(command, value, stamp_ns, time.time_ns())
+        return replace(self._orders.make(command, checked, self._clock()), stamp_ns=stamp_ns)
+
+    def _set(self, command: Command, value: Value, client: Client) -> None:
+        """Carry out a setting. It moves nothing and is possible in any state."""
+        if command.name == WRENCH_AXES:
+            assert isinstance(value, Flag)
+            self._feedback.axes.absolute = value.value
+            return
+        if isinstance(value, Flag):
+            if value.value:
+                self._require_connected(command.name)
+                self._carried.tie(client, self._clock())
+            else:
+                self._carried.cut()
+            self._motion.use_gravity_compensation(value.value)
+            return
+        assert isinstance(value, Number)
+        changed = {
+            "trajectory_j/set_ratio": lambda ratio: Ratios(ratio, ratio),
+            "trajectory_j/set_ratio_v": lambda ratio: replace(self._orders.ratios, velocity=ratio),
+            "trajectory_j/set_ratio_a": lambda ratio: replace(
+                self._orders.ratios, acceleration=ratio
+            ),
+        }[command.name](value.value)
+        with self._board.lock:
+            self._orders.ratios = changed
+            self._context.latch(_ratio_values(changed), 0)
+
+    @property
+    def _is_free(self) -> bool:
+        """Whether free drive goes on, and nothing waits to end it."""
+        return self._motion.is_free and not self._arbiter.streams(self._clock())
+
+
+def _ratio_values(ratios: Ratios) -> dict[str, Value]:
+    return {
+        "trajectory_j/ratio": Number(min(ratios.velocity, ratios.acceleration)),
+        "trajectory_j/ratio_v": Number(ratios.velocity),
+        "trajectory_j/ratio_a": Number(ratios.acceleration),
+    }
