@@ -357,7 +357,7 @@ class StatusTracker:
         return end
 
     def on_refusal(self, callback: Callable[[CommandRefused], Any]) -> Callable[[], None]:
-        """Call `callback` with each refusal, of whomsoever; return what ends that."""
+        """Call `callback` with each refusal, also those of other clients; return what ends that."""
         with self._lock:
             self._refusal_callbacks = (*self._refusal_callbacks, callback)
 

@@ -136,7 +136,7 @@ class Engine(Intake):
             self.on_sample()
 
     def _sound(self, sample: Sample) -> Sample | None:
-        """Return a sample that can be used: one with anything that is not finite is none."""
+        """Keep a sample and return it; drop it, warn and return None if a number in it is not finite."""
         broken = sample.not_finite
         if not broken:
             self._broken_sample = ""
@@ -248,7 +248,7 @@ class Engine(Intake):
     # ---------------------------------------------------------------------------------------- inside
 
     def _end_untied(self, now: float) -> None:
-        """End free drive, and then gravity compensation, if nobody is there any more who asked for it."""
+        """End free drive, or else gravity compensation, if its client has gone or did not ask again."""
         with self._board.lock:
             if self._is_free:
                 reason = self._freed.broken(now)
@@ -278,7 +278,7 @@ class Engine(Intake):
                 self._leave(after, f"{ended} stopped for more than {silence:g} s")
 
     def _judge_stop(self, running: StateCommand | None, now: float) -> None:
-        """Send a stop again that a client asks for again; one that is overdue is a fault."""
+        """Send a stop again if a client asked for that; go to FAULT if one is overdue."""
         if self._stop_asked:
             self._stop_asked = False
             if not self._stopping.confirmed:
@@ -297,7 +297,7 @@ class Engine(Intake):
             self._leave(OperatingState.FAULT, reason)
 
     def _broken(self, reason: str, remedy: str = "") -> None:
-        """Go to FAULT and end whatever goes on; of reasons that follow each other the first one is told."""
+        """Go to FAULT and end whatever goes on. In FAULT already, the reason that was told first stays."""
         status = self.status
         if status.state is OperatingState.FAULT and status.detail:
             reason, remedy = status.detail, ""

@@ -48,7 +48,7 @@ _WAY_TO_ENABLED = {
 
 
 class Intake:
-    """Takes what clients ask of one device, and tells them what it answers. From any thread.
+    """Checks and accepts what clients ask of one device, and tells them of it. From any thread.
 
     Args:
         device: constructed, not open.
@@ -128,7 +128,7 @@ class Intake:
 
     @property
     def time_to_stop(self) -> float:
-        """Seconds in which it says that it has stopped, at the pace that it has now."""
+        """Seconds within which the device declares to stand after a stop, at its present pace."""
         return self._stopping.time
 
     @property
@@ -168,7 +168,7 @@ class Intake:
         return self._health.snapshot(age, self.device.counters, notes)
 
     def tell_frames(self, told: Callable[[str], str]) -> None:
-        """Name frames in refusals as `told` does: to clients on ROS they carry a prefix."""
+        """Name frames in refusals by `told`, called with a frame id: on ROS they carry a prefix."""
         self._check.told_frame = told
 
     def forward_kinematics(self, joints: Vector, name: str = "forward_kinematics") -> Pose:

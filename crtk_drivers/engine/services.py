@@ -32,7 +32,7 @@ class Request:
         self._error: CrtkError | None = None
 
     def finish(self, text: str = "", error: CrtkError | None = None) -> None:
-        """Record the answer; the first one counts."""
+        """Record the answer, if there is none yet."""
         if not self._ended.is_set():
             self._text, self._error = text, error
             self._ended.set()
@@ -72,12 +72,12 @@ class Requests:
         self._gone = "not connected yet"
 
     def begin(self) -> None:
-        """The device is there."""
+        """The device has been opened: from now on its services may be asked for."""
         with self._lock:
             self._gone = ""
 
     def ask(self, name: str) -> Request:
-        """Begin with the next cycle.
+        """Let a service begin with the next cycle.
 
         Raises:
             CommandRefused: there is no such service, one is running, or the device is not connected.
@@ -138,7 +138,7 @@ class Requests:
                 self._finish(error=TransitionFailed(text, where=self._where))
 
     def end(self, error: CrtkError) -> None:
-        """The device is gone, or was never reached."""
+        """The device was closed, or not reached: end the service that runs by `error`, refuse others."""
         with self._lock:
             self._gone = error.message
         self._finish(error=error)

@@ -11,7 +11,7 @@ from crtk_drivers.status.deadman import Deadman
 
 
 class Tether:
-    """What holds on to one client. `tie` and `cut` from any thread, `broken` from one.
+    """Tells when what one client asked for is to end. `tie` and `cut` from any thread, `broken` from one.
 
     Args:
         to_client: whether it breaks when the client has gone.
@@ -24,17 +24,17 @@ class Tether:
         self._client: Client | None = None
 
     def tie(self, client: Client, now: float) -> None:
-        """Hold on to a client that asks, at monotonic seconds."""
+        """A client asks for it, or asks again, at monotonic seconds."""
         if self._silence is not None:
             self._silence.feed(now)
         self._client = client
 
     def cut(self) -> None:
-        """Hold on to nobody: what it was for has ended."""
+        """It has ended: there is no client to look after."""
         self._client = None
 
     def broken(self, now: float) -> str:
-        """Return why it is broken, empty if it is not. Once it has broken it is cut."""
+        """Return why it is to end, once; empty if it may go on."""
         client = self._client
         if client is None:
             return ""

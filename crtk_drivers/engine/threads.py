@@ -46,12 +46,12 @@ class _Reconnect:
     delay: float = FIRST_RETRY
 
     def failed(self, now: float) -> None:
-        """Wait longer each time."""
+        """An attempt failed: the next one comes later, and the wait after it is longer."""
         self.next_try = now + self.delay
         self.delay = min(2.0 * self.delay, LONGEST_RETRY)
 
     def succeeded(self) -> None:
-        """Start from the shortest wait again."""
+        """An attempt succeeded: the next wait is the shortest again."""
         self.delay = FIRST_RETRY
 
 
@@ -105,7 +105,7 @@ class BusThread:
 
     @property
     def time_to_close(self) -> float:
-        """Seconds in which its devices say that they have stopped, or are disabled."""
+        """Seconds within which all of its devices declare to stand after a stop, or to be disabled."""
         return sum(engine.time_to_close for engine in self.engines)
 
     def join(self, deadline: float) -> bool:

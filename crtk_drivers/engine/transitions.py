@@ -93,7 +93,7 @@ class Transitions:
 
     @property
     def running(self) -> StateCommand | None:
-        """The command that is being carried out. With it ends its announcement, under the board's lock."""
+        """The command that is being carried out; None once its end has been announced."""
         with self._board.lock:
             return None if self._running is None else self._running.command
 
@@ -104,7 +104,7 @@ class Transitions:
             return None if self._running is None else self._running.target
 
     def accept(self, command: StateCommand, stamp_ns: int = 0) -> bool:
-        """Begin with the next cycle, or announce the status at once if there is nothing to do.
+        """Begin a command with the next cycle, or announce the status at once if there is nothing to do.
 
         Args:
             command: that is asked for.
@@ -178,7 +178,7 @@ class Transitions:
         )
 
     def end_homing(self) -> None:
-        """End `home`, which moves, for `hold`. From any thread."""
+        """Cancel `home` if it runs: it moves, and `hold` was asked for. From any thread."""
         with self._board.lock:
             if self._running is not None and self._running.command is StateCommand.HOME:
                 self.cancel()
@@ -250,7 +250,7 @@ class Transitions:
         return running.procedure
 
     def _ended(self, running: _Running) -> bool:
-        """Whether `running` was still the command that runs; now none does."""
+        """End a command; return False if it did not run any more."""
         if self._running is not running:
             return False
         self._running = None

@@ -37,7 +37,7 @@ class Waiting:
 
 
 class WaitingMove:
-    """The place of the one move that waits. Thread-safe, under the board's lock.
+    """Keeps the one move that waits. Thread-safe, under the board's lock.
 
     Args:
         where: the device, for messages.
@@ -73,7 +73,7 @@ class WaitingMove:
             return True
 
     def holds(self, waiting: Waiting) -> bool:
-        """Whether a move is still wanted. Under the board's lock."""
+        """Whether `waiting` is still the move that waits. Under the board's lock."""
         return self._waiting is waiting
 
     def step(self) -> None:
@@ -110,7 +110,7 @@ class WaitingMove:
                 self.end(str(refusal))
 
     def replaced_by(self, order: Order) -> None:
-        """An order takes its place: that of the move itself, or another one."""
+        """An order was accepted: that of the move, which waits no longer, or another one, which ends it."""
         if self._waiting is not None:
             with self._board.lock:
                 if self._waiting is not None and self._waiting.move is order.move:

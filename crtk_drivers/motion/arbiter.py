@@ -50,12 +50,12 @@ class Order:
 
     @property
     def frame(self) -> str:
-        """That of the command's sub-namespace, see `crtk_drivers.geometry.frames`."""
+        """The frame that its command's sub-namespace names, see `crtk_drivers.geometry.frames`."""
         return find(self.name).frame
 
     @property
     def level(self) -> Level:
-        """That of the command."""
+        """The level of its command."""
         return find(self.name).level
 
     @property
@@ -65,7 +65,7 @@ class Order:
 
 
 class Client:
-    """Somebody who commands. Each object is one, unless a subclass knows better.
+    """Somebody who commands. Two objects are two clients, unless a subclass says otherwise in `is_same`.
 
     Args:
         name: for messages.
@@ -116,7 +116,7 @@ class Arbiter:
         self._holder: Client | None = None  # who ended the owner's stream
 
     def admit(self, name: str, client: Client, now: float) -> None:
-        """Judge who asks for a motion, before what is asked for is looked at.
+        """Judge whether a client may ask for a motion now, whatever its value.
 
         Raises:
             CommandRefused: another client owns the stream that is running, or has held this one's.
@@ -169,12 +169,12 @@ class Arbiter:
 
     @property
     def move_waits(self) -> bool:
-        """Whether a move lies here that has not begun."""
+        """Whether a move lies in the mailbox, not begun yet."""
         order = self._order
         return order is not None and order.move is not None
 
     def streams(self, now: float) -> bool:
-        """Whether an order lies here, or commands of a stream came within the dwell."""
+        """Whether an order lies in the mailbox, or a stream's last command came within its dwell."""
         with self._lock:
             return self._streams(now) or self._order is not None
 
@@ -187,7 +187,7 @@ class Arbiter:
         return order
 
     def clear(self) -> Move | None:
-        """Forget what lies here and which stream ran; return the move that is lost by it."""
+        """Empty the mailbox and forget which stream ran; return the move that is lost by it."""
         with self._lock:
             lost = self._order.move if self._order is not None else None
             self._order = None
@@ -195,7 +195,7 @@ class Arbiter:
         return lost
 
     def _streams(self, now: float) -> bool:
-        """Whether the stream counts as running for one of another kind."""
+        """Whether a stream runs that one of another kind may not replace yet."""
         is_running = self._stream != "" and self._holder is None
         return is_running and now - self._streamed < self._dwells[self._level]
 

@@ -66,7 +66,7 @@ class MotionContext:
             CommandRefused: it may not be sent, or an effort drives a joint too fast or out of its range.
         """
         if setpoint.mode.kind is Kind.EFFORT:
-            self.limiter.check_driven(name, self.feedback.measured_state()[0])
+            self.limiter.check_driven(name, self.feedback.measured)
         before = self.feedback.before(setpoint.mode, now)
         limited = self.limiter.limit(name, setpoint, before, now)
         if limited.warning:

@@ -179,7 +179,7 @@ class _JointWay:
 
 
 class _LineWay:
-    """A straight line of the tool, as `_JointWay`."""
+    """A straight line of the tool, from the motion that goes on at `now`; `share` as for `PoseOutput`."""
 
     def __init__(self, order: Order, context: MotionContext, now: float, share: float) -> None:
         command, capabilities, feedback = find(order.name), context.capabilities, context.feedback
@@ -199,5 +199,5 @@ class _LineWay:
         self.duration = self._profile.duration
 
     def point(self, time: float, step: float) -> Point:
-        """See `_JointWay.point`."""
+        """Return what to send `time` seconds of the line after its start, and `step` after the last."""
         return self._output.point(*self._profile.at(time), step)

@@ -85,16 +85,16 @@ class MotionExecutor:
         return isinstance(self._activity, FreeDrive)
 
     def use_gravity_compensation(self, on: bool) -> None:
-        """Switch it in the next cycle, in any state. From any thread."""
+        """Switch gravity compensation in the next cycle, in any state. From any thread."""
         self._gravity.append(on)
 
     def forget_settings(self) -> None:
-        """Switch nothing on that was asked for while the link was being lost."""
+        """Do not switch gravity compensation on if that was asked for while the link was being lost."""
         if self._gravity and self._gravity[0]:
             self._gravity.clear()
 
     def apply_settings(self) -> None:
-        """Hand over to the device what was set since the last cycle.
+        """Switch gravity compensation as it was asked for since the last cycle.
 
         Raises:
             DeviceError: writing failed.
@@ -136,7 +136,7 @@ class MotionExecutor:
         return ""
 
     def _broken(self, order: Order | None, error: Exception) -> DeviceFault:
-        """Refuse the command that raised what it must not, and return the fault that stops this device."""
+        """Refuse the command that failed unexpectedly, and return the fault that stops the device."""
         name = order.name if order is not None else self._health.stream or "motion"
         text = f"{type(error).__name__}: {error}"
         logger.error("%s: %s", self._where, name, exc_info=error)
@@ -350,7 +350,7 @@ class MotionExecutor:
             self._feedback.hold()
 
     def _tell_behind(self, stream: Stream) -> None:
-        """Say of a stream that has fallen silent that the tool is not where it was sent."""
+        """Tell, if it is so, that the tool is not where a stream sent it that has fallen silent."""
         behind = np.abs(stream.behind)
         if not behind.size or behind.max() < ARRIVED:
             return

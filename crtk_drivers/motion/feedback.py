@@ -101,7 +101,7 @@ class Feedback:
     # ----------------------------------------------------------------------------------- written by
 
     def take(self, sample: Sample) -> None:
-        """A new sample arrived. One without values tells of the link only: what was known goes on ageing."""
+        """Keep a new sample. One without values only shows that the link is alive: others go on ageing."""
         if sample.values or self.sample is None:
             self.sample = sample
             self._told, self._told_at = self._at_rest, sample.stamp.monotonic
@@ -119,7 +119,7 @@ class Feedback:
         return True
 
     def sent(self, point: Point, now: float, stamp_ns: int = 0) -> None:
-        """A setpoint went out.
+        """Keep what went out as the setpoint in force.
 
         Args:
             point: what was sent, and what is known of the motion.
@@ -172,7 +172,7 @@ class Feedback:
         return math.inf if self.sample is None else now - self.sample.stamp.monotonic
 
     def joint_setpoint(self) -> JointState:
-        """Return the joint setpoint in force, see the table at the top."""
+        """Return the joint setpoint in force, see the table in `crtk_drivers.motion.told`."""
         active, native = self.active, self._native("setpoint_js")
         joint_mode = active.mode is not None and active.mode.space is Space.JOINT
         if joint_mode or active.joints.position.size:
@@ -204,10 +204,6 @@ class Feedback:
             return here
         return vector([joint + step for joint, step in zip(here.tolist(), way, strict=True)])
 
-    def measured_joints(self) -> Vector:
-        """Return the joint position (n,) that was measured last."""
-        return self.measured.position
-
     def measured_state(self) -> tuple[JointState, float]:
         """Return the joints as measured last, and when that was, in monotonic seconds."""
         sample = self.sample
@@ -231,7 +227,7 @@ class Feedback:
 
     @property
     def goes_on(self) -> bool:
-        """Whether a trajectory of ours begins with the motion that is going on; else it begins at rest."""
+        """Whether a trajectory of ours goes on from the present motion; else it begins at rest."""
         mode = self.active.mode
         if mode is None:
             return False
@@ -318,7 +314,7 @@ class Feedback:
         return self._moved_on(now)
 
     def _moved_on(self, now: float) -> Vector:
-        """Return where the joints (n,) are by now if they have gone on as they did, or as they were told."""
+        """Return where the joints (n,) may be now: gone on as measured or as told, whichever is further."""
         here, age = self.measured, self.sample_age(now)
         if not _LATE / self._capabilities.rate < age < math.inf or self._told.size != len(
             here.position

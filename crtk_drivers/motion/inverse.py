@@ -32,7 +32,7 @@ class Reach:
         self._takes_poses = Mode.CARTESIAN_POSITION in device.capabilities.modes
 
     def frame_of(self, command: Command) -> str:
-        """Return the frame in which the values of a command are now."""
+        """Return the frame in which a command's values are given; of wrenches the user may change it."""
         return self._feedback.axes.frame_of(command)
 
     def reference(self, command: Command) -> Vector:
@@ -133,7 +133,11 @@ class Reach:
             raise self._unreachable(command, error, is_moving) from error
 
     def pose(self, command: Command, native: bool = False) -> Pose:
-        """Return the pose that is set now; see `moved`."""
+        """Return the pose (base frame) of the setpoint in force; `native` as for `moved`.
+
+        Raises:
+            CommandRefused: the device has not said where it is.
+        """
         pose = self._feedback.reference_pose(native)
         if pose is None:
             raise self._not_known(command, "pose", "measured_cp")

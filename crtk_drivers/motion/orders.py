@@ -166,7 +166,7 @@ class OrderMaker:
             return self._direct(command, Setpoint(Mode.CARTESIAN_EFFORT, wrench))
         if Mode.JOINT_EFFORT not in self._modes or not self._has_kinematics:
             raise self._unsupported(command, used)
-        jacobian = self._device.jacobian(self._feedback.measured_joints())
+        jacobian = self._device.jacobian(self._feedback.measured.position)
         return self._direct(command, Setpoint(Mode.JOINT_EFFORT, vector(jacobian.T @ wrench)))
 
     def _require_some(self, command: Command, used: set[AxisMode]) -> None:

@@ -56,7 +56,7 @@ class Output:
         self._context.health.setpoints += 1
         self.last = setpoint
         if setpoint.mode is Mode.JOINT_POSITION:
-            self._follows.sent(setpoint.values, self._feedback.measured_joints(), now)
+            self._follows.sent(setpoint.values, self._feedback.measured.position, now)
         else:
             self._follows.forget()
         self._feedback.sent(point, now, stamp_ns)

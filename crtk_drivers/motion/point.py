@@ -29,7 +29,10 @@ class Point:
     wrench: Vector = field(default_factory=empty)
 
     def at_pace(self, pace: float) -> Point:
-        """Return it as it is in real time, of which the time of its motion is a share."""
+        """Return the point as it is sent when its trajectory runs at `pace`, a share of real time.
+
+        Velocities are slower by that, accelerations by its square.
+        """
         if pace == 1.0:
             return self
         joints = self.joints
@@ -39,7 +42,7 @@ class Point:
         return replace(self, joints=joints, acceleration=acceleration, twist=twist)
 
     def limited_to(self, setpoint: Setpoint) -> Point:
-        """Return it with the setpoint that the limits left: positions clamped, efforts scaled as a whole."""
+        """Return the point with what the limits left of its setpoint; joints and wrench change with it."""
         wanted = self.setpoint.values
         if setpoint.values is wanted or setpoint.values.tolist() == wanted.tolist():
             return self

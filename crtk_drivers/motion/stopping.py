@@ -71,11 +71,11 @@ class Stopping:
 
     @property
     def confirmed(self) -> bool:
-        """Whether nothing that was told to stop is still to be seen standing."""
+        """Whether every stop that was asked for has been seen to be carried out."""
         return not self._watches
 
     def stop(self) -> None:
-        """Stop the hardware, and watch from now on that it does; a sensor has nothing that could go on.
+        """Stop the hardware, and watch from now on that it comes to stand, if it has anything that moves.
 
         Raises:
             DeviceError: it could not be told.
@@ -87,11 +87,11 @@ class Stopping:
         self._device.stop()
 
     def moves_again(self) -> None:
-        """Something else was begun on purpose: what moves now is no stop that failed."""
+        """A motion is begun on purpose: the stop before it is not watched any more."""
         self._watches = False
 
     def begin_anew(self) -> None:
-        """A stop that was not read back gets its time once more: after a connection, or once power is off."""
+        """Give a stop that was not read back its time once more: after a connection, or once power is off."""
         self._position = None
         self._sent = -math.inf
         self._begin(self._clock())
@@ -120,14 +120,14 @@ class Stopping:
 
     @property
     def unseen(self) -> str:
-        """What to say of a stop of what moved when it was last seen; empty if there is none."""
+        """What to say of a stop if the joints still moved when they were last seen; empty if not."""
         if not self._watches or not self._moving:
             return ""
         return f"{UNSEEN}: {self._moving} when it was last seen"
 
     @property
     def time(self) -> float:
-        """Seconds in which the device says that it has stopped, at the pace that it has now."""
+        """Seconds within which the device declares to stand after a stop, at its present pace."""
         return self._time / self._pace
 
     @property

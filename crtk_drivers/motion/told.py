@@ -58,7 +58,7 @@ class Told:
         self._latched: dict[str, tuple[Value, Stamp]] = {}
 
     def forget_pose(self) -> None:
-        """The kinematics are others now: what was computed with them does not count."""
+        """Forget the pose that was computed last: what the kinematics depend on has changed."""
         self._cached_pose = None
 
     def latch(self, values: Mapping[str, Value], stamp_ns: int = 0) -> None:

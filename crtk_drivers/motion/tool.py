@@ -166,7 +166,7 @@ class WrenchOutput:
         if self._takes_wrenches:
             return Point(Setpoint(Mode.CARTESIAN_EFFORT, wrench))
         wrench = norms_into(wrench, *self._limits)
-        jacobian = self._device.jacobian(self._feedback.measured_joints())
+        jacobian = self._device.jacobian(self._feedback.measured.position)
         effort = vector(jacobian.T @ wrench)
         return Point(Setpoint(Mode.JOINT_EFFORT, effort), wrench=wrench)
 
