@@ -35,6 +35,8 @@ FOREIGN = (
 for name in FOREIGN:
     os.environ.pop(name, None)
 os.environ.pop("UV_RUN_RECURSION_DEPTH", None)  # `crtk-driver` words its hints as it was started
+# Each of a thousand processes would compile all that it imports, which takes as long as to run it.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 environment.share_no_memory()  # tests kill processes, and others must not hang or crash for that
