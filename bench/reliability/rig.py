@@ -367,7 +367,6 @@ class Rig(ABC):
     def go_home(self) -> None:
         """Move all joints to where they began."""
         self.arm.hold()
-        self.until_still()
         move = self.arm.move_jp(self.home())
         self.until(lambda: not move.is_busy(), PATIENCE, "it is at home")
         move.wait(0.0)

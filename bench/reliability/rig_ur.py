@@ -134,6 +134,8 @@ _PATIENT = {
     "watchdog_frequency": 2.0,
     "open_timeout": 2.0,
     "stream_timeout": 0.3,
+    "move": {"joint_acceleration": 6.0},
+    "servo": {"lookahead": 0.05},
 }
 
 

@@ -23,7 +23,7 @@ from crtk_sim_backends.ur import SIM, RunningSim  # noqa: E402
 def controller(request) -> Iterator[tuple[str, str, RunningSim]]:
     """A simulated controller, the model of its arm, and the way to it; one for all tests."""
     model, control = request.param
-    with SIM.spawn(model=model) as sim:
+    with SIM.spawn(realtime=True, model=model) as sim:
         yield model, control, sim
 
 

@@ -392,14 +392,14 @@ def test_f3_closing_does_not_wait_for_a_peer_that_never_answers(fault):
 
 
 def test_f3_a_controller_that_comes_later_is_found(caplog):
-    with SIM.spawn() as sim:
+    with SIM.spawn(realtime=True) as sim:
         host = sim.host
         sim.kill()
         with driver_at(sim, start=False) as bench:
             bench.session.start()
             status = bench.until_state("FAULT", "cannot connect")
             assert f"{host}:30004: FAULT: {status.detail}" in caplog.text
-            with SIM.spawn(host=host) as second:
+            with SIM.spawn(realtime=True, host=host) as second:
                 bench.sim = second
                 bench.until_state("DISABLED")
                 bench.enable()
@@ -569,7 +569,7 @@ def driver_process(host: str, control: str, *, servo: bool) -> subprocess.Popen:
 @pytest.mark.parametrize("servo", [False, True], ids=["move", "stream"])
 def test_f16_f19_killed_driver_and_its_restart(control, servo):
     with (
-        SIM.spawn() as sim,
+        SIM.spawn(realtime=True) as sim,
         driver_at(sim, {**CONFIG, "control": control}, start=False) as bench,
     ):
         process = driver_process(sim.host, control, servo=servo)
@@ -593,7 +593,7 @@ def test_f16_f19_killed_driver_and_its_restart(control, servo):
 
 @both_ways
 def test_f16_dead_robot_under_motion_is_a_fault_and_close_is_quick(control):
-    with SIM.spawn() as sim:
+    with SIM.spawn(realtime=True) as sim:
         with driver_at(sim, {**CONFIG, "control": control}) as bench:
             bench.enable()
             move = start_moving(bench)
@@ -611,7 +611,7 @@ def test_f16_dead_robot_under_motion_is_a_fault_and_close_is_quick(control):
 
 @both_ways
 def test_f16_robot_without_power_under_motion(control):
-    with SIM.spawn() as sim, driver_at(sim, {**CONFIG, "control": control}) as bench:
+    with SIM.spawn(realtime=True) as sim, driver_at(sim, {**CONFIG, "control": control}) as bench:
         bench.enable()
         move = start_moving(bench)
         sim.kill()
@@ -692,7 +692,7 @@ def test_f18_clock_jump(bench, monkeypatch, jump):
 @both_ways
 def test_f20_a_second_writer_is_refused_by_name_of_the_cause(control):
     with (
-        SIM.spawn() as sim,
+        SIM.spawn(realtime=True) as sim,
         driver_at(sim, {**CONFIG, "control": control}) as first,
         driver_at(sim, {**CONFIG, "control": control}) as second,
     ):

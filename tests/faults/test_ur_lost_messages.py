@@ -79,7 +79,7 @@ KINDS = {
 
 @pytest.fixture(scope="module", params=WAYS)
 def world(request) -> Iterator[tuple[UrBench, Proxy]]:
-    with SIM.spawn(model="ur5e") as sim, proxy_to(sim.host) as proxy:
+    with SIM.spawn(realtime=True, model="ur5e") as sim, proxy_to(sim.host) as proxy:
         at_proxy = SimpleNamespace(host=proxy.host, control=sim.control)
         with driver_at(at_proxy, {**CONFIG, "control": request.param}) as bench:
             yield bench, proxy

@@ -201,7 +201,7 @@ def test_ranges_that_cannot_be_are_refused(joints):
 
 @both_ways
 def test_what_the_arm_is_found_in_is_told_and_disable_ends_it(control):
-    with SIM.spawn() as sim:
+    with SIM.spawn(realtime=True) as sim:
         with driver_at(sim, {**CONFIG, "control": control}) as bench:
             assert RELEASED in bench.until_state("DISABLED").detail, "the simulated arm wakes up so"
             assert bench.outputs("robot_mode") == RUNNING
@@ -214,7 +214,7 @@ def test_what_the_arm_is_found_in_is_told_and_disable_ends_it(control):
 
 
 def test_a_program_that_runs_is_found():
-    with SIM.spawn() as sim:
+    with SIM.spawn(realtime=True) as sim:
         with socket.create_connection((sim.host, 30002), LONG) as peer:
             peer.sendall(b"def other():\n  while True:\n    sync()\n  end\nend\n")
             eventually(lambda: sim.control.status()["program"] != "", "it runs")
@@ -314,7 +314,7 @@ class Watch:
 
 
 def test_an_arm_that_was_not_enabled_keeps_its_power_whatever_is_configured():
-    with SIM.spawn() as sim:
+    with SIM.spawn(realtime=True) as sim:
         with driver_at(sim, {**CONFIG, "on_close": "power_off"}) as bench:
             bench.until_state("DISABLED")
         with driver_at(sim, CONFIG, start=False) as bench:

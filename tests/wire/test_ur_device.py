@@ -596,7 +596,7 @@ def test_another_program_is_left_alone():
 
 @pytest.mark.parametrize("control", WAYS)
 def test_closing_under_motion_leaves_the_arm_holding(control):
-    with SIM.spawn() as sim:
+    with SIM.spawn(realtime=True) as sim:
         with driver_at(sim, {"control": control}) as bench:
             bench.enable()
             move = bench.arm.move_jp(at(3.0))

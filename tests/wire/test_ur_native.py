@@ -109,7 +109,7 @@ class Rig:
 
 @contextmanager
 def rig_at(first: int = 0) -> Iterator[Rig]:
-    with SIM.spawn(trace_size=2000) as sim:
+    with SIM.spawn(realtime=True, trace_size=2000) as sim:
         rig = Rig(sim, first)
         try:
             yield rig
@@ -312,7 +312,10 @@ def test_the_arm_stops_a_declared_time_after_the_last_package():
 
 def test_registers_that_another_client_has_are_named():
     names = b"input_int_register_0"
-    with SIM.spawn() as sim, socket.create_connection((sim.host, 30004), LONG) as other:
+    with (
+        SIM.spawn(realtime=True) as sim,
+        socket.create_connection((sim.host, 30004), LONG) as other,
+    ):
         other.sendall(struct.pack(">HBH", 5, ord("V"), 2))
         assert other.recv(4) == b"\x00\x04V\x01"
         other.sendall(struct.pack(">HB", 3 + len(names), ord("I")) + names)

@@ -27,7 +27,12 @@ def sim(tmp_path_factory) -> Iterator:
     programs: Path = tmp_path_factory.mktemp("programs")
     (programs / "wait.script").write_text("def waiting():\n  sleep(60)\nend\n")
     with SIM.spawn(
-        version="10.14", robot_api=True, robot_api_port=0, programs=str(programs), trace_size=2000
+        realtime=True,
+        version="10.14",
+        robot_api=True,
+        robot_api_port=0,
+        programs=str(programs),
+        trace_size=2000,
     ) as sim:
         yield sim
 
@@ -131,7 +136,7 @@ def test_older_software_is_not_even_asked(version, name, words):
 
 
 def test_the_first_version_loads_by_another_path_and_unlocks_when_five_seconds_are_over():
-    with SIM.spawn(version="10.11", robot_api=True, robot_api_port=0) as sim:
+    with SIM.spawn(realtime=True, version="10.11", robot_api=True, robot_api_port=0) as sim:
         client = RobotApiClient(sim.host, sim.ports["robot_api"], (10, 11))
         assert client.ask("load_program", {"text": "simulation"}) == "OK"
         sim.control.inject("protective_stop")
