@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import errno
+import gc
 import json
 import logging
 import os
@@ -23,6 +25,7 @@ from crtk_sim_backends.control import ControlClient
 AUTO: Final = "auto"
 
 _REALTIME_PRIORITY: Final = 20
+_PR_SET_TIMERSLACK: Final = 29
 
 _RUN_MODULE: Final = (
     "import json, runpy, sys;"
@@ -119,6 +122,23 @@ def use_realtime_priority() -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_REALTIME_PRIORITY))
     except (AttributeError, OSError) as error:
         log.warning("no real-time priority, the periods may be less even: %s", error)
+
+
+def use_exact_timers() -> None:
+    """Let this process wake up when it asked for it, and not up to 50 us later (Linux)."""
+    if sys.platform == "linux":
+        libc = ctypes.CDLL(None, use_errno=True)
+        if libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) != 0:
+            log.warning("timers stay coarse: %s", os.strerror(ctypes.get_errno()))
+
+
+def prepare_process(*, realtime: bool = False) -> None:
+    """Give this process exact timers, priority if it wants it, and nothing to tidy up while it runs."""
+    use_exact_timers()
+    if realtime:
+        use_realtime_priority()
+    gc.collect()
+    gc.freeze()
 
 
 class Readiness:

@@ -71,13 +71,15 @@ class Simulator(ABC, Generic[ConfigT, ServerT]):
             SimStartError: when something cannot be bound or the fault file is wrong.
         """
 
-    @abstractmethod
     def describe(self, server: ServerT) -> Iterator[str]:
         """Tell, line by line, what runs and how to reach it."""
+        yield f"{self.summary}, at {server.host}"
+        yield "ports: " + ", ".join(f"{name} {port}" for name, port in server.ports.items())
+        yield from (f"{name}: {path}" for name, path in self.places(server).get("ttys", {}).items())
 
     def places(self, server: ServerT) -> dict[str, Any]:
-        """Where it can be reached, as :class:`RunningSim` has it: `host`, `ports`, perhaps more."""
-        return {"host": server.host, "ports": server.ports}
+        """Where it can be reached, as :class:`RunningSim` has it: `host`, `ports`, `ttys`, perhaps more."""
+        return {"host": server.host, "ports": server.ports, "ttys": getattr(server, "ttys", {})}
 
     @contextmanager
     def _page(self, config: ConfigT, server: ServerT) -> Iterator[RunningSim | None]:

@@ -245,10 +245,10 @@ def test_devices_share_the_faults_and_the_control_socket_of_their_hub(tmp_path):
     config = SimConfig(socketcand_port=0, terminals=0, faults=str(faults))
     server = HubServer(config, devices=Lamp)
     try:
-        server._inject("broken", {})
+        server._faults.handlers["inject"]("broken", {})
         assert server.status()["broken"]
-        server._inject("drop", {"id": 5})
-        server._clear("broken")
+        server._faults.handlers["inject"]("drop", {"id": 5})
+        server._faults.handlers["clear"]("broken")
         assert [fault["kind"] for fault in server.status()["faults"]] == ["drop"]
         assert not server.status()["broken"]
     finally:

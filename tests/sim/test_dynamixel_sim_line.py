@@ -15,8 +15,8 @@ from crtk_sim_backends.dynamixel.bus import make_servos
 from crtk_sim_backends.dynamixel.config import parse_servos
 from crtk_sim_backends.dynamixel.injection import KINDS, REPLIES
 from crtk_sim_backends.dynamixel.line import Line
-from crtk_sim_backends.dynamixel.tty import Tty
 from crtk_sim_backends.faults import check_fault
+from crtk_sim_backends.kit.tty import Tty
 
 NOW = 10.0
 MBPS = 1_000_000

@@ -8,8 +8,9 @@ import pytest
 from ur_clients import PORTS, DashboardClient, PrimaryClient, RtdeClient, TcpClient, wait_until
 
 from crtk_sim_backends.control import ControlClient, ControlError
+from crtk_sim_backends.kit import HOOKS
 from crtk_sim_backends.ur import SIM
-from crtk_sim_backends.ur.injection import BEGIN, END, HOOKS, KINDS
+from crtk_sim_backends.ur.injection import BEGIN, END, KINDS
 
 
 @pytest.fixture(scope="module")

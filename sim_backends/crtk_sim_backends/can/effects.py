@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Final
@@ -18,12 +17,12 @@ from crtk_sim_backends.can.injection import (
 )
 from crtk_sim_backends.can.port import State
 from crtk_sim_backends.faults import Fault
+from crtk_sim_backends.kit import Ticker
 
 if TYPE_CHECKING:
     from crtk_sim_backends.can.hub import Hub
     from crtk_sim_backends.can.node import Node
 
-_BEHIND: Final = 0.02  # s; what a talker is late by is made up for up to this
 _PASSIVE: Final = frames.PASSIVE_RECEIVE | frames.PASSIVE_TRANSMIT
 
 
@@ -44,28 +43,6 @@ _LEFT: Final = {
 """Error frame that it gets as it leaves it."""
 
 
-class _Talker:
-    """Calls a function at a rate, in the hub's loop."""
-
-    def __init__(self, hub: Hub, rate: float, talk: Callable[[], object]) -> None:
-        self._hub = hub
-        self._period = 1.0 / rate
-        self._talk = talk
-        self._at = time.monotonic()
-        self._timer = hub.call_at(self._at, self._tick)
-
-    def _tick(self) -> None:
-        now = time.monotonic()
-        self._at = max(self._at, now - _BEHIND)
-        while self._at <= now:
-            self._talk()
-            self._at += self._period
-        self._timer = self._hub.call_at(self._at, self._tick)
-
-    def stop(self) -> None:
-        self._timer.cancel()
-
-
 class BusEffects:
     """Begins and ends the faults of a bus; `begin` and `end` are for a `FaultPlayer`."""
 
@@ -73,7 +50,7 @@ class BusEffects:
         self._hub = hub
         self._hooks: dict[int, FrameHook] = {}  # by identity of the fault, in order
         self._states: dict[int, tuple[str, State]] = {}
-        self._talkers: dict[int, tuple[_Talker, Node | None]] = {}
+        self._talkers: dict[int, tuple[Ticker, Node | None]] = {}
         hub.state_of = self.state_of
 
     def state_of(self, name: str) -> State:
@@ -96,12 +73,15 @@ class BusEffects:
         elif fault.kind == "babbling":
             node = self._hub.attach(lambda can_id, data: None, "babbling")
             data = bytes(parameters["length"])
-            talk = _Talker(self._hub, parameters["rate"], lambda: node.send(parameters["id"], data))
+            talk = self._talker(parameters["rate"], lambda: node.send(parameters["id"], data))
             self._talkers[id(fault)] = talk, node
         else:
             classes = ERROR_FRAMES[parameters["what"]]
-            talk = _Talker(self._hub, parameters["rate"], lambda: self._hub.error(classes))
+            talk = self._talker(parameters["rate"], lambda: self._hub.error(classes))
             self._talkers[id(fault)] = talk, None
+
+    def _talker(self, rate: float, talk: Callable[[], object]) -> Ticker:
+        return Ticker(self._hub.loop, 1.0 / rate, talk)
 
     def end(self, fault: Fault) -> None:
         """Let it end."""

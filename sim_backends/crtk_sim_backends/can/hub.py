@@ -34,7 +34,6 @@ from __future__ import annotations
 
 import errno
 import logging
-import os
 import time
 from collections import deque
 from collections.abc import Callable
@@ -47,13 +46,13 @@ from crtk_sim_backends.can import frames
 from crtk_sim_backends.can.candump import LogWriter
 from crtk_sim_backends.can.injection import FrameHook
 from crtk_sim_backends.can.kernel import KernelDoor
-from crtk_sim_backends.can.loop import Loop, Timer
 from crtk_sim_backends.can.medium import Medium
 from crtk_sim_backends.can.native import SocketDoor
 from crtk_sim_backends.can.node import Node
 from crtk_sim_backends.can.port import DEAF, REFUSING, Counters, Port, State
 from crtk_sim_backends.can.slcan import SlcanDoor
 from crtk_sim_backends.can.socketcand import SocketcandDoor
+from crtk_sim_backends.kit.loop import Loop, Timer
 
 DEFAULT_QUEUE: Final = 128
 """Frames of one node that may wait for the bus, as `txqueuelen` of a network interface."""
@@ -138,11 +137,6 @@ class Hub:
         self._doors: list[SocketDoor | SocketcandDoor | SlcanDoor | KernelDoor] = []
         self._errors = Node(self, "errors", _Local(lambda can_id, data: None))
         self._numbers: dict[str, int] = {}
-        self._stopping = False
-        self._wake_read, self._wake_write = os.pipe()
-        os.set_blocking(self._wake_read, False)
-        os.set_blocking(self._wake_write, False)
-        self.loop.watch(self._wake_read, lambda _: os.read(self._wake_read, 4096))
 
     # Nodes
 
@@ -334,16 +328,12 @@ class Hub:
 
     def run(self) -> None:
         """Keep the bus going until `stop`."""
-        while not self._stopping:
+        while not self.loop.stopped:
             self.step()
 
     def stop(self) -> None:
         """Let `run` return; may be called from any thread and from a signal handler."""
-        self._stopping = True
-        try:
-            os.write(self._wake_write, b"x")
-        except BlockingIOError:
-            return  # it is awake already
+        self.loop.stop()
 
     # Doors
 
@@ -392,11 +382,7 @@ class Hub:
             self.recorder.close()
             self.recorder = None
         self.nodes = []
-        if self._wake_read >= 0:
-            self.loop.close()
-            os.close(self._wake_read)
-            os.close(self._wake_write)
-            self._wake_read = self._wake_write = -1
+        self.loop.close()
 
     def __enter__(self) -> Self:
         return self

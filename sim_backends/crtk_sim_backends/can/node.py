@@ -6,8 +6,8 @@ from collections.abc import Callable, Container
 from typing import Protocol
 
 from crtk_sim_backends.can import frames
-from crtk_sim_backends.can.loop import Loop, Timer
 from crtk_sim_backends.can.port import Counters, Port, State
+from crtk_sim_backends.kit.loop import Loop, Timer
 
 
 class Bus(Protocol):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from crtk_sim_backends.can import frames
 from crtk_sim_backends.can.candump import LogError, Record, read
-from crtk_sim_backends.can.loop import Timer
+from crtk_sim_backends.kit.loop import Timer
 
 if TYPE_CHECKING:
     from crtk_sim_backends.can.hub import Hub

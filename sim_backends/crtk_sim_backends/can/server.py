@@ -2,65 +2,45 @@
 
 from __future__ import annotations
 
-import ctypes
-import gc
-import logging
 import os
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 from crtk_sim_backends.can import frames, scene
 from crtk_sim_backends.can.candump import LogError, LogWriter, parse_frame
 from crtk_sim_backends.can.config import NONE, SimConfig
-from crtk_sim_backends.can.control_door import ControlDoor
 from crtk_sim_backends.can.effects import BusEffects
 from crtk_sim_backends.can.hub import Hub
 from crtk_sim_backends.can.injection import EVENTS, KINDS, PLACES
 from crtk_sim_backends.can.native import socket_path
 from crtk_sim_backends.can.replay import Replay
 from crtk_sim_backends.control import Handlers
-from crtk_sim_backends.fault_player import FaultPlayer
-from crtk_sim_backends.faults import Fault, FaultError, KindTable, read_faults
+from crtk_sim_backends.faults import Fault, FaultError
+from crtk_sim_backends.kit import Device, FaultDesk, TcpServer, control_door
 from crtk_sim_backends.page import Live, Scene
 from crtk_sim_backends.process import (
     AUTO,
     SimStartError,
     bind_somewhere,
     listen,
-    use_realtime_priority,
+    prepare_process,
 )
 
-_FAULT_PERIOD: Final = 0.005  # s between looks at the timeline of faults
 _LOG_PERIOD: Final = 0.5  # s after which a log is on the disk
-_PR_SET_TIMERSLACK: Final = 29
-
-log = logging.getLogger(__name__)
 
 
-class Devices(Protocol):
+class Devices(Device, Protocol):
     """Simulated devices on the bus, in the process of the hub."""
 
-    kinds: KindTable
-    """Their kinds of fault, beside those of the bus."""
     events: Collection[str]
     """What fault files can wait for, beside the events of the bus."""
     places: tuple[str, ...]
     """Parameters that say where a fault is."""
     handlers: Handlers
     """Requests on the control socket, beside those of the bus."""
-
-    def begin(self, fault: Fault) -> None:
-        """Let a fault of theirs begin."""
-
-    def end(self, fault: Fault) -> None:
-        """Let it end."""
-
-    def status(self) -> Mapping[str, Any]:
-        """What the status of the simulator says about them, ready for JSON."""
 
 
 class HubServer:
@@ -87,14 +67,13 @@ class HubServer:
         self.paths: dict[str, str] = {}
         self.ttys: dict[str, str] = {}
         self.ports: dict[str, int] = {}
-        self._control: ControlDoor | None = None
+        self._control: TcpServer | None = None
         self._replay: Replay | None = None
-        self._epoch = time.monotonic()
         try:
             self._effects = BusEffects(self.hub)
             self._devices = None if devices is None else devices(self.hub)
-            self._faults = self._fault_player(self._devices)
-            self.hub.happened = self.event
+            self._faults = self._fault_desk(self._devices)
+            self.hub.happened = self._faults.event
             self._open_doors()
             if config.log:
                 self.hub.recorder = LogWriter(Path(config.log), config.channel)
@@ -109,7 +88,7 @@ class HubServer:
         if parent_fd is not None:
             self.hub.loop.watch(parent_fd, lambda _: self.stop())
 
-    def _fault_player(self, devices: Devices | None) -> FaultPlayer:
+    def _fault_desk(self, devices: Devices | None) -> FaultDesk:
         kinds, events = {**KINDS}, [*EVENTS]
         places: tuple[str, ...] = PLACES
         if devices is not None:
@@ -117,8 +96,9 @@ class HubServer:
             events += devices.events
             places += tuple(name for name in devices.places if name not in PLACES)
         path = self.config.faults
-        faults = read_faults(Path(path), kinds, events) if path else []
-        return FaultPlayer(kinds, faults, self._begin, self._end, places)
+        return FaultDesk(
+            self.hub.loop, kinds, self._begin, self._end, path=path, events=events, places=places
+        )
 
     def _begin(self, fault: Fault) -> None:
         (self._effects if fault.kind in KINDS else self._devices_there).begin(fault)
@@ -156,8 +136,7 @@ class HubServer:
             raise
         self.ports = {"control": listener.getsockname()[1], "socketcand": door.port}
         handlers: Handlers = {
-            "inject": self._inject,
-            "clear": self._clear,
+            **self._faults.handlers,
             "status": self.status,
             "send": self._send,
             "replay": self._start_replay,
@@ -165,18 +144,12 @@ class HubServer:
             "live": self.live,
             **({} if self._devices is None else self._devices.handlers),
         }
-        self._control = ControlDoor(self.hub.loop, listener, handlers)
+        self._control = control_door(self.hub.loop, listener, handlers)
 
     def run(self) -> None:
         """Keep the bus going until `stop`, or until the parent process has died."""
-        _use_exact_timers()
-        if self.config.realtime:
-            use_realtime_priority()
-        gc.collect()
-        gc.freeze()
-        self._epoch = time.monotonic()
-        if self.config.faults:
-            self._play_faults()
+        prepare_process(realtime=self.config.realtime)
+        self._faults.start()
         if self.hub.recorder is not None:
             self._flush_log()
         self.hub.run()
@@ -192,33 +165,12 @@ class HubServer:
             self._control = None
         self.hub.close()
 
-    def _play_faults(self) -> None:
-        now = time.monotonic()
-        self._faults.play(now - self._epoch)
-        self.hub.call_at(now + _FAULT_PERIOD, self._play_faults)
-
     def _flush_log(self) -> None:
         if self.hub.recorder is not None:
             self.hub.recorder.flush()
             self.hub.call_at(time.monotonic() + _LOG_PERIOD, self._flush_log)
 
-    def event(self, name: str) -> None:
-        """Tell the timeline of faults that something has happened."""
-        self._faults.event(name, time.monotonic() - self._epoch)
-
     # Requests on the control socket
-
-    def _inject(self, kind: str, parameters: Mapping[str, Any]) -> None:
-        now = time.monotonic()
-        self._faults.inject(kind, parameters, now - self._epoch)
-        duration = parameters.get("duration")
-        if duration is not None:
-            self.hub.call_at(
-                now + duration, lambda: self._faults.play(time.monotonic() - self._epoch)
-            )
-
-    def _clear(self, kind: str | None = None) -> None:
-        self._faults.clear(kind)
 
     def _send(self, frame: str) -> int:
         """Send a frame such as ``123#DEADBEEF``, from a node that exists only for it."""
@@ -234,7 +186,9 @@ class HubServer:
     def _start_replay(self, path: str, speed: float = 1.0) -> None:
         if self._replay is not None:
             self._replay.stop()
-        self._replay = Replay(self.hub, Path(path), speed, lambda: self.event("replay_ended"))
+        self._replay = Replay(
+            self.hub, Path(path), speed, lambda: self._faults.event("replay_ended")
+        )
 
     def scene(self) -> Scene:
         """What the page shows and does not change."""
@@ -242,8 +196,7 @@ class HubServer:
 
     def live(self) -> Live:
         """What the page shows and changes."""
-        faults = [fault.kind for fault in self._faults.active]
-        return scene.live(self.hub.status(), faults, time.monotonic() - self._epoch)
+        return scene.live(self.hub.status(), self._faults.kinds, self._faults.now)
 
     def status(self) -> dict[str, Any]:
         """Everything that a test or a person wants to know, ready for JSON."""
@@ -255,16 +208,8 @@ class HubServer:
             "ports": self.ports,
             "paths": self.paths,
             "ttys": self.ttys,
-            "time": time.monotonic() - self._epoch,
+            "time": self._faults.now,
             "cpu": time.process_time(),
             "replay": None if replay is None else {"sent": replay.sent, "error": replay.error},
-            "faults": [{"kind": fault.kind, **fault.parameters} for fault in self._faults.active],
+            "faults": self._faults.describe(),
         }
-
-
-def _use_exact_timers() -> None:
-    """Let this process wake up when it asked for it, and not up to 50 us later (Linux)."""
-    if sys.platform == "linux":
-        libc = ctypes.CDLL(None, use_errno=True)
-        if libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) != 0:
-            log.warning("timers stay coarse: %s", os.strerror(ctypes.get_errno()))

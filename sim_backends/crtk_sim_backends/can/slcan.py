@@ -20,9 +20,9 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from crtk_sim_backends.can import frames
-from crtk_sim_backends.can.loop import READ, WRITE
 from crtk_sim_backends.can.node import Bus
 from crtk_sim_backends.can.port import State
+from crtk_sim_backends.kit.loop import READ, WRITE
 from crtk_sim_backends.process import SimStartError
 
 BITRATES: Final[Mapping[str, int]] = {

@@ -10,13 +10,13 @@ from typing import Any, Final
 
 from crtk_sim_backends.can import frames
 from crtk_sim_backends.can.hub import Hub
-from crtk_sim_backends.can.loop import Timer
 from crtk_sim_backends.can.port import DEAF, State
 from crtk_sim_backends.canopen import injection
 from crtk_sim_backends.canopen.drive import Drive, DriveConfig, Frame, eds_of
 from crtk_sim_backends.canopen.nmt import INITIALISING, OPERATIONAL
 from crtk_sim_backends.control import Handlers
 from crtk_sim_backends.faults import Fault, KindTable
+from crtk_sim_backends.kit.loop import Timer
 
 _MAILBOXES: Final = 2  # frames of a drive that wait for the bus when SDO answers have to wait
 _SOON: Final = 1e-4  # s that a timer may be later than asked for before it is set anew

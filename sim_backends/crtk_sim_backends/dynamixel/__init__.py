@@ -7,7 +7,7 @@ use.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from typing_extensions import override
 
@@ -23,7 +23,7 @@ __all__ = ["SIM", "ConfigError", "DynamixelSimulator", "RunningSim", "SimConfig"
 
 
 class DynamixelSimulator(Simulator[SimConfig, "DynamixelServer"]):
-    """The servos as a plug-in."""
+    """The servos as a plug-in; `ports` has the TCP port of each bus by the same name as `ttys`."""
 
     name = "dynamixel"
     summary = "DYNAMIXEL servos on a serial bus (protocol 2.0 and 1.0), with their timing"
@@ -35,11 +35,6 @@ class DynamixelSimulator(Simulator[SimConfig, "DynamixelServer"]):
         from crtk_sim_backends.dynamixel.server import DynamixelServer
 
         return DynamixelServer(config, parent_fd)
-
-    @override
-    def places(self, server: DynamixelServer) -> dict[str, Any]:
-        """Add `ttys`, by bus; `ports` has the TCP port of each bus by the same name."""
-        return {**super().places(server), "ttys": server.ttys}
 
     @override
     def describe(self, server: DynamixelServer) -> Iterator[str]:

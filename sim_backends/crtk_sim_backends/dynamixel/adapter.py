@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from crtk_sim_backends.dynamixel.tcp import TcpDoor
-from crtk_sim_backends.dynamixel.tty import Tty
+from crtk_sim_backends.kit.tty import Tty
 
 
 class Adapter:

@@ -6,15 +6,11 @@ rest.
 
 from __future__ import annotations
 
-import ctypes
-import gc
 import logging
 import math
-import os
 import select
 import shutil
 import socket
-import sys
 import tempfile
 import time
 from collections import deque
@@ -35,15 +31,16 @@ from crtk_sim_backends.dynamixel.line import Line
 from crtk_sim_backends.dynamixel.packets import Instruction
 from crtk_sim_backends.dynamixel.servo import Servo
 from crtk_sim_backends.dynamixel.tcp import TcpDoor
-from crtk_sim_backends.dynamixel.tty import Tty
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import FaultError, check_fault, read_faults, unknown
+from crtk_sim_backends.kit.tty import Tty
 from crtk_sim_backends.page import Live
 from crtk_sim_backends.process import (
     SimStartError,
     bind_somewhere,
     listen,
-    use_realtime_priority,
+    prepare_process,
+    use_exact_timers,
 )
 
 log = logging.getLogger(__name__)
@@ -52,7 +49,6 @@ _SPIN: Final = 80e-6  # s before a deadline from which on the loop does not slee
 _TICK: Final = 0.02  # s between looks at joints, faults and events while nobody asks
 _BACKLOG_LIMIT: Final = 1 << 26  # bytes of untaken answers that end a control connection
 _CLIENTS: Final = 64
-_PR_SET_TIMERSLACK: Final = 29
 
 
 class DynamixelServer:
@@ -70,7 +66,7 @@ class DynamixelServer:
     def __init__(self, config: SimConfig, parent_fd: int | None = None) -> None:
         self.config = config
         self._parent_fd = parent_fd
-        _use_exact_timers()
+        use_exact_timers()  # before the machine is measured
         self._stopping = False
         self._epoch = time.monotonic()
         self._folder: Path | None = None
@@ -185,10 +181,7 @@ class DynamixelServer:
 
     def run(self) -> None:
         """Run until :meth:`stop`, or until the parent process has died."""
-        if self.config.realtime:
-            use_realtime_priority()
-        gc.collect()
-        gc.freeze()
+        prepare_process(realtime=self.config.realtime)
         self._epoch = time.monotonic()
         tick = self._epoch
         while not self._stopping:
@@ -409,11 +402,3 @@ class DynamixelServer:
             "faults": [{"kind": fault.kind, **fault.parameters} for fault in self._faults.active],
             "servos": self._outputs([]),
         }
-
-
-def _use_exact_timers() -> None:
-    """Let this process wake up when it asked for it, and not up to 50 us later (Linux)."""
-    if sys.platform == "linux":
-        libc = ctypes.CDLL(None, use_errno=True)
-        if libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) != 0:
-            log.warning("timers stay coarse: %s", os.strerror(ctypes.get_errno()))

@@ -1,6 +1,6 @@
 """The faults that a simulated sensor box can have, as a table for fault files and injection.
 
-Those of `STREAM` happen to the datagrams of the stream, those of `WIRE` to connections of a TCP port (or of
+Those of `STREAM` happen to the datagrams of the stream, those of `wire_kinds` to a TCP port (or to
 "all"), the others to the box.
 """
 
@@ -11,8 +11,8 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from crtk_sim_backends import wire
 from crtk_sim_backends.faults import FaultKind, Parameter
+from crtk_sim_backends.kit import ALL_PORTS, wire_kinds
 from crtk_sim_backends.netft import datagrams
 from crtk_sim_backends.netft.box import Box
 from crtk_sim_backends.netft.hostile import ANSWERS
@@ -29,14 +29,11 @@ EVENTS: Final = (
 )
 """What an entry of a fault file can wait for with `when`."""
 
-ALL_PORTS: Final = "all"
 TCP_PORTS: Final = ("tcp", "http")
 
 _PORT: Final = Parameter(str, ALL_PORTS, choices=(*TCP_PORTS, ALL_PORTS))
 _ANY_PORT: Final = Parameter(str, ALL_PORTS, choices=("rdt", *TCP_PORTS, ALL_PORTS))
-_DIRECTION: Final = Parameter(str, "both", choices=("in", "out", "both"))
 _EVERY: Final = Parameter(int, 10, minimum=1)
-_SECONDS: Final = Parameter(float, minimum=0.001, maximum=3600.0)
 
 STREAM: Final[Mapping[str, Callable[[Parameters], datagrams.DatagramHook]]] = {
     "loss": lambda p: datagrams.lose(p["every"], p["burst"]),
@@ -50,30 +47,8 @@ STREAM: Final[Mapping[str, Callable[[Parameters], datagrams.DatagramHook]]] = {
 """Kinds that change the datagrams of the stream, by name."""
 
 
-def _hook(make: Callable[[Parameters], wire.WireHook]) -> Callable[[Parameters], wire.WireHook]:
-    def build(parameters: Parameters) -> wire.WireHook:
-        hook = make(parameters)
-        if parameters["direction"] == "both":
-            return hook
-        return wire.one_way(hook, wire.Direction(parameters["direction"]))
-
-    return build
-
-
-WIRE: Final[Mapping[str, Callable[[Parameters], wire.WireHook]]] = {
-    "split": _hook(lambda p: wire.split(p["size"], p["spacing"])),
-    "delay": _hook(lambda p: wire.delay(p["seconds"])),
-    "drop": _hook(lambda p: wire.drop(p["every"])),
-}
-"""Kinds that change the data of TCP connections, by name."""
-
-
 def _stream(name: str, summary: str, **parameters: Parameter) -> FaultKind:
     return FaultKind(name, summary, {"every": _EVERY, **parameters}, lasting=True)
-
-
-def _wire(name: str, summary: str, **parameters: Parameter) -> FaultKind:
-    return FaultKind(name, summary, {"port": _PORT, **parameters}, lasting=True)
 
 
 def _once(name: str, summary: str, **parameters: Parameter) -> FaultKind:
@@ -166,25 +141,7 @@ KINDS: Final[Mapping[str, FaultKind]] = {
         FaultKind(
             "closed", "a port is closed: requests are refused", {"port": _ANY_PORT}, lasting=True
         ),
-        _wire("disconnect", "connections are closed, and new ones too while it lasts"),
-        _wire(
-            "silence", "connections stay open (half-open), and nothing is read, sent or accepted"
-        ),
-        _wire("no_answer", "new connections are accepted and read, but never answered"),
-        _wire(
-            "split",
-            "data arrives in small pieces",
-            size=Parameter(int, 1, minimum=1),
-            spacing=Parameter(float, 0.0, minimum=0.0, maximum=1.0),
-            direction=_DIRECTION,
-        ),
-        _wire("delay", "data arrives late", seconds=_SECONDS, direction=_DIRECTION),
-        _wire(
-            "drop",
-            "every n-th piece of data is lost",
-            every=Parameter(int, 1, minimum=1),
-            direction=_DIRECTION,
-        ),
+        *wire_kinds(_PORT, but=("coalesce", "corrupt")).values(),
     )
 }
 """Every kind of fault, by name."""

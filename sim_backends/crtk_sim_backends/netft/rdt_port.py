@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from crtk_sim_backends.faults import Fault
+from crtk_sim_backends.kit import ALL_PORTS
 from crtk_sim_backends.netft.datagrams import DatagramHook, through
-from crtk_sim_backends.netft.injection import ALL_PORTS, STREAM
+from crtk_sim_backends.netft.injection import STREAM
 from crtk_sim_backends.netft.rdt import Address
 from crtk_sim_backends.process import AddressInUseError, SimStartError
 

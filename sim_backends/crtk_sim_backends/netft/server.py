@@ -6,8 +6,6 @@ After a late wake-up all that is due goes out at once, so that counters and the 
 
 from __future__ import annotations
 
-import contextlib
-import gc
 import logging
 import select
 import socket
@@ -23,13 +21,13 @@ from crtk_sim_backends import wire
 from crtk_sim_backends.control import token
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import Fault, FaultError, read_faults
+from crtk_sim_backends.kit import ALL_PORTS, Client, Port
 from crtk_sim_backends.netft import rdt, rdt_port, scene
 from crtk_sim_backends.netft.box import Box
 from crtk_sim_backends.netft.config import HTTP_PORT, SimConfig
 from crtk_sim_backends.netft.hostile import Hostile
 from crtk_sim_backends.netft.http import HttpSession
 from crtk_sim_backends.netft.injection import (
-    ALL_PORTS,
     BEGIN,
     END,
     EVENTS,
@@ -37,14 +35,14 @@ from crtk_sim_backends.netft.injection import (
     TCP_PORTS,
 )
 from crtk_sim_backends.netft.loads import parse_load
-from crtk_sim_backends.netft.ports import Client, Mute, Port, Requests, Session
+from crtk_sim_backends.netft.ports import Mute, Requests, Session
 from crtk_sim_backends.netft.rdt_port import RdtPort
 from crtk_sim_backends.netft.tcp import TcpSession
 from crtk_sim_backends.process import (
     SimStartError,
     bind_somewhere,
     listen,
-    use_realtime_priority,
+    prepare_process,
 )
 
 log = logging.getLogger(__name__)
@@ -57,7 +55,6 @@ _LONG_PAUSE: Final = 1.0  # s without a turn of the loop that count as a stand-s
 _BACKLOG_LIMIT: Final = 1 << 22  # bytes of untaken answers that end a connection
 _CLIENTS_PER_PORT: Final = 32
 _HIGHEST_FD: Final = 1023  # that `select` can watch
-_TIMER_SLACK: Final = Path("/proc/self/timerslack_ns")
 
 
 @dataclass
@@ -92,7 +89,7 @@ class NetFtServer:
         self._parent_fd = parent_fd
         self._stopping = False
         self._secret = token()
-        self._ports: dict[str, Port] = {}
+        self._ports: dict[str, Port[Session]] = {}
         self.host, self._rdt = bind_somewhere(config.host, self._bind)
         self.ports = {rdt_port.NAME: self._rdt.number}
         self.ports.update((name, port.number) for name, port in self._ports.items())
@@ -141,12 +138,7 @@ class NetFtServer:
 
     def run(self) -> None:
         """Run in real time until :meth:`stop`, or until the parent process has died."""
-        if self.config.realtime:
-            use_realtime_priority()
-        with contextlib.suppress(OSError):  # elsewhere than on Linux
-            _TIMER_SLACK.write_text("1000")
-        gc.collect()
-        gc.freeze()
+        prepare_process(realtime=self.config.realtime)
         last = chores = self._epoch = time.monotonic()
         self.box.sensor.clock.stand_still(last - self._now)
         while not self._stopping:
@@ -257,7 +249,7 @@ class NetFtServer:
             if not self._unreachable:
                 self.box.request(data, sender, self._now)
 
-    def _accept(self, port: Port) -> None:
+    def _accept(self, port: Port[Session]) -> None:
         while port.listener is not None:
             try:
                 sock, sender = port.listener.accept()
@@ -313,13 +305,13 @@ class NetFtServer:
             self._secret,
         )
 
-    def _receive(self, port: Port, client: Client) -> None:
+    def _receive(self, port: Port[Session], client: Client[Session]) -> None:
         if client not in port.clients:
             return  # a fault has closed it in this turn
         client.connection.read(self._now)
         self._process(port, client)
 
-    def _process(self, port: Port, client: Client) -> None:
+    def _process(self, port: Port[Session], client: Client[Session]) -> None:
         """Let a client's session take what has arrived, and send its answer."""
         connection = client.connection
         try:
@@ -330,7 +322,7 @@ class NetFtServer:
             connection.closed = True
         self._remove_if_ended(port, client)
 
-    def _remove_if_ended(self, port: Port, client: Client) -> None:
+    def _remove_if_ended(self, port: Port[Session], client: Client[Session]) -> None:
         connection = client.connection
         done = client.session.ended and not connection.has_output
         if (connection.ended or done) and client in port.clients:
@@ -350,7 +342,7 @@ class NetFtServer:
         self.box.settle(self._moment)
         self._notice()
 
-    def _push(self, port: Port, now: float) -> None:
+    def _push(self, port: Port[Session], now: float) -> None:
         """Move on what a slow peer or a delaying wire has held back, and answers that take time."""
         for client in list(port.clients):
             connection = client.connection
@@ -421,7 +413,7 @@ class NetFtServer:
             port.end(kind)
         self._watch_again = True
 
-    def _concerned(self, fault: Fault) -> list[Port]:
+    def _concerned(self, fault: Fault) -> list[Port[Session]]:
         name = fault.parameters.get("port")
         return [
             port

@@ -1,6 +1,6 @@
 """The faults that a simulated UR controller can have, as a table for fault files and injection.
 
-The kinds of `WIRE` misbehave on one port (or "all"), those of `ROBOT` happen to the controller.
+Those of `wire_kinds` happen to one port (or "all"), the others to the controller.
 `stall` freezes the whole controller: nothing is sent, received or moved.
 """
 
@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
-from crtk_sim_backends import wire
 from crtk_sim_backends.faults import FaultKind, Parameter
+from crtk_sim_backends.kit import ALL_PORTS, wire_kinds
 from crtk_sim_backends.ur.config import PORTS
 from crtk_sim_backends.ur.motion.contact import DAMPING, STIFFNESS, UP, Surface
 from crtk_sim_backends.ur.safety.modes import SafetyMode
@@ -31,23 +31,7 @@ EVENTS: Final = (
 )
 """What an entry of a fault file can wait for with `when`."""
 
-ALL_PORTS: Final = "all"
-
 _PORT: Final = Parameter(str, choices=(*PORTS, ALL_PORTS))
-_DIRECTION: Final = Parameter(str, "both", choices=("in", "out", "both"))
-_SECONDS: Final = Parameter(float, minimum=0.001, maximum=3600.0)
-_EVERY: Final = Parameter(int, 1, minimum=1)
-
-
-def _hook(make: Callable[[Parameters], wire.WireHook]) -> Callable[[Parameters], wire.WireHook]:
-    def build(parameters: Parameters) -> wire.WireHook:
-        hook = make(parameters)
-        if parameters["direction"] == "both":
-            return hook
-        return wire.one_way(hook, wire.Direction(parameters["direction"]))
-
-    return build
-
 
 REAL_OUTPUTS: Final = tuple(
     name
@@ -55,15 +39,6 @@ REAL_OUTPUTS: Final = tuple(
     if variable.type in ("DOUBLE", "VECTOR3D", "VECTOR6D")
 )
 """Outputs of RTDE that can be no number at all."""
-
-HOOKS: Final[Mapping[str, Callable[[Parameters], wire.WireHook]]] = {
-    "split": _hook(lambda p: wire.split(p["size"], p["spacing"])),
-    "coalesce": _hook(lambda p: wire.coalesce(p["seconds"])),
-    "delay": _hook(lambda p: wire.delay(p["seconds"])),
-    "corrupt": _hook(lambda p: wire.corrupt(p["every"], p["seed"])),
-    "drop": _hook(lambda p: wire.drop(p["every"])),
-}
-"""Kinds that change the data of a port, by name."""
 
 _FAILING_PROGRAM: Final = "def simulated_error():\n  values = [0]\n  textmsg(values[5])\nend\n"
 
@@ -131,10 +106,6 @@ END: Final[Mapping[str, Callable[[Controller, Parameters], object]]] = {
 """What they do when they are cleared; kinds that are not here cannot be."""
 
 
-def _wire_kind(name: str, summary: str, **parameters: Parameter) -> FaultKind:
-    return FaultKind(name, summary, {"port": _PORT, **parameters}, lasting=True)
-
-
 def _robot_kind(name: str, summary: str, **parameters: Parameter) -> FaultKind:
     return FaultKind(name, summary, parameters, lasting=name in END)
 
@@ -143,26 +114,7 @@ KINDS: Final[Mapping[str, FaultKind]] = {
     kind.name: kind
     for kind in (
         FaultKind("stall", "the whole controller hangs", {}, lasting=True),
-        _wire_kind("disconnect", "connections are closed, and new ones too while it lasts"),
-        _wire_kind("silence", "connections stay open, but nothing is read, sent or accepted"),
-        _wire_kind("no_answer", "new connections are accepted and read, but never answered"),
-        _wire_kind(
-            "split",
-            "data arrives in small pieces",
-            size=Parameter(int, 1, minimum=1),
-            spacing=Parameter(float, 0.0, minimum=0.0, maximum=1.0),
-            direction=_DIRECTION,
-        ),
-        _wire_kind("coalesce", "data arrives in lumps", seconds=_SECONDS, direction=_DIRECTION),
-        _wire_kind("delay", "data arrives late", seconds=_SECONDS, direction=_DIRECTION),
-        _wire_kind(
-            "corrupt",
-            "a byte of every n-th piece of data is changed",
-            every=Parameter(int, 10, minimum=1),
-            seed=Parameter(int, 0),
-            direction=_DIRECTION,
-        ),
-        _wire_kind("drop", "every n-th piece of data is lost", every=_EVERY, direction=_DIRECTION),
+        *wire_kinds(_PORT).values(),
         _robot_kind(
             "protective_stop",
             "the robot stops protectively",

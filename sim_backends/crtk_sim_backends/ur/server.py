@@ -23,6 +23,7 @@ from crtk_sim_backends import wire
 from crtk_sim_backends.control import ControlSession, token
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import Fault, FaultError, read_faults
+from crtk_sim_backends.kit import ALL_PORTS, Client, Mute, Port, Session
 from crtk_sim_backends.process import (
     RunningSim,
     SimStartError,
@@ -33,14 +34,13 @@ from crtk_sim_backends.process import (
 )
 from crtk_sim_backends.ur.config import SimConfig
 from crtk_sim_backends.ur.controller import Controller
-from crtk_sim_backends.ur.injection import ALL_PORTS, BEGIN, END, EVENTS, KINDS
+from crtk_sim_backends.ur.injection import BEGIN, END, EVENTS, KINDS
 from crtk_sim_backends.ur.messages import KeyMessage
 from crtk_sim_backends.ur.pace import Pace, Statistics
 from crtk_sim_backends.ur.ports import realtime
 from crtk_sim_backends.ur.ports.dashboard import GREETING, DashboardSession, Robot
 from crtk_sim_backends.ur.ports.external import ExternalDevices
 from crtk_sim_backends.ur.ports.interpreter_port import InterpreterSession
-from crtk_sim_backends.ur.ports.listening import Client, Mute, Port, Session
 from crtk_sim_backends.ur.ports.primary import (
     STATE_PERIOD,
     RobotStateEncoder,
@@ -107,10 +107,10 @@ class UrServer:
         self._stopping = False
         self._secret = token()
         self._elapsed = 0.0  # s of the controller since the start, what it hangs included
-        self._ports: dict[str, Port] = {}
+        self._ports: dict[str, Port[Session]] = {}
         self.host, _ = bind_somewhere(config.host, self._bind)
-        self.ports = {name: port.listener.getsockname()[1] for name, port in self._ports.items()}
-        self._by_fd: dict[int, Port | tuple[Port, Client]] = {}
+        self.ports = {name: port.number for name, port in self._ports.items()}
+        self._by_fd: dict[int, Port[Session] | tuple[Port[Session], Client[Session]]] = {}
         self._watched: list[int] = []
         self._watch_again = True  # connections came, went, or must not be read any more
 
@@ -199,7 +199,7 @@ class UrServer:
         numbers = {**self.config.ports, CONTROL: self.config.control_port}
         try:
             for name, number in numbers.items():
-                self._ports[name] = Port(name, listen(host, number, name), self._greeting(name))
+                self._ports[name] = Port(name, listen(host, number, name))
         except SimStartError:
             self._close_ports()
             raise
@@ -209,13 +209,13 @@ class UrServer:
         yield from self._rpc.builtins()
         yield from modbus_builtins(controller, self._modbus_units)
 
-    def _greeting(self, name: str) -> Callable[[], bytes]:
-        greetings = {
+    def _greeting(self, name: str) -> bytes:
+        greetings: dict[str, Callable[[], bytes]] = {
             "dashboard": lambda: GREETING,
             **dict.fromkeys(("primary", "primary_read_only"), self._primary_greeting),
             **dict.fromkeys(("secondary", "secondary_read_only"), self._secondary_greeting),
         }
-        return greetings.get(name, bytes)
+        return greetings.get(name, bytes)()
 
     def _primary_greeting(self) -> bytes:
         config, time = self.config, self.controller.time
@@ -251,7 +251,8 @@ class UrServer:
         for port in self._ports.values():
             for client in port.clients:
                 client.connection.close()
-            port.listener.close()
+            port.clients.clear()  # a program that was not complete is not run now
+            port.close()
         self._ports.clear()
 
     def run(self) -> None:
@@ -304,7 +305,7 @@ class UrServer:
         self._serve_tool(now)
         self._sockets.flush()
 
-    def _do_requests(self, now: float) -> list[tuple[Client, bytes]]:
+    def _do_requests(self, now: float) -> list[tuple[Client[Session], bytes]]:
         """Do what was asked on the control socket; it is answered once that has taken effect."""
         answers = []
         for client in self._ports[CONTROL].clients:
@@ -352,7 +353,8 @@ class UrServer:
         for port in self._ports.values():
             if port.silent or (self._stalled and port.name != CONTROL):
                 continue
-            self._by_fd[port.listener.fileno()] = port
+            if port.listener is not None:
+                self._by_fd[port.listener.fileno()] = port
             for client in port.clients:
                 if not client.connection.ended:
                     self._by_fd[client.connection.fileno()] = (port, client)
@@ -360,8 +362,8 @@ class UrServer:
         if self._parent_fd is not None:
             self._watched.append(self._parent_fd)
 
-    def _accept(self, port: Port, now: float) -> None:
-        while True:
+    def _accept(self, port: Port[Session], now: float) -> None:
+        while port.listener is not None:
             try:
                 sock, _ = port.listener.accept()
             except BlockingIOError:
@@ -375,11 +377,11 @@ class UrServer:
                 continue
             self._welcome(port, sock, now)
 
-    def _limit(self, port: Port) -> int:
+    def _limit(self, port: Port[Session]) -> int:
         """How many clients a port lets in."""
         return self._external.tool_clients if port.name == "tool" else _CLIENTS_PER_PORT
 
-    def _welcome(self, port: Port, sock: socket.socket, now: float) -> None:
+    def _welcome(self, port: Port[Session], sock: socket.socket, now: float) -> None:
         """Make a client of an accepted connection."""
         limit = _CONTROL_BACKLOG_LIMIT if port.name == CONTROL else _BACKLOG_LIMIT
         try:
@@ -393,11 +395,11 @@ class UrServer:
         number = self.statistics.accepted
         mute = "no_answer" in port.faults
         session = Mute() if mute else self._session(port.name, number)
-        port.add(Client(number, connection, session))
+        port.add(Client(connection, session, number))
         self._watch_again = True
         self._event(f"{port.name}_connected")
         if not mute:
-            connection.send(port.greet(), now)
+            connection.send(self._greeting(port.name), now)
 
     def _session(self, name: str, number: int) -> Session:
         match name:
@@ -433,12 +435,12 @@ class UrServer:
         read_only = name not in _WRITABLE or (name in _DECIDED_ONCE and not self.controller.remote)
         return ScriptSession(self._scripts.refuse if read_only else self._scripts.put)
 
-    def _process(self, port: Port, client: Client, now: float) -> None:
+    def _process(self, port: Port[Session], client: Client[Session], now: float) -> None:
         """Let a client's session take what has arrived, and send its answer."""
         client.connection.send(self._answer(port.name, client, now), now)
         self._remove_if_ended(port, client)
 
-    def _answer(self, port: str, client: Client, now: float) -> bytes:
+    def _answer(self, port: str, client: Client[Session], now: float) -> bytes:
         """What a client's session answers to what has arrived."""
         connection = client.connection
         try:
@@ -452,11 +454,11 @@ class UrServer:
         connection.close()
         return b""
 
-    def _remove_if_ended(self, port: Port, client: Client) -> None:
+    def _remove_if_ended(self, port: Port[Session], client: Client[Session]) -> None:
         if client.connection.ended or client.session.ended:
             self._remove(port, client)
 
-    def _remove(self, port: Port, client: Client) -> None:
+    def _remove(self, port: Port[Session], client: Client[Session]) -> None:
         port.clients.remove(client)
         client.connection.close()
         self._watch_again = True
@@ -466,13 +468,13 @@ class UrServer:
             self.statistics.defects += 1
             log.exception("a defect of the simulator, as %s client %d went", port, client.number)
 
-    def _disconnect(self, port: Port) -> None:
+    def _disconnect(self, port: Port[Session]) -> None:
         for client in list(port.clients):
             self._remove(port, client)
 
     # Sending
 
-    def _push(self, port: Port, now: float) -> None:
+    def _push(self, port: Port[Session], now: float) -> None:
         """Move on what a slow peer or a delaying wire has held back."""
         for client in list(port.clients):
             client.connection.flush(now)
@@ -565,9 +567,9 @@ class UrServer:
         elif fault.kind in BEGIN:
             BEGIN[fault.kind](self.controller, fault.parameters)
         for port in self._concerned(fault):
-            port.begin(fault)
             if fault.kind == "disconnect":
                 self._disconnect(port)
+            port.begin(fault)
         if fault.kind == "disconnect" and fault.duration is None:
             self._faults.end(fault)
 
@@ -579,7 +581,7 @@ class UrServer:
         for port in self._concerned(fault):
             port.end(fault.kind)
 
-    def _concerned(self, fault: Fault) -> list[Port]:
+    def _concerned(self, fault: Fault) -> list[Port[Session]]:
         name = fault.parameters.get("port")
         return [
             port
@@ -655,7 +657,7 @@ class UrServer:
             "outputs": dict(controller.outputs),
         }
 
-    def _connections(self, port: Port) -> list[dict[str, Any]]:
+    def _connections(self, port: Port[Session]) -> list[dict[str, Any]]:
         return [
             {
                 "number": client.number,
@@ -669,7 +671,7 @@ class UrServer:
         ]
 
 
-def _waits(client: Client) -> bool:
+def _waits(client: Client[Session]) -> bool:
     """Whether a client's command is not answered yet."""
     return (
         isinstance(client.session, RobotApiSession | InterpreterSession) and client.session.waiting

@@ -1,6 +1,10 @@
-"""The mechanics of the simulated stage."""
+"""The simulated stage: its mechanics, and what it understands."""
 
 from __future__ import annotations
+
+from typing import Any
+
+from crtk_sim_backends.kit import Fault, FaultKind
 
 SPEED = 0.5
 ACCELERATION = 2.0
@@ -8,6 +12,9 @@ GAIN = 25.0
 """1/s: how fast a position error is made up."""
 SILENCE = 0.2
 """Seconds without a line after which the stage stops."""
+
+
+KINDS = {"overload": FaultKind("overload", "the motor is overloaded", lasting=True)}
 
 
 class Stage:
@@ -18,6 +25,7 @@ class Stage:
     """
 
     def __init__(self, travel: float) -> None:
+        self.kinds = KINDS
         self.travel = travel
         self.position = travel / 2.0
         self.velocity = 0.0
@@ -25,11 +33,23 @@ class Stage:
         self.fault = ""
         self._target: float | None = None
         self._speed = 0.0
-        self._heard = 0.0
+        self._silent_for = 0.0
 
-    def obey(self, line: str, now: float) -> None:
+    def begin(self, fault: Fault) -> None:
+        """Fail: there is one kind only."""
+        self.fault = "motor overload"
+
+    def end(self, fault: Fault) -> None:
+        """Be well again."""
+        self.fault = ""
+
+    def status(self) -> dict[str, Any]:
+        """What a test or a person wants to know."""
+        return {"position": self.position, "velocity": self.velocity, "powered": self.powered}
+
+    def obey(self, line: str) -> None:
         """Carry out one line of the host."""
-        self._heard = now
+        self._silent_for = 0.0
         word, _, value = line.partition(" ")
         if word == "ON":
             self.powered = not self.fault
@@ -42,9 +62,10 @@ class Stage:
         elif word == "V" and self.powered:
             self._target, self._speed = None, float(value)
 
-    def advance(self, now: float, step: float) -> None:
+    def advance(self, step: float) -> None:
         """Let `step` seconds pass."""
-        if not self.powered or self.fault or now - self._heard > SILENCE:
+        self._silent_for += step
+        if not self.powered or self.fault or self._silent_for > SILENCE:
             self._target, self._speed = None, 0.0
         wanted = self._speed if self._target is None else GAIN * (self._target - self.position)
         wanted = min(max(wanted, -SPEED), SPEED)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from crtk_sim_backends.kit import Session
 from crtk_sim_backends.process import SimStartError
-from crtk_sim_backends.ur.ports.listening import Session
 from crtk_sim_backends.ur.ports.tool_port import ToolPort, ToolSession
 from crtk_sim_backends.ur.signals.tool_device import ToolDevice
 from crtk_sim_backends.ur.signals.tool_line import LineSettings

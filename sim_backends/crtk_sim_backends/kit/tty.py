@@ -12,7 +12,7 @@ import tty
 from pathlib import Path
 from typing import Final
 
-from crtk_sim_backends.dynamixel.openings import Openings
+from crtk_sim_backends.kit.openings import Openings
 from crtk_sim_backends.process import SimStartError
 
 _READ_SIZE: Final = 65536

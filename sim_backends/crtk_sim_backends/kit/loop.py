@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import os
 import select
 import time
 from collections.abc import Callable
@@ -35,13 +36,35 @@ class Timer:
 
 
 class Loop:
-    """Waits for file descriptors and times. Not thread-safe: everything happens in one thread."""
+    """Waits for file descriptors and times. Everything happens in one thread; only `stop` is for others.
+
+    Attributes:
+        stopped: whether `stop` was called.
+    """
 
     def __init__(self) -> None:
+        self.stopped = False
         self._epoll = select.epoll()
         self._ready: dict[int, Callable[[int], object]] = {}  # by file descriptor
         self._timers: list[tuple[float, int, Timer]] = []
         self._count = itertools.count()
+        self._wake_read, self._wake_write = os.pipe()
+        os.set_blocking(self._wake_read, False)
+        os.set_blocking(self._wake_write, False)
+        self.watch(self._wake_read, lambda _: os.read(self._wake_read, 4096))
+
+    def run(self) -> None:
+        """Do what there is to do until `stop`."""
+        while not self.stopped:
+            self.step(None)
+
+    def stop(self) -> None:
+        """Let `run` return; may be called from any thread and from a signal handler."""
+        self.stopped = True
+        try:
+            os.write(self._wake_write, b"x")
+        except BlockingIOError:
+            return  # it is awake already
 
     def watch(self, fd: int, ready: Callable[[int], object], events: int = READ) -> None:
         """Call `ready` with READ, WRITE or both whenever `fd` is; replaces what was there."""
@@ -96,6 +119,41 @@ class Loop:
                 function()
 
     def close(self) -> None:
-        """Close it, not what it watches."""
+        """Close it, not what it watches; safe to repeat."""
         self._timers.clear()
-        self._epoll.close()
+        if self._wake_read >= 0:
+            self._epoll.close()
+            os.close(self._wake_read)
+            os.close(self._wake_write)
+            self._wake_read = self._wake_write = -1
+
+
+class Ticker:
+    """Calls a function at a rate; what it is late by is made up for, up to `BEHIND`. Begins at once.
+
+    Args:
+        loop: that calls it.
+        period: s.
+        tick: is called.
+    """
+
+    BEHIND: Final = 0.02  # s
+
+    def __init__(self, loop: Loop, period: float, tick: Callable[[], object]) -> None:
+        self._loop = loop
+        self._period = period
+        self._tick = tick
+        self._at = time.monotonic()
+        self._timer = loop.call_at(self._at, self._run)
+
+    def _run(self) -> None:
+        now = time.monotonic()
+        self._at = max(self._at, now - self.BEHIND)
+        while self._at <= now:
+            self._tick()
+            self._at += self._period
+        self._timer = self._loop.call_at(self._at, self._run)
+
+    def stop(self) -> None:
+        """Do not call it any more; safe to repeat."""
+        self._timer.cancel()

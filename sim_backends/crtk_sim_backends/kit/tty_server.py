@@ -1,0 +1,97 @@
+"""A serial line in a loop: a pseudo-terminal whose client talks to a session."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+from crtk_sim_backends.faults import Fault
+from crtk_sim_backends.kit.loop import Loop
+from crtk_sim_backends.kit.ports import Session
+from crtk_sim_backends.kit.tty import Tty
+from crtk_sim_backends.process import SimStartError
+
+log = logging.getLogger(__name__)
+
+
+class TtyServer:
+    """One serial line. A new client has a new session.
+
+    Args:
+        loop: in which it lives.
+        link: path of the symbolic link by which clients find it.
+        session: makes that of a new client.
+
+    Raises:
+        SimStartError: the link cannot be made.
+    """
+
+    def __init__(self, loop: Loop, link: Path, session: Callable[[], Session]) -> None:
+        self._loop = loop
+        self._tty = Tty(link)
+        self._make_session = session
+        self._session = session()
+        self._silent = False
+        self._plug()
+
+    @property
+    def path(self) -> str:
+        """Of the link."""
+        return str(self._tty.link)
+
+    @property
+    def clients(self) -> int:
+        """How many have it open."""
+        return self._tty.clients
+
+    def send(self, data: bytes) -> None:
+        """Send to whoever has it open; what its buffer does not take is lost."""
+        if self._tty.plugged and self._tty.clients and not self._silent:
+            self._tty.write(data)
+
+    def begin(self, fault: Fault) -> None:
+        """Let the line be unplugged (disconnect), or lose all that crosses it (silence)."""
+        if fault.kind == "disconnect":
+            self._unplug()
+        elif fault.kind == "silence":
+            self._silent = True
+
+    def end(self, fault: Fault) -> None:
+        """Let it end."""
+        if fault.kind == "silence":
+            self._silent = False
+        elif fault.kind == "disconnect":
+            try:
+                self._plug()
+            except SimStartError as error:
+                log.error("it stays unplugged: %s", error)
+
+    def close(self) -> None:
+        """Take the line away; safe to repeat."""
+        self._unplug()
+
+    def _plug(self) -> None:
+        self._tty.plug()
+        self._loop.watch(self._tty.fileno(), self._receive)
+        if self._tty.openings is not None:
+            self._loop.watch(self._tty.openings.fileno(), self._look)
+
+    def _unplug(self) -> None:
+        if self._tty.plugged:
+            self._loop.forget(self._tty.fileno())
+            if self._tty.openings is not None:
+                self._loop.forget(self._tty.openings.fileno())
+            self._tty.unplug()
+            self._session.close()
+
+    def _look(self, events: int) -> None:
+        self._tty.look()
+        if not self._tty.clients:
+            self._session.close()
+            self._session = self._make_session()
+
+    def _receive(self, events: int) -> None:
+        data = self._tty.read()
+        if data and not self._silent:
+            self.send(self._session.receive(data))
