@@ -32,9 +32,9 @@ Cycle = Callable[[], int]
 def ours(port: str, baud: int, ids: list[int], fast: bool) -> Iterator[Cycle]:
     """Our transaction layer."""
     from crtk_driver_dynamixel.bus import Bus, ServoLink
-    from crtk_driver_dynamixel.port import Port
+    from crtk_drivers.kit.serial_port import SerialPort
 
-    bus = Bus(Port(port, baud), dict.fromkeys(ids, ServoLink(return_delay=0.0)))
+    bus = Bus(SerialPort(port, baud), dict.fromkeys(ids, ServoLink(return_delay=0.0)))
     bus.open()
     goals = np.full(len(ids), 2048, "<i4")
     record = np.dtype([("current", "<i2"), ("velocity", "<i4"), ("position", "<i4")])

@@ -7,7 +7,7 @@ import time
 import tty
 
 from crtk_driver_dynamixel.bus import Bus, ServoLink
-from crtk_driver_dynamixel.port import Port
+from crtk_drivers.kit.serial_port import SerialPort
 
 WAIT = 10.0
 FAST = 100_000_000
@@ -93,6 +93,6 @@ def request_size(buffer):
 def open_bus(peer, links=None, *, budget=0.2, baud=FAST):
     """A bus on a peer whose servos answer at once; at any slow rate nobody could."""
     known = {id: ServoLink(return_delay=0.0) for id in range(1, 20)} | (links or {})
-    bus = Bus(Port(peer.name, baud), known, latency_budget=budget)
+    bus = Bus(SerialPort(peer.name, baud), known, latency_budget=budget)
     bus.open()
     return bus

@@ -11,9 +11,9 @@ import tty
 import pytest
 
 from crtk_driver_dynamixel.bus import Bus
-from crtk_driver_dynamixel.latency import Latency
-from crtk_driver_dynamixel.port import Port, stable_name
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, DeviceError
+from crtk_drivers.kit.latency import Latency
+from crtk_drivers.kit.serial_port import SerialPort, stable_name
 
 WAIT = 20.0
 
@@ -52,7 +52,7 @@ def terminal():
 
 def test_bytes_cross_it_as_they_are(terminal):
     every = bytes(range(256))
-    with Port(terminal.name) as port:
+    with SerialPort(terminal.name) as port:
         port.write(every)
         assert terminal.hear(256) == every
         os.write(terminal.master, every)
@@ -64,21 +64,21 @@ def test_bytes_cross_it_as_they_are(terminal):
 
 
 def test_nothing_comes_before_the_deadline(terminal):
-    with Port(terminal.name) as port:
+    with SerialPort(terminal.name) as port:
         deadline = time.monotonic() + 0.02
         assert port.read(deadline) == b""
         assert time.monotonic() >= deadline
 
 
 def test_a_last_look_after_the_deadline(terminal):
-    with Port(terminal.name) as port:
+    with SerialPort(terminal.name) as port:
         os.write(terminal.master, b"in time")
         assert select.select([port._fd], [], [], WAIT)[0]
         assert port.read(time.monotonic() - 1.0) == b"in time"
 
 
 def test_waiting_costs_no_cpu(terminal):
-    with Port(terminal.name) as port:
+    with SerialPort(terminal.name) as port:
         before = time.thread_time()
         port.read(time.monotonic() + 0.3)
         assert time.thread_time() - before < 0.1
@@ -86,13 +86,13 @@ def test_waiting_costs_no_cpu(terminal):
 
 @pytest.mark.parametrize("baud", [57_600, 1_000_000, 4_000_000, 4_500_000, 123_457])
 def test_any_rate(terminal, baud):
-    with Port(terminal.name, baud) as port:
+    with SerialPort(terminal.name, baud) as port:
         assert port.wire_time(100) == pytest.approx(1000.0 / baud)
         assert f"{baud} bit/s" in port.where
 
 
 def test_the_rate_can_be_changed(terminal):
-    with Port(terminal.name) as port:
+    with SerialPort(terminal.name) as port:
         port.set_baud(57_600)
         assert port.baud == 57_600
         with pytest.raises(DeviceError, match="-1 bit/s refused"):
@@ -107,7 +107,7 @@ def test_a_long_message_waits_for_the_adapter(terminal):
     data = os.urandom(50_000)
     heard = []
     reader = threading.Thread(target=lambda: heard.append(terminal.hear(len(data))))
-    with Port(terminal.name) as port:
+    with SerialPort(terminal.name) as port:
         reader.start()
         port.write(data)
         reader.join(WAIT)
@@ -115,22 +115,25 @@ def test_a_long_message_waits_for_the_adapter(terminal):
 
 
 def test_an_adapter_that_takes_nothing(terminal):
-    with Port(terminal.name, 100_000_000) as port, pytest.raises(ConnectionLost, match="no bytes"):
+    with (
+        SerialPort(terminal.name, 100_000_000) as port,
+        pytest.raises(ConnectionLost, match="no bytes"),
+    ):
         port.write(bytes(1_000_000))
 
 
 def test_one_process_opens_it_once(terminal):
-    with Port(terminal.name), pytest.raises(ConnectionFailed) as caught:
-        Port(terminal.name).open()
+    with SerialPort(terminal.name), pytest.raises(ConnectionFailed) as caught:
+        SerialPort(terminal.name).open()
     for part in (terminal.name, f"process {os.getpid()}", "this one", "one master"):
         assert part in str(caught.value)
-    Port(terminal.name).open()  # a port that is closed is free
+    SerialPort(terminal.name).open()  # a port that is closed is free
 
 
 HOLD = """
 import sys
-from crtk_driver_dynamixel.port import Port
-with Port(sys.argv[1]):
+from crtk_drivers.kit.serial_port import SerialPort
+with SerialPort(sys.argv[1]):
     print("open", flush=True)
     sys.stdin.read()
 """
@@ -143,35 +146,35 @@ def test_another_process_is_named(terminal):
     ) as other:
         assert other.stdout.readline() == "open\n"
         with pytest.raises(ConnectionFailed) as caught:
-            Port(terminal.name).open()
+            SerialPort(terminal.name).open()
         assert f"process {other.pid} ({sys.executable} -c" in str(caught.value)
         other.kill()
-    with Port(terminal.name):  # it died with the port open
+    with SerialPort(terminal.name):  # it died with the port open
         pass
 
 
 def test_a_port_that_is_not_there(tmp_path):
     by_id = tmp_path / "by-id"
     with pytest.raises(ConnectionFailed, match="No USB serial adapter"):
-        Port(tmp_path / "ttyUSB9", by_id=by_id).open()
+        SerialPort(tmp_path / "ttyUSB9", by_id=by_id).open()
     by_id.mkdir()
     (by_id / "usb-FTDI-if00").symlink_to("/dev/null")
     with pytest.raises(ConnectionFailed, match="usb-FTDI-if00"):
-        Port(tmp_path / "ttyUSB9", by_id=by_id).open()
+        SerialPort(tmp_path / "ttyUSB9", by_id=by_id).open()
 
 
 def test_a_file_is_no_port(tmp_path):
     file = tmp_path / "file"
     file.touch()
     with pytest.raises(ConnectionFailed, match="cannot be opened"):
-        Port(file).open()
+        SerialPort(file).open()
 
 
 @pytest.mark.parametrize(
     "use", [lambda port: port.read(time.monotonic() + WAIT), lambda port: port.write(b"a")]
 )
 def test_it_is_unplugged(terminal, use):
-    with Port(terminal.name) as port:
+    with SerialPort(terminal.name) as port:
         terminal.unplug()
         with pytest.raises(ConnectionLost, match=r"adapter is gone.*plugged in"):
             use(port)
@@ -184,7 +187,7 @@ def test_it_is_found_again_by_its_stable_name(tmp_path):
     by_id.mkdir()
     link = by_id / "usb-FTDI_U2D2-if00-port0"
     first = Terminal(link)
-    port = Port(first.name, by_id=by_id)
+    port = SerialPort(first.name, by_id=by_id)
     port.open()
     port.close()
     second = Terminal(link)  # while the first is still there, so that the name differs
@@ -202,7 +205,7 @@ def test_it_is_found_again_by_its_stable_name(tmp_path):
 
 
 def test_the_latency_timer_is_part_of_the_deadlines(terminal):
-    bus = Bus(Port(terminal.name), latency_budget=0.004)
+    bus = Bus(SerialPort(terminal.name), latency_budget=0.004)
     assert bus.latency_budget == 0.004
     bus.port.latency = Latency(16)
     assert bus.latency_budget == pytest.approx(0.018)

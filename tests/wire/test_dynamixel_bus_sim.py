@@ -8,9 +8,9 @@ import pytest
 
 from crtk_driver_dynamixel.bus import Bus, ServoLink
 from crtk_driver_dynamixel.groups import TRY_EVERY
-from crtk_driver_dynamixel.port import Port
 from crtk_driver_dynamixel.replies import Failure, ServoRefused, ServoSilent
 from crtk_drivers.errors import ConnectionLost
+from crtk_drivers.kit.serial_port import SerialPort
 from crtk_sim_backends.dynamixel import SIM
 from crtk_sim_backends.dynamixel.injection import stuffing_values
 
@@ -37,7 +37,7 @@ def open_bus(sim, number=1, *, budget=PATIENCE):
     links = dict.fromkeys(MODERN, ServoLink(return_delay=0.0))
     if number == 1:
         links |= dict.fromkeys(LEGACY, ServoLink(1, 0.0))
-    bus = Bus(Port(sim.ttys[f"bus{number}"]), links, latency_budget=budget)
+    bus = Bus(SerialPort(sim.ttys[f"bus{number}"]), links, latency_budget=budget)
     bus.open()
     return bus
 

@@ -15,9 +15,9 @@ from dynamixel_bench import LONG, DynamixelBench, arm_values, driver_at, eventua
 from crtk_driver_dynamixel import PLUGIN, protocol2
 from crtk_driver_dynamixel.bus import Bus
 from crtk_driver_dynamixel.config import BusConfig
-from crtk_driver_dynamixel.port import Port
 from crtk_drivers.config import from_values, load
 from crtk_drivers.errors import ConfigError, ConnectionFailed, ConnectionLost, DeviceError
+from crtk_drivers.kit.serial_port import SerialPort
 from crtk_sim_backends.dynamixel import SIM, RunningSim
 
 WAIT = 20.0
@@ -52,7 +52,7 @@ def server() -> Iterator[Server]:
 
 def test_bytes_cross_it_as_they_are(server: Server) -> None:
     every = bytes(range(256))
-    with Port(server.url) as port:
+    with SerialPort(server.url) as port:
         client = server.accept()
         port.write(every)
         assert client.recv(256, socket.MSG_WAITALL) == every
@@ -68,7 +68,7 @@ def test_bytes_cross_it_as_they_are(server: Server) -> None:
 
 
 def test_a_server_that_hangs_up_is_a_lost_line_and_is_found_again(server: Server) -> None:
-    with Port(server.url) as port:
+    with SerialPort(server.url) as port:
         server.accept().close()
         with pytest.raises(ConnectionLost, match="connection is gone"):
             port.read(time.monotonic() + WAIT)
@@ -78,13 +78,13 @@ def test_a_server_that_hangs_up_is_a_lost_line_and_is_found_again(server: Server
 
 
 def test_a_server_that_takes_no_bytes_is_a_lost_line(server: Server) -> None:
-    with Port(server.url, 4_000_000) as port:
+    with SerialPort(server.url, 4_000_000) as port:
         server.accept()
         with pytest.raises(ConnectionLost, match="takes no bytes"):
             _fill(port)
 
 
-def _fill(port: Port) -> None:
+def _fill(port: SerialPort) -> None:
     """Write until the buffers of both ends are full."""
     while True:
         port.write(bytes(65536))
@@ -93,11 +93,11 @@ def _fill(port: Port) -> None:
 def test_nobody_there(server: Server) -> None:
     server.close()
     with pytest.raises(ConnectionFailed, match="server cannot be reached"):
-        Port(server.url).open()
+        SerialPort(server.url).open()
 
 
 def test_its_rate_is_the_servers(server: Server) -> None:
-    with Port(server.url) as port:
+    with SerialPort(server.url) as port:
         port.set_baud(1_000_000)
         with pytest.raises(DeviceError, match="set at the server"):
             port.set_baud(57_600)
@@ -127,8 +127,8 @@ def url_of(sim: RunningSim, bus: str = "bus1") -> str:
 
 def test_both_ways_lead_to_the_same_servos_and_who_asks_is_answered(sim: RunningSim) -> None:
     ways = (
-        Bus(Port(url_of(sim)), latency_budget=1.0),
-        Bus(Port(sim.ttys["bus1"]), latency_budget=1.0),
+        Bus(SerialPort(url_of(sim)), latency_budget=1.0),
+        Bus(SerialPort(sim.ttys["bus1"]), latency_budget=1.0),
     )
     for bus in ways:
         bus.open()
@@ -146,12 +146,12 @@ def test_both_ways_lead_to_the_same_servos_and_who_asks_is_answered(sim: Running
 
 
 def test_one_client_at_a_time(sim: RunningSim) -> None:
-    with Port(url_of(sim)) as first, Port(url_of(sim)) as second:
+    with SerialPort(url_of(sim)) as first, SerialPort(url_of(sim)) as second:
         with pytest.raises(ConnectionLost, match=r"hung up|reset"):
             second.read(time.monotonic() + WAIT)
         first.write(protocol2.ping(1))
         assert first.read(time.monotonic() + WAIT).startswith(b"\xff\xff\xfd\x00\x01")
-    with Port(url_of(sim)) as third:
+    with SerialPort(url_of(sim)) as third:
         third.write(protocol2.ping(2))
         assert third.read(time.monotonic() + WAIT).startswith(b"\xff\xff\xfd\x00\x02")
 

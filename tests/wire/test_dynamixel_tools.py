@@ -13,10 +13,10 @@ from crtk_driver_dynamixel import PLUGIN
 from crtk_driver_dynamixel.bus import Bus
 from crtk_driver_dynamixel.calibration import load_calibration
 from crtk_driver_dynamixel.config import DynamixelConfig
-from crtk_driver_dynamixel.port import Port
 from crtk_drivers.cli import main
 from crtk_drivers.config import from_file, from_values, load
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.kit.serial_port import SerialPort
 from crtk_sim_backends.dynamixel import SIM
 from crtk_sim_backends.process import RunningSim
 
@@ -134,7 +134,7 @@ ADDRESSES = {
 
 def registers(sim: RunningSim, id: int) -> dict[str, int]:
     """What a servo says of its limits on the wire."""
-    with closing(Bus(Port(sim.ttys["bus1"]), latency_budget=1.0)) as bus:
+    with closing(Bus(SerialPort(sim.ttys["bus1"]), latency_budget=1.0)) as bus:
         bus.open()
         return {
             name: int.from_bytes(bus.read(id, address, 2), "little")

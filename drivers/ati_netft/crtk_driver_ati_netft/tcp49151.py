@@ -7,17 +7,15 @@ at a few hundred readings per second. It also tells units and scale where the we
 
 from __future__ import annotations
 
-import errno
-import select
 import struct
 import time
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from crtk_driver_ati_netft import units
-from crtk_driver_ati_netft.tcp_socket import TcpSocket
 from crtk_driver_ati_netft.units import Scale
-from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
+from crtk_drivers.errors import ConnectionFailed, ProtocolError
+from crtk_drivers.kit import TcpTransport
 from crtk_drivers.samples import Vector, vector
 
 PORT: Final = 49151
@@ -28,6 +26,7 @@ _BIAS, _CLEAR_LATCH = 1, 2
 
 _READING = struct.Struct(">HH6h")
 _CALIBRATION = struct.Struct(">HBBII6H")
+_ON = "Check the address, the cable, and that the sensor is on."
 _REMEDY = "Is this the TCP port (49151) of a NetFT sensor?"
 
 
@@ -107,11 +106,9 @@ class TcpChannel:
     def __init__(
         self, host: str, port: int = PORT, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self.where = f"TCP {host}:{port}"
-        self._address = (host, port)
+        self._connection = TcpTransport(host, port, remedy=_ON, clock=clock)
+        self.where = self._connection.where
         self._clock = clock
-        self._aborted = False
-        self._connection = TcpSocket(lambda: self._aborted, clock)
         self._reply = bytearray()
         self._asked_at = 0.0
         self._asked = False
@@ -122,19 +119,11 @@ class TcpChannel:
         Raises:
             ConnectionFailed: not by the monotonic `deadline`.
         """
-        try:
-            self._connection.connect(*self._address, deadline)
-        except OSError as error:
-            self._connection.close()
-            raise ConnectionFailed(
-                f"cannot connect: {error.strerror or error}",
-                where=self.where,
-                remedy="Check the address, the cable, and that the sensor is on.",
-            ) from error
+        self._connection.open(deadline)
 
     def abort(self) -> None:
         """End what waits, from any thread; later calls fail."""
-        self._aborted = True
+        self._connection.abort()
 
     def close(self) -> None:
         """Disconnect. May be called twice."""
@@ -194,34 +183,16 @@ class TcpChannel:
             raise ProtocolError(str(error), where=self.where, remedy=_REMEDY) from error
 
     def _ask(self, request: bytes) -> None:
-        try:
-            if self._connection.peer.send(request) != len(request):
-                raise BlockingIOError(errno.EAGAIN, "its buffer is full")
-        except OSError as error:
-            raise self._lost(error.strerror or str(error)) from error
+        self._connection.write(request)
         self._asked, self._asked_at = True, self._clock()
 
     def _await(self, size: int, deadline: float) -> bytes | None:
         while len(self._reply) < size:
-            try:
-                if not self._connection.wait(select.POLLIN, deadline):
-                    return None
-                piece = self._connection.peer.recv(size - len(self._reply))
-            except BlockingIOError:
-                continue
-            except OSError as error:
-                raise self._lost(error.strerror or str(error)) from error
+            piece = self._connection.read(deadline, size - len(self._reply))
             if not piece:
-                raise self._lost("the sensor closed the connection")
+                return None
             self._reply += piece
         reply = bytes(self._reply)
         self._reply.clear()
         self._asked = False
         return reply
-
-    def _lost(self, what: str) -> ConnectionLost:
-        return ConnectionLost(
-            f"the connection is gone: {what}",
-            where=self.where,
-            remedy="Is the sensor on? The driver connects again by itself.",
-        )

@@ -7,8 +7,6 @@ silently: what counts is what `WebPages.read` says afterwards.
 
 from __future__ import annotations
 
-import errno
-import select
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
@@ -21,8 +19,8 @@ from crtk_driver_ati_netft.calibration import (
     read_calibration,
     read_sensor,
 )
-from crtk_driver_ati_netft.tcp_socket import TcpSocket
-from crtk_drivers.errors import ConnectionFailed, ProtocolError
+from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
+from crtk_drivers.kit import ClosedByPeer, TcpTransport
 
 SENSOR_PAGE: Final = "/netftapi2.xml"
 
@@ -124,32 +122,35 @@ class WebPages:
         until = self._clock() + self._timeout
         until = until if deadline is None else min(until, deadline)
         request = f"GET {path} HTTP/1.0\r\nHost: {self.host}\r\nConnection: close\r\n\r\n"
-        connection = TcpSocket(lambda: self._aborted, self._clock)
+        connection = TcpTransport(
+            self.host, self.port, aborted=lambda: self._aborted, clock=self._clock
+        )
         try:
             if until <= self._clock():
-                raise TimeoutError(errno.ETIMEDOUT, "no time left; not asked in time")
-            connection.connect(self.host, self.port, until)
-            connection.peer.send(request.encode("ascii"))
+                raise ConnectionFailed("no time left; not asked in time")
+            connection.open(until)
+            connection.write(request.encode("ascii"))
             answer = self._receive(connection, until)
-        except OSError as error:
+        except (ConnectionFailed, ConnectionLost) as error:
             raise ConnectionFailed(
-                f"GET {path}: {error.strerror or error}", where=self.where, remedy=_ON
+                f"GET {path}: {error.message}", where=self.where, remedy=_ON
             ) from error
         finally:
             connection.close()
         return self._body(answer, path)
 
     @staticmethod
-    def _receive(connection: TcpSocket, until: float) -> bytes:
+    def _receive(connection: TcpTransport, until: float) -> bytes:
         """Return everything up to the end of the answer."""
         data = bytearray()
         complete = _LONGEST_ANSWER
         while len(data) < complete:
-            if not connection.wait(select.POLLIN, until):
-                raise TimeoutError(errno.ETIMEDOUT, "no complete answer in time")
-            piece = connection.peer.recv(65536)
-            if not piece:
+            try:
+                piece = connection.read(until)
+            except ClosedByPeer:
                 break
+            if not piece:
+                raise ConnectionFailed("no complete answer in time")
             searched = max(0, len(data) - 3)
             data += piece
             if complete == _LONGEST_ANSWER and (end := data.find(b"\r\n\r\n", searched)) >= 0:

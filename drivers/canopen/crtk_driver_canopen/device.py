@@ -37,6 +37,7 @@ from crtk_drivers.device import (
     StopPolicy,
 )
 from crtk_drivers.errors import ConnectionLost, CrtkError, TransitionFailed
+from crtk_drivers.kit import until
 from crtk_drivers.samples import JointState, Sample, Value, vector
 from crtk_drivers.state import OperatingState
 
@@ -424,13 +425,9 @@ class CanopenDevice(Device):
 
     def _rest(self) -> Steps:
         """Wait until motion has come to its end: a drive that loses its power in motion coasts."""
-        deadline = time.monotonic() + REST_TIME
         yield  # the cycle in which a stop is seen
         yield
-        while not self._motion.at_rest:
-            if time.monotonic() > deadline:
-                return
-            yield
+        yield from until(lambda: self._motion.at_rest, REST_TIME)
 
     def _give_limits(self, axes: Iterable[Axis]) -> Steps:
         """Have drives hold limits in which their joints stand: beyond them one would move when it gets power.

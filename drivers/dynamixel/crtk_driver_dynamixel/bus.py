@@ -12,7 +12,6 @@ from crtk_driver_dynamixel import protocol1, protocol2
 from crtk_driver_dynamixel.groups import GroupRead, GroupResult, GroupWrite, Item
 from crtk_driver_dynamixel.line import Line, LineCounters
 from crtk_driver_dynamixel.matching import Slot
-from crtk_driver_dynamixel.port import Port
 from crtk_driver_dynamixel.protocols import PROTOCOLS, Codec
 from crtk_driver_dynamixel.replies import (
     Counters,
@@ -22,6 +21,7 @@ from crtk_driver_dynamixel.replies import (
     ServoSilent,
     failure_error,
 )
+from crtk_drivers.kit.serial_port import SerialPort
 
 __all__ = ["BROADCAST", "Bus", "Ping", "ServoLink"]
 
@@ -69,7 +69,7 @@ class Bus:
 
     def __init__(
         self,
-        port: Port,
+        port: SerialPort,
         links: Mapping[int, ServoLink] | None = None,
         *,
         latency_budget: float = 0.004,

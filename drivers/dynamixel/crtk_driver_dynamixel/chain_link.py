@@ -25,7 +25,6 @@ from crtk_driver_dynamixel.control_tables import POSITION, Item, control_table
 from crtk_driver_dynamixel.groups import GroupWrite
 from crtk_driver_dynamixel.joints import Chain, ChainServo
 from crtk_driver_dynamixel.models import GOALS, PROTOCOL_1_ERRORS, OperatingMode, model_numbered
-from crtk_driver_dynamixel.port import Port
 from crtk_driver_dynamixel.protocols import PROTOCOLS
 from crtk_driver_dynamixel.readings import HEALTH, MEASURED, SLOW, Frame, Health
 from crtk_driver_dynamixel.registers import WATCHDOG_STEP
@@ -34,6 +33,8 @@ from crtk_driver_dynamixel.servo_state import ServoState, Values, runs
 from crtk_driver_dynamixel.turns import Placed, Turns, TurnsFile, has_turned
 from crtk_driver_dynamixel.units import Counts, encoded
 from crtk_drivers.errors import ConfigError, ConnectionFailed, ConnectionLost, DeviceError
+from crtk_drivers.kit import RoundRobin
+from crtk_drivers.kit.serial_port import SerialPort
 from crtk_drivers.samples import Stamp
 
 logger = logging.getLogger(__name__)
@@ -64,7 +65,7 @@ class _Prepared:
     """What is prepared for the cycles of an open chain."""
 
     measured: BlockReads
-    slow: list[BlockReads]
+    slow: RoundRobin[BlockReads]
     goals: dict[str, list[tuple[GroupWrite, NDArray[np.int64], Item]]] = field(default_factory=dict)
 
 
@@ -107,8 +108,6 @@ class ChainLink:
         self._users = 0
         self._buses: dict[str, Bus] = {}
         self._prepared: _Prepared | None = None
-        self._slow_turn = 0
-        self._slow_due = 0.0
         self._shifts: dict[int, int] = {}
         self._homing: dict[int, int] = {}
         self._placed = False
@@ -159,7 +158,7 @@ class ChainLink:
     def _open(self, deadline: float) -> None:
         for name in self._names():
             given = self._config.bus(name)
-            bus = Bus(Port(given.port, given.baud), latency_budget=PATIENCE)
+            bus = Bus(SerialPort(given.port, given.baud), latency_budget=PATIENCE)
             bus.open()
             self._buses[name] = bus
         self.chain = self._configured
@@ -453,7 +452,8 @@ class ChainLink:
             ]
             if members:
                 slow.append(self._reads(members))
-        self._prepared = _Prepared(self._reads(measured), slow)
+        turn = RoundRobin(slow, self._config.slow_interval)
+        self._prepared = _Prepared(self._reads(measured), turn)
         count = len(self.states)
         nothing = np.zeros(count, dtype=np.int64)
         begin = np.full(count, time.monotonic())
@@ -485,7 +485,7 @@ class ChainLink:
         valid = np.zeros(len(before.seen), dtype=np.bool_)
         began = time.monotonic()
         if prepared.measured.read_into(columns, valid):
-            self._slow_turn, self._slow_due = 0, 0.0
+            prepared.slow.restart()
         ended = time.monotonic()
         middle = 0.5 * (began + ended)
         stamp = Stamp(time.time_ns() - round((ended - middle) * 1e9), middle)
@@ -495,8 +495,9 @@ class ChainLink:
         self._follow_turns(before, self.frame)
         # A servo that was without power says so by its registers, before it is sent anything.
         self.read_health(np.flatnonzero(valid & (before.seen < middle - GAP)).tolist())
-        if ended >= self._slow_due:
-            self._read_slow(ended)
+        slow = prepared.slow.due(ended)
+        if slow is not None:
+            self._read_slow(slow)
             self._follow_positions()
         return self.frame
 
@@ -515,16 +516,8 @@ class ChainLink:
             }:
                 self._shift({place: forgotten * counts})
 
-    def _read_slow(self, now: float) -> None:
-        assert self._prepared is not None
-        slow = self._prepared.slow
-        if not slow:
-            self._slow_due = math.inf
-            return
-        turn = self._slow_turn % len(slow)
-        self._slow_turn = turn + 1
-        self._slow_due = now + self._config.slow_interval / len(slow)
-        for items, first, place, data, _, hardware in slow[turn].run():
+    def _read_slow(self, slow: BlockReads) -> None:
+        for items, first, place, data, _, hardware in slow.run():
             if data is not None:
                 self.health[place].take(values_of(items, first, data), hardware)
 

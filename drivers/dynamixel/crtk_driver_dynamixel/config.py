@@ -12,8 +12,8 @@ from crtk_driver_dynamixel import arms
 from crtk_driver_dynamixel.gripper import Finger, Jaw, Linear, SliderCrank
 from crtk_driver_dynamixel.groups import MOST_GAPS
 from crtk_driver_dynamixel.models import Model, OperatingMode, model_named
-from crtk_driver_dynamixel.network import parse_address
 from crtk_drivers.config import DeviceConfig, Settings
+from crtk_drivers.kit.serial_server import parse_address
 
 MAIN_BUS = "main"
 """Name of the bus of a chain that has only one."""

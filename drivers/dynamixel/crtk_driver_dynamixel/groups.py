@@ -17,9 +17,9 @@ from crtk_driver_dynamixel.framing import Status
 from crtk_driver_dynamixel.group_replies import FastReply, PlainReplies, Whole
 from crtk_driver_dynamixel.line import Line
 from crtk_driver_dynamixel.matching import Slot
-from crtk_driver_dynamixel.port import Port
 from crtk_driver_dynamixel.protocols import PROTOCOLS
 from crtk_driver_dynamixel.replies import Failure, Reply
+from crtk_drivers.kit.serial_port import SerialPort
 
 __all__ = ["GroupRead", "GroupResult", "GroupWrite", "Item"]
 
@@ -52,7 +52,7 @@ class Servos(Protocol):
         revision: changes whenever deadlines do.
     """
 
-    port: Port
+    port: SerialPort
     line: Line
     revision: int
 

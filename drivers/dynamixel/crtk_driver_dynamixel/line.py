@@ -21,10 +21,10 @@ from crtk_driver_dynamixel.framing import Status
 from crtk_driver_dynamixel.group_replies import FastReply, PlainReplies, Whole, WholeReply
 from crtk_driver_dynamixel.matching import Matcher, Slot
 from crtk_driver_dynamixel.owed import Owed
-from crtk_driver_dynamixel.port import Port
 from crtk_driver_dynamixel.protocol2 import BROADCAST
 from crtk_driver_dynamixel.protocols import PROTOCOLS
 from crtk_driver_dynamixel.replies import Counters, Failure, Reply
+from crtk_drivers.kit.serial_port import SerialPort
 
 __all__ = ["Line", "LineCounters"]
 
@@ -71,7 +71,7 @@ class Line:
         clock: monotonic seconds.
     """
 
-    def __init__(self, port: Port, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, port: SerialPort, clock: Callable[[], float] = time.monotonic) -> None:
         self.port = port
         self._clock = clock
         self._parsers: Mapping[int, framing.StatusParser] = {

@@ -21,9 +21,7 @@ from crtk_driver_dynamixel.chain_link import ChainLink
 from crtk_driver_dynamixel.config import MAIN_BUS, BusConfig, DynamixelConfig
 from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.models import OperatingMode, model_numbered
-from crtk_driver_dynamixel.network import parse_address
 from crtk_driver_dynamixel.own_limits import OwnLimit, own_limits
-from crtk_driver_dynamixel.port import Port
 from crtk_driver_dynamixel.replies import ServoCorrupt, ServoSilent
 from crtk_driver_dynamixel.tools import (
     BAUDS,
@@ -35,6 +33,8 @@ from crtk_driver_dynamixel.tools import (
     numbers,
 )
 from crtk_drivers.errors import ConfigError, ConnectionFailed
+from crtk_drivers.kit.serial_port import SerialPort
+from crtk_drivers.kit.serial_server import parse_address
 
 __all__ = ["Found", "calibrate", "info", "scan", "scan_bus"]
 
@@ -109,7 +109,7 @@ def scan_bus(
     Raises:
         ConnectionFailed: the port cannot be opened.
     """
-    with closing(Bus(Port(port, bauds[0]))) as bus:
+    with closing(Bus(SerialPort(port, bauds[0]))) as bus:
         bus.open()
         for baud in bauds:
             bus.set_baud(baud)

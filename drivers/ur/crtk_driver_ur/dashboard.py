@@ -5,13 +5,19 @@ Source: Universal Robots, "Dashboard Server e-Series" and "Dashboard Server CB-S
 
 from __future__ import annotations
 
-import socket
+import time
+from collections import deque
 from collections.abc import Mapping
-from contextlib import suppress
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
-from crtk_drivers.errors import ConnectionFailed, ConnectionLost, TransitionFailed
+from crtk_drivers.errors import (
+    ConnectionFailed,
+    ConnectionLost,
+    DeviceError,
+    TransitionFailed,
+)
+from crtk_drivers.kit import BadData, LineDecoder, TcpTransport
 
 __all__ = ["DASHBOARD_PORT", "REQUESTS", "DashboardClient"]
 
@@ -69,6 +75,11 @@ REQUESTS: Final[Mapping[str, DashboardRequest]] = MappingProxyType(
 )
 """What may be asked for, by our name of it."""
 
+_REMEDY: Final = (
+    "Check the address, and that the controller has finished starting; "
+    "PolyScope X has no dashboard server."
+)
+
 _TRUTH: Final = {"true": True, "false": False}
 
 
@@ -81,23 +92,22 @@ class DashboardClient:
     """
 
     def __init__(self, host: str, port: int = DASHBOARD_PORT) -> None:
-        self._address = (host, port)
-        self._where = f"dashboard {host}:{port}"
-        self._socket: socket.socket | None = None
-        self._received = b""
+        self._transport = TcpTransport(host, port, "dashboard", _REMEDY)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._decoder = LineDecoder(
+            str.strip, longest=LONGEST_LINE, encoding="utf-8", errors="replace"
+        )
+        self._lines: deque[str] = deque()
 
     def close(self) -> None:
         """Close the connection."""
-        peer, self._socket = self._socket, None
-        if peer is not None:
-            peer.close()
+        self._transport.close()
 
     def interrupt(self) -> None:
-        """Let an answer that is awaited fail at once. From another thread."""
-        peer = self._socket
-        if peer is not None:
-            with suppress(OSError):
-                peer.shutdown(socket.SHUT_RDWR)
+        """Let an answer that is awaited fail, and all later ones. From another thread."""
+        self._transport.abort()
 
     def ask(self, name: str, arguments: Mapping[str, Any] = MappingProxyType({})) -> str | bool:
         """Carry out a request of `REQUESTS` and return the answer; yes and no as True and False.
@@ -114,61 +124,52 @@ class DashboardClient:
         if refused or not answer.lower().startswith(request.done.lower()):
             raise TransitionFailed(
                 f"the controller answers {answer!r} to {request.line!r}",
-                where=self._where,
+                where=self._transport.where,
                 remedy="Look at the teach pendant; it may have control, or a pop-up may be open.",
             )
         return _TRUTH.get(answer, answer)
 
     def _exchange(self, line: str, timeout: float) -> str:
-        if self._socket is None:
+        if not self._transport.is_open:
             self._connect()
-        assert self._socket is not None
         try:
             self._drop_unasked()
-            self._socket.settimeout(timeout)
-            self._socket.sendall(f"{line}\n".encode())
-            return self._read_line()
-        except OSError as error:
+            self._transport.write(f"{line}\n".encode())
+            return self._read_line(timeout)
+        except DeviceError as error:
             # A late answer to this line must not be taken for the answer to the next.
             self.close()
             raise ConnectionLost(
-                f"no answer to {line!r}: {error}",
-                where=self._where,
+                f"no answer to {line!r}: {error.message}",
+                where=self._transport.where,
                 remedy="The controller does not answer: check the network and the controller.",
             ) from error
 
     def _drop_unasked(self) -> None:
         """Forget lines that nobody asked for: each answer belongs to the line before it."""
-        assert self._socket is not None
-        self._received = b""
-        self._socket.setblocking(False)
-        with suppress(BlockingIOError):
-            while self._socket.recv(LONGEST_LINE):
-                pass
-            raise ConnectionResetError("the controller closed the connection")
+        while self._transport.read(0.0):
+            pass
+        self._begin()
 
     def _connect(self) -> None:
-        self._received = b""
+        self._begin()
+        self._transport.open(time.monotonic() + TIMEOUT)
         try:
-            self._socket = socket.create_connection(self._address, TIMEOUT)
-            self._read_line()  # the greeting
-        except OSError as error:
+            self._read_line(TIMEOUT)  # the greeting
+        except DeviceError as error:
             self.close()
             raise ConnectionFailed(
-                f"cannot connect: {error}",
-                where=self._where,
-                remedy="Check the address, and that the controller has finished starting; "
-                "PolyScope X has no dashboard server.",
+                f"cannot connect: {error.message}", where=self._transport.where, remedy=_REMEDY
             ) from error
 
-    def _read_line(self) -> str:
-        assert self._socket is not None
-        while b"\n" not in self._received:
-            data = self._socket.recv(LONGEST_LINE)
+    def _read_line(self, timeout: float) -> str:
+        deadline = time.monotonic() + timeout
+        while not self._lines:
+            data = self._transport.read(deadline)
             if not data:
-                raise ConnectionResetError("the controller closed the connection")
-            self._received += data
-            if len(self._received) > LONGEST_LINE:
-                raise ConnectionAbortedError("a line without end")
-        line, _, self._received = self._received.partition(b"\n")
-        return line.decode("utf-8", "replace").strip()
+                raise ConnectionLost("timed out")
+            try:
+                self._lines += self._decoder.feed(data)
+            except BadData as error:
+                raise ConnectionLost("a line without end") from error
+        return self._lines.popleft()

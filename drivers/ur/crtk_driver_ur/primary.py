@@ -19,6 +19,7 @@ from typing import Final
 
 from crtk_driver_ur.calibration import Calibration
 from crtk_drivers.errors import ConnectionFailed, ProtocolError
+from crtk_drivers.kit import BadData, FrameDecoder
 
 __all__ = [
     "PORTS",
@@ -50,7 +51,7 @@ _ROBOT_TYPE_AT: Final = (12 + 12 + 5 + 24) * 8
 """Behind the limits, speeds, defaults and lengths of the configuration."""
 
 
-class PrimaryError(ValueError):
+class PrimaryError(BadData):
     """Bytes that are no packets of the primary interface."""
 
 
@@ -73,34 +74,25 @@ class JointLimits:
     speed: tuple[float, ...]
 
 
-class PacketCutter:
-    """Bytes in, packets out, however they were split."""
+def _packets() -> FrameDecoder[tuple[int, bytes]]:
+    """Return a decoder of packets into their types and bodies."""
+    return FrameDecoder(_packet_size, lambda packet: (packet[4], packet[_HEADER.size :]))
 
-    def __init__(self) -> None:
-        self._buffer = b""
 
-    def feed(self, data: bytes) -> Iterator[tuple[int, bytes]]:
-        """Yield type and body of each packet that is complete.
-
-        Raises:
-            PrimaryError: they are no packets.
-        """
-        self._buffer += data
-        while len(self._buffer) >= _HEADER.size:
-            size, kind = _HEADER.unpack_from(self._buffer)
-            if not _HEADER.size <= size <= MAX_PACKET:
-                raise PrimaryError(f"a packet claims {size} bytes")
-            if len(self._buffer) < size:
-                return
-            body, self._buffer = self._buffer[_HEADER.size : size], self._buffer[size:]
-            yield kind, body
+def _packet_size(data: bytes) -> int:
+    if len(data) < _HEADER.size:
+        return 0
+    size: int = _HEADER.unpack_from(data)[0]
+    if not _HEADER.size <= size <= MAX_PACKET:
+        raise PrimaryError(f"a packet claims {size} bytes")
+    return size
 
 
 class PacketReader:
     """Bytes in, and what `RobotInfo` has of them out."""
 
     def __init__(self) -> None:
-        self._cutter = PacketCutter()
+        self._packets = _packets()
         self._version: str | None = None
         self._calibration: Calibration | None = None
         self._robot_type: int | None = None
@@ -123,7 +115,7 @@ class PacketReader:
             PrimaryError: they are no packets.
         """
         try:
-            for kind, body in self._cutter.feed(data):
+            for kind, body in self._packets.feed(data):
                 self._take(kind, body)
         except (struct.error, IndexError) as error:
             raise PrimaryError(f"a packet is too short: {error}") from error
@@ -144,7 +136,7 @@ class MessageReader:
     """Bytes in, and what a program did wrong out, in words."""
 
     def __init__(self) -> None:
-        self._cutter = PacketCutter()
+        self._packets = _packets()
 
     def feed(self, data: bytes) -> list[str]:
         """Return the runtime exceptions, and the entries of the log that are warnings or worse.
@@ -153,7 +145,9 @@ class MessageReader:
             PrimaryError: they are no packets.
         """
         try:
-            found = [_complaint(body) for kind, body in self._cutter.feed(data) if kind == _MESSAGE]
+            found = [
+                _complaint(body) for kind, body in self._packets.feed(data) if kind == _MESSAGE
+            ]
         except struct.error as error:
             raise PrimaryError(f"a packet is too short: {error}") from error
         return [text for text in found if text]

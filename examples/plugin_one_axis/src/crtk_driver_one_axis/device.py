@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import select
-import socket
-import time
 from collections.abc import Mapping
 
 from typing_extensions import override
@@ -15,9 +12,8 @@ from crtk_driver_one_axis.protocol import (
     POWER_OFF,
     POWER_ON,
     STOP,
-    BadLine,
-    Decoder,
     Report,
+    decoder,
     position_line,
     velocity_line,
 )
@@ -31,12 +27,14 @@ from crtk_drivers.device import (
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import ConnectionFailed, ConnectionLost, DeviceFault, ProtocolError
+from crtk_drivers.errors import ConnectionFailed, DeviceFault, ProtocolError
+from crtk_drivers.kit import BadData, TcpTransport
 from crtk_drivers.samples import JointState, Sample, Stamp, vector
 from crtk_drivers.state import OperatingState
 
 JOINTS = ("slide",)
 RATE = 100.0
+REMEDY = "Is the stage on, and is this its address?"
 SILENCE = 0.2
 """Seconds after which the stage stops by itself when it hears nothing."""
 
@@ -46,8 +44,8 @@ class OneAxisDevice(Device):
 
     def __init__(self, config: OneAxisConfig) -> None:
         self._config = config
-        self._socket: socket.socket | None = None
-        self._decoder = Decoder()
+        self._transport = TcpTransport(config.host, config.port, "one_axis", REMEDY)
+        self._decoder = decoder()
         self._report: Report | None = None
         self._reports = 0
         limit = JointLimits(
@@ -77,7 +75,7 @@ class OneAxisDevice(Device):
     @property
     @override
     def address(self) -> str:
-        return f"{self._config.host or '(no host)'}:{self._config.port}"
+        return f"{self._config.host}:{self._config.port}"
 
     @property
     @override
@@ -93,63 +91,61 @@ class OneAxisDevice(Device):
 
     @override
     def open(self, deadline: float) -> None:
-        try:
-            self._socket = socket.create_connection(
-                (self._config.host, self._config.port), max(deadline - time.monotonic(), 0.001)
-            )
-            self._socket.setblocking(False)
-            self._decoder = Decoder()
-            if self.read(deadline) is None:
-                raise ConnectionFailed("it accepts the connection and says nothing")
-        except (OSError, ConnectionFailed, ConnectionLost, ProtocolError) as error:
-            self.close()
+        self._transport.open(deadline)
+        self._decoder = decoder()
+        if self.read(deadline) is None:
             raise ConnectionFailed(
-                f"cannot connect: {error}",
-                where=f"one_axis {self.address}",
-                remedy="Is the stage on, and is this its address?",
-            ) from error
+                "it accepts the connection and says nothing",
+                where=self._transport.where,
+                remedy=REMEDY,
+            )
 
     @override
     def close(self) -> None:
-        connection, self._socket = self._socket, None
-        if connection is not None:
-            connection.close()
+        self._transport.close()
 
     @override
     def read(self, deadline: float) -> Sample | None:
-        self._send(KEEP_ALIVE)
+        self._transport.write(KEEP_ALIVE)
         reports: list[Report] = []
         while not reports:
-            connection = self._connection()
-            wait = max(0.0, deadline - time.monotonic())
-            if not select.select([connection], [], [], wait)[0]:
+            data = self._transport.read(deadline)
+            if not data:
                 return None
-            reports = self._receive(connection)
+            reports = self._decode(data)
         self._report = reports[-1]
         self._reports += len(reports)
         position, velocity = vector([self._report.position]), vector([self._report.velocity])
         return Sample(Stamp.now(), {"measured_js": JointState(position, velocity, name=JOINTS)})
 
+    def _decode(self, data: bytes) -> list[Report]:
+        try:
+            return self._decoder.feed(data)
+        except BadData as error:
+            raise ProtocolError(
+                f"it sent {error}", where=self._transport.where, remedy=REMEDY
+            ) from error
+
     @override
     def write(self, setpoint: Setpoint) -> None:
         value = float(setpoint.values[0])
         if setpoint.mode is Mode.JOINT_POSITION:
-            self._send(position_line(value))
+            self._transport.write(position_line(value))
         else:
-            self._send(velocity_line(value))
+            self._transport.write(velocity_line(value))
 
     @override
     def stop(self) -> None:
-        self._send(STOP)
+        self._transport.write(STOP)
 
     @override
     def enable(self) -> Steps:
-        self._send(POWER_ON)
+        self._transport.write(POWER_ON)
         yield from self._until_powered(True)
 
     @override
     def disable(self) -> Steps:
-        self._send(POWER_OFF)
+        self._transport.write(POWER_OFF)
         yield from self._until_powered(False)
 
     def _until_powered(self, powered: bool) -> Steps:
@@ -157,33 +153,3 @@ class OneAxisDevice(Device):
             if powered and self._report is not None and self._report.fault:
                 raise DeviceFault(self._report.fault, remedy="Remove the cause, then enable again.")
             yield
-
-    def _connection(self) -> socket.socket:
-        if self._socket is None:
-            raise ConnectionLost("it is not connected", where=f"one_axis {self.address}")
-        return self._socket
-
-    def _send(self, line: bytes) -> None:
-        try:
-            self._connection().send(line)
-        except OSError as error:
-            raise ConnectionLost(
-                f"sending failed: {error}", where=f"one_axis {self.address}"
-            ) from error
-
-    def _receive(self, connection: socket.socket) -> list[Report]:
-        try:
-            data = connection.recv(65536)
-            if not data:
-                raise ConnectionLost("it closed the connection", where=f"one_axis {self.address}")
-            return self._decoder.feed(data)
-        except BadLine as error:
-            raise ProtocolError(
-                f"it sent {error}",
-                where=f"one_axis {self.address}",
-                remedy="Is this the port of a stage?",
-            ) from error
-        except OSError as error:
-            if isinstance(error, ConnectionLost):
-                raise
-            raise ConnectionLost(str(error), where=f"one_axis {self.address}") from error

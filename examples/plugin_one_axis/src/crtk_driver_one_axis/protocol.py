@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-LONGEST_LINE = 200
-"""Bytes; more without an end of line is not this protocol."""
+from crtk_drivers.kit import LineDecoder
 
-
-class BadLine(ValueError):
-    """The stage sent something that its protocol does not allow."""
+POWER_ON, POWER_OFF, STOP, KEEP_ALIVE = b"ON\n", b"OFF\n", b"S\n", b"K\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,33 +30,19 @@ def velocity_line(metres_per_second: float) -> bytes:
     return f"V {metres_per_second:.6f}\n".encode()
 
 
-POWER_ON, POWER_OFF, STOP, KEEP_ALIVE = b"ON\n", b"OFF\n", b"S\n", b"K\n"
+def decoder() -> LineDecoder[Report]:
+    """Return what turns bytes, cut anywhere, into reports."""
+    return LineDecoder(parse_report)
 
 
-class Decoder:
-    """Turns bytes, cut anywhere, into reports."""
+def parse_report(line: str) -> Report:
+    """Return the report of a line.
 
-    def __init__(self) -> None:
-        self._rest = b""
-
-    def feed(self, data: bytes) -> list[Report]:
-        """Return the reports that `data` completes, oldest first.
-
-        Raises:
-            BadLine: with the line.
-        """
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        if len(self._rest) > LONGEST_LINE:
-            raise BadLine(f"{len(self._rest)} bytes without an end of line")
-        return [_report(line) for line in lines]
-
-
-def _report(line: bytes) -> Report:
-    try:
-        kind, position, velocity, powered, *fault = line.decode("ascii").split(" ", 4)
-        report = Report(float(position), float(velocity), powered == "1", "".join(fault))
-    except ValueError as error:
-        raise BadLine(repr(line)) from error
+    Raises:
+        ValueError: it is none.
+    """
+    kind, position, velocity, powered, *fault = line.split(" ", 4)
+    report = Report(float(position), float(velocity), powered == "1", "".join(fault))
     if kind != "M" or not (math.isfinite(report.position) and math.isfinite(report.velocity)):
-        raise BadLine(repr(line))
+        raise ValueError("no report of a position and a velocity")
     return report

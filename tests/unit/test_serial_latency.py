@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from crtk_driver_dynamixel import latency
+from crtk_drivers.kit import latency
 
 DEVICE = Path("/dev/ttyUSB3")
 

@@ -21,18 +21,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
-from crtk_driver_dynamixel import latency
-from crtk_driver_dynamixel.holders import holders, lock_owner
-from crtk_driver_dynamixel.latency import Latency
-from crtk_driver_dynamixel.network import ServerAddress, connect, parse_address
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, DeviceError, MissingExtra
+from crtk_drivers.kit import latency
+from crtk_drivers.kit.holders import holders, lock_owner
+from crtk_drivers.kit.latency import Latency
+from crtk_drivers.kit.serial_server import OPEN_TIMEOUT, ServerAddress, connect, parse_address
 
 try:
     import serial
 except ImportError as error:
     raise MissingExtra("pyserial", "dynamixel") from error
 
-__all__ = ["BITS_PER_BYTE", "Port", "stable_name"]
+__all__ = ["BITS_PER_BYTE", "SerialPort", "stable_name"]
 
 BITS_PER_BYTE: Final = 10
 """On the wire: a start bit, eight of data, a stop bit."""
@@ -53,7 +53,7 @@ def stable_name(device: Path, by_id: Path = _BY_ID) -> Path | None:
     return next((link for link in links if link.resolve() == target), None)
 
 
-class Port:
+class SerialPort:
     """One serial port. It belongs to the thread that runs the bus; others may `write_from_outside`.
 
     Args:
@@ -121,23 +121,25 @@ class Port:
         """Whether its rate is set by a server, and not here."""
         return self._server is not None
 
-    def open(self) -> None:
+    def open(self, deadline: float = math.inf) -> None:
         """Open the port, or open it anew; found by its stable name if it has been open before.
+
+        A server is waited for until the monotonic `deadline`, and for `OPEN_TIMEOUT` seconds at most.
 
         Raises:
             ConnectionFailed: it is not there, is in use, or does not take the rate.
         """
         self.close()
         if self._server is not None:
-            self._open_server(self._server)
+            self._open_server(self._server, min(OPEN_TIMEOUT, deadline - self._clock()))
         else:
             self._open_device()
         self._poll = select.poll()
         self._poll.register(self._fd, select.POLLIN)
 
-    def _open_server(self, server: ServerAddress) -> None:
+    def _open_server(self, server: ServerAddress, timeout: float) -> None:
         try:
-            opened = connect(server)
+            opened = connect(server, max(0.001, timeout))
         except OSError as error:
             raise ConnectionFailed(
                 f"the server cannot be reached: {error.strerror or error}",

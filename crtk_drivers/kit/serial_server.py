@@ -6,7 +6,7 @@ import socket
 from typing import Final, NamedTuple
 from urllib.parse import urlsplit
 
-__all__ = ["ServerAddress", "connect", "parse_address"]
+__all__ = ["OPEN_TIMEOUT", "ServerAddress", "connect", "parse_address"]
 
 SCHEME: Final = "socket"
 
@@ -14,7 +14,7 @@ GIVE_UP: Final = 0.5
 """Seconds after which bytes that the network did not deliver are dropped with the connection: goals that come
 late would be carried out late."""
 
-_OPEN: Final = 3.0
+OPEN_TIMEOUT: Final = 3.0
 """Seconds for the connection to be made."""
 
 
@@ -43,13 +43,13 @@ def parse_address(name: str) -> ServerAddress | None:
     return ServerAddress(url.hostname, url.port)
 
 
-def connect(address: ServerAddress) -> socket.socket:
+def connect(address: ServerAddress, timeout: float = OPEN_TIMEOUT) -> socket.socket:
     """Return a connection that does not block, delays nothing, and ends rather than deliver late.
 
     Raises:
         OSError: there is none.
     """
-    made = socket.create_connection(address, timeout=_OPEN)
+    made = socket.create_connection(address, timeout=timeout)
     try:
         made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         made.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1000 * GIVE_UP))

@@ -1,0 +1,27 @@
+"""What drivers have in common, for those of this distribution and for those of plugins.
+
+Small things that a driver uses, and none that it has to inherit: transports (`TcpTransport`, `UdpTransport`,
+and `crtk_drivers.kit.serial_port.SerialPort`, which needs pyserial), decoders, a worker for slow requests, a
+round of slow registers, parts of procedures.
+"""
+
+from crtk_drivers.kit.decoding import BadData, Decoder, FrameDecoder, LineDecoder
+from crtk_drivers.kit.procedures import until
+from crtk_drivers.kit.request_worker import RequestWorker
+from crtk_drivers.kit.round_robin import RoundRobin
+from crtk_drivers.kit.sockets import ClosedByPeer, TcpTransport, UdpTransport
+from crtk_drivers.kit.transport import Transport
+
+__all__ = [
+    "BadData",
+    "ClosedByPeer",
+    "Decoder",
+    "FrameDecoder",
+    "LineDecoder",
+    "RequestWorker",
+    "RoundRobin",
+    "TcpTransport",
+    "Transport",
+    "UdpTransport",
+    "until",
+]

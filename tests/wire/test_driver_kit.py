@@ -1,0 +1,257 @@
+"""The drivers' kit over real wires: sockets of the system, and what arrives on them cut anywhere."""
+
+import select
+import socket
+import threading
+import time
+
+import pytest
+
+from crtk_drivers.errors import ConnectionFailed, ConnectionLost
+from crtk_drivers.kit import (
+    BadData,
+    ClosedByPeer,
+    FrameDecoder,
+    LineDecoder,
+    RequestWorker,
+    RoundRobin,
+    TcpTransport,
+    UdpTransport,
+    until,
+)
+
+PATIENCE = 5.0
+
+
+def soon() -> float:
+    return time.monotonic() + PATIENCE
+
+
+@pytest.fixture
+def listener():
+    with socket.create_server(("127.0.0.1", 0)) as made:
+        made.settimeout(PATIENCE)
+        yield made
+
+
+@pytest.fixture
+def transport(listener):
+    made = TcpTransport("127.0.0.1", listener.getsockname()[1], "scale")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def peer(listener, transport):
+    transport.open(soon())
+    accepted, _ = listener.accept()
+    with accepted:
+        accepted.settimeout(PATIENCE)
+        yield accepted
+
+
+def test_bytes_go_both_ways(transport, peer):
+    transport.write(b"ask")
+    assert peer.recv(16) == b"ask"
+    peer.sendall(b"answer")
+    assert transport.read(soon()) == b"answer"
+
+
+def test_a_read_ends_at_its_deadline(transport, peer):
+    began = time.monotonic()
+    assert transport.read(began + 0.08) == b""
+    assert 0.08 <= time.monotonic() - began < PATIENCE
+
+
+def test_what_lies_there_is_returned_when_the_deadline_is_past(transport, peer):
+    peer.sendall(b"late")
+    data = b""
+    end = soon()
+    while not data and time.monotonic() < end:
+        data = transport.read(0.0)
+    assert data == b"late"
+
+
+def test_a_connection_that_was_closed_is_told_from_one_that_was_lost(transport, peer):
+    peer.close()
+    with pytest.raises(ClosedByPeer, match=r"scale 127\.0\.0\.1:\d+: the other side closed"):
+        transport.read(soon())
+
+
+def test_a_reset_connection_is_lost(transport, peer):
+    peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\x01\0\0\0\0\0\0\0")
+    peer.close()
+    with pytest.raises(ConnectionLost, match="connection is gone") as caught:
+        transport.read(soon())
+    assert not isinstance(caught.value, ClosedByPeer)
+
+
+def test_it_is_opened_again_after_it_was_lost(listener, transport, peer):
+    peer.close()
+    with pytest.raises(ConnectionLost):
+        transport.read(soon())
+    transport.open(soon())
+    again, _ = listener.accept()
+    with again:
+        again.sendall(b"again")
+        assert transport.read(soon()) == b"again"
+
+
+def test_a_closed_one_is_not_connected(transport):
+    with pytest.raises(ConnectionLost, match="it is closed"):
+        transport.read(soon())
+    with pytest.raises(ConnectionLost, match="it is closed"):
+        transport.write(b"x")
+
+
+def test_nobody_there_is_told_with_a_way_out(listener):
+    port = listener.getsockname()[1]
+    listener.close()
+    nobody = TcpTransport("127.0.0.1", port, "scale", "Is the scale on?")
+    with pytest.raises(ConnectionFailed, match="cannot connect: Connection refused") as caught:
+        nobody.open(soon())
+    assert caught.value.remedy == "Is the scale on?"
+    assert not nobody.is_open
+
+
+def test_a_name_that_is_none_is_told():
+    with pytest.raises(ConnectionFailed, match="cannot connect"):
+        TcpTransport("no-such-host.invalid", 1).open(soon())
+
+
+def test_a_full_buffer_is_lost_and_does_not_wait(transport, peer):
+    began = time.monotonic()
+
+    def fill():
+        while True:
+            transport.write(bytes(1 << 20))
+
+    with pytest.raises(ConnectionLost, match="gone"):
+        fill()
+    assert time.monotonic() - began < PATIENCE
+
+
+def test_what_waits_is_given_up_from_another_thread(transport, peer):
+    threading.Timer(0.05, transport.abort).start()
+    with pytest.raises(ConnectionLost, match="given up"):
+        transport.read(time.monotonic() + 60.0)
+    with pytest.raises(ConnectionFailed, match="given up"):
+        transport.open(time.monotonic() + 60.0)
+
+
+def test_datagrams_are_whole():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as device:
+        device.bind(("127.0.0.1", 0))
+        device.settimeout(PATIENCE)
+        transport = UdpTransport(*device.getsockname())
+        transport.open(soon())
+        transport.write(b"start")
+        data, sender = device.recvfrom(100)
+        assert data == b"start"
+        for datagram in (b"one", b"two"):
+            device.sendto(datagram, sender)
+        assert [transport.read(soon()) for _ in range(2)] == [b"one", b"two"]
+        transport.close()
+
+
+LINES = b"1\n22\n333\n"
+
+
+@pytest.mark.parametrize("cut", range(len(LINES) + 1))
+def test_where_lines_are_cut_does_not_matter(cut):
+    decoder = LineDecoder(int)
+    assert decoder.feed(LINES[:cut]) + decoder.feed(LINES[cut:]) == [1, 22, 333]
+
+
+@pytest.mark.parametrize("data", [b"x\n", b"\xff\n", b"1" * 201])
+def test_what_is_no_line_is_refused(data):
+    with pytest.raises(BadData, match="end of line" if len(data) > 200 else r"^b'"):
+        LineDecoder(int).feed(data)
+
+
+def test_bytes_that_are_no_text_may_be_replaced():
+    assert LineDecoder(str, errors="replace").feed(b"a\xffb\n") == ["a\ufffdb"]
+
+
+def size_of(data: bytes) -> int:
+    """Of a frame that begins with a colon and its size."""
+    if data[:1] not in (b"", b":"):
+        raise BadData("no colon")
+    return data[1] if len(data) > 1 else 0
+
+
+FRAMES = b":\x03a:\x02:\x04bc"
+
+
+@pytest.mark.parametrize("cut", range(len(FRAMES) + 1))
+def test_where_frames_are_cut_does_not_matter(cut):
+    decoder = FrameDecoder(size_of, lambda frame: frame[2:])
+    assert decoder.feed(FRAMES[:cut]) + decoder.feed(FRAMES[cut:]) == [b"a", b"", b"bc"]
+
+
+def test_what_is_no_frame_is_refused():
+    with pytest.raises(BadData, match="no colon"):
+        FrameDecoder(size_of, bytes).feed(b"x")
+    with pytest.raises(BadData, match="3a 03 78: invalid literal"):
+        FrameDecoder(size_of, lambda frame: int(frame[2:])).feed(b":\x03x")
+
+
+def test_a_worker_carries_out_requests_in_order_and_wakes_who_waits():
+    done = []
+    worker = RequestWorker(lambda n: n * n, "squares", release=lambda: done.append("released"))
+    worker.start()
+    for number in (2, 3):
+        worker.submit(number)
+    replies = []
+    while len(replies) < 2:
+        assert select.select([worker.wake_fd], [], [], PATIENCE)[0]
+        replies += worker.take_replies()
+    assert replies == [4, 9]
+    assert worker.take_replies() == []
+    worker.stop()
+    worker.join(soon())
+    assert done == ["released"]
+
+
+def test_a_worker_that_waits_is_interrupted():
+    waits, free = threading.Event(), threading.Event()
+
+    def wait(request: None) -> bool:
+        waits.set()
+        return free.wait(60.0)
+
+    worker = RequestWorker(wait, "waits", interrupt=free.set)
+    worker.start()
+    worker.submit(None)
+    assert waits.wait(PATIENCE)
+    began = time.monotonic()
+    worker.stop()
+    worker.join(soon())
+    assert time.monotonic() - began < PATIENCE
+
+
+def test_each_has_its_turn_once_an_interval():
+    slow = RoundRobin(["volts", "heat"], 2.0)
+    assert [slow.due(now) for now in (10.0, 10.5, 11.0, 11.9, 12.0)] == [
+        "volts",
+        None,
+        "heat",
+        None,
+        "volts",
+    ]
+    slow.restart()
+    assert slow.due(12.1) == "volts"
+    assert RoundRobin([], 1.0).due(5.0) is None
+
+
+def test_until_ends_with_the_condition_or_the_time():
+    left = iter([False, False, True])
+    steps = until(lambda: next(left), PATIENCE)
+    assert next(steps) is None
+    assert next(steps) is None
+    with pytest.raises(StopIteration) as ended:
+        next(steps)
+    assert ended.value.value is True
+    with pytest.raises(StopIteration) as ended:
+        next(until(lambda: False, -1.0))
+    assert ended.value.value is False
