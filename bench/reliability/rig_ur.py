@@ -99,6 +99,13 @@ WAYS = (
         "coalesce",
         {"seconds": 0.02, "direction": "out", **RTDE},
     ),
+    Way(
+        "F4",
+        "commands in lumps of 150 ms",
+        Follows.GOES_ON,
+        "coalesce",
+        {"seconds": 0.15, "direction": "in", **RTDE},
+    ),
     _link("F5", "a byte of every package is changed", "corrupt", every=1, direction="out", **RTDE),
     _robot("F12", "the arm loses its power", "power_loss", "no power", "DISABLED"),
     _robot("F12", "the control program fails", "script_error", "program was stopped", "PAUSED"),
