@@ -21,7 +21,7 @@ from crtk_drivers.errors import (
 )
 from crtk_drivers.move import Outcome
 from crtk_drivers.options import LimitPolicy
-from crtk_drivers.samples import JointState, Pose, Stamp, Twist, Wrench, vector
+from crtk_drivers.samples import JointState, Pose, Sample, Stamp, Twist, Wrench, vector
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.clock import FakeClock
 
@@ -645,6 +645,34 @@ def test_a_move_accepted_as_the_one_before_ends_keeps_busy_up_in_between() -> No
     assert rig.engine.status.is_busy
     rig.cycle(100)
     assert rig.told.busy[announced:] == [False]
+
+
+def test_a_move_that_is_taken_in_the_cycle_in_which_an_effort_is_refused_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = Rig().enabled()
+    rig.engine.submit("servo_jf", jf(1.0, 0.0))
+    rig.cycle()
+    state, stamp = JointState(vector((0.0, 0.0)), vector((5.0, 0.0))), rig.clock.stamp
+    monkeypatch.setattr(rig.device, "read", lambda _: Sample(stamp(), {"measured_js": state}))
+    move = rig.engine.submit("move_jp", jp(0.1, 0.0))
+    assert move is not None
+    rig.cycle()
+    assert rig.told.refusals[-1].reason is Reason.OUT_OF_RANGE
+    assert move.outcome is Outcome.ABORTED
+    assert not rig.engine.status.is_busy
+
+
+def test_a_stream_that_replaces_a_move_before_it_begins_leaves_nothing_busy() -> None:
+    rig = Rig().enabled()
+    rig.engine.submit("interpolate_jp", jp(0.1, 0.0))
+    rig.cycle(3)
+    move = rig.engine.submit("move_jp", jp(0.2, 0.0))
+    rig.engine.submit("interpolate_jp", jp(0.1, 0.0))
+    rig.cycle()
+    assert move is not None
+    assert move.outcome is Outcome.PREEMPTED
+    assert not rig.engine.status.is_busy
 
 
 def test_a_move_goes_on_after_a_late_cycle_without_burst_or_jump() -> None:
