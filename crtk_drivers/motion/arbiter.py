@@ -29,12 +29,19 @@ from crtk_drivers.samples import EMPTY, Pose, Value, Vector, empty, vector
 class Order:
     """A command that passed its checks.
 
-    A servo has a `setpoint`, or an `increment` (n,) to the joint setpoint. A stream that goes on between its
-    commands has its `target`, or an `increment` to the newest one; a pose that joints follow has both, the
-    target and the joints that reach it. A relative Cartesian command has instead its `displacement`, in the
-    frame of its sub-namespace; a move has its `goal` and the
-    joint position `joints` (n,) where the goal lies and in `goals` what ``goal_*`` will say; hold and free
-    have none. `stamp_ns` is the sender's stamp, 0 if it gave none.
+    A command has what it needs of this; hold and free have a name only.
+
+    Attributes:
+        name: of the command.
+        setpoint: of a servo that is sent as it comes, or the joints that reach `target`.
+        increment: (n,) to the joint setpoint, or to the newest target of a stream that goes on by itself.
+        target: of a stream that goes on between its commands.
+        displacement: of a relative Cartesian command, in the frame of its sub-namespace.
+        goal: of a move.
+        joints: (n,) where the goal lies.
+        goals: what ``goal_*`` will say of a move.
+        move: its handle.
+        stamp_ns: the sender's stamp, 0 if it gave none.
     """
 
     name: str

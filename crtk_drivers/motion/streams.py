@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from typing_extensions import override
 
-from crtk_drivers.commands import Command, Kind, Space, find
+from crtk_drivers.commands import Command, Kind, Level, Space, find
 from crtk_drivers.device import Mode, Setpoint, mode_of
 from crtk_drivers.geometry.frames import (
     moved,
@@ -74,13 +74,9 @@ class Stream(Activity):
 
     @override
     def step(self, now: float, output: Output) -> bool:
-        self.sent(output.send_limited(self.name, self.point(now), now, self._told_ns))
+        stamp_ns = self.stamp_ns if self._command.level is Level.SERVO else 0
+        self.sent(output.send_limited(self.name, self.point(now), now, stamp_ns))
         return self.is_over
-
-    @property
-    def _told_ns(self) -> int:
-        """The stamp that ``setpoint_*`` carry."""
-        return 0
 
     @abstractmethod
     def feed(self, order: Order, now: float) -> None:
@@ -130,11 +126,6 @@ class ServoStream(Stream):
         if self._silence.expired(now):
             self._silence.disarm()
         return not self._silence.armed
-
-    @property
-    @override
-    def _told_ns(self) -> int:
-        return self.stamp_ns
 
     @property
     @override
