@@ -207,6 +207,8 @@ class MotionExecutor:
             stream.feed(order, now)
         except CommandRefused as refusal:
             self._refuse(refusal, order)  # and what was going on goes on
+            if isinstance(self._activity, Pending):
+                self._activity = None
             return
         self._replace(stream, order.name)
         stream.stamp_ns = order.stamp_ns

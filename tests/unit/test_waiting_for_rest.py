@@ -202,6 +202,20 @@ def test_increments_that_are_refused_leave_the_move_running() -> None:
     _goes_on(rig, move)
 
 
+def test_a_stream_that_has_waited_is_refused_once_if_the_hardware_rests_too_far_from_it() -> None:
+    rig, _ = moving()
+    rig.engine.submit("servo_jp", jp(*BENT))
+    rig.cycle()
+    rig.device.position = BENT + 0.5
+    rig.device.ready = True
+    rig.cycle(5)
+    assert [told.reason for told in rig.told.refusals] == [Reason.STEP_TOO_LARGE]
+    assert rig.written == []
+    place = rig.device.position.copy()
+    rig.stream("servo_jp", jp(*place), 2)
+    assert rig.written[-1].values == pytest.approx(place)
+
+
 def _goes_on(rig: ArmRig, move: Move) -> None:
     assert "stop" not in rig.device.calls
     assert rig.engine.status.is_busy
