@@ -388,8 +388,6 @@ class MotionExecutor:
 
     def _not_busy(self) -> None:
         """Announce that no move is running, unless the next one has been accepted."""
-        if not self._board.status.is_busy:
-            return
         with self._board.lock:
             if self._board.status.is_busy and not self._arbiter.move_waits:
                 self._board.update(busy=False)

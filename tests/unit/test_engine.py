@@ -663,6 +663,31 @@ def test_a_move_that_is_taken_in_the_cycle_in_which_an_effort_is_refused_ends(
     assert not rig.engine.status.is_busy
 
 
+def test_a_move_that_ends_while_it_is_still_being_accepted_leaves_nothing_busy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = Rig().enabled()
+    take, lies_there, has_cycled = rig.engine._arbiter.take, threading.Event(), threading.Event()
+    here = jp(*rig.device.position)
+    client = threading.Thread(target=rig.engine.submit, args=("move_jp", here))
+
+    def accepted_so_far(name: str) -> None:
+        lies_there.set()
+        has_cycled.wait(0.5)  # in vain: the cycle waits for the client to have told that it is busy
+
+    def take_it() -> object:
+        client.start()
+        assert lies_there.wait(10.0)
+        return take()
+
+    monkeypatch.setattr(rig.told, "latched", accepted_so_far)
+    monkeypatch.setattr(rig.engine._arbiter, "take", take_it)
+    rig.cycle()
+    has_cycled.set()
+    client.join(10.0)
+    assert rig.told.busy[-2:] == [True, False]
+
+
 def test_a_stream_that_replaces_a_move_before_it_begins_leaves_nothing_busy() -> None:
     rig = Rig().enabled()
     rig.engine.submit("interpolate_jp", jp(0.1, 0.0))
