@@ -60,6 +60,19 @@ def _nothing(config: Any) -> None:
     pass
 
 
+def required(key: str, example: str) -> Callable[[DeviceConfig], None]:
+    """Return a `check_real` that asks for an address, such as ``required("host", "192.168.1.10")``."""
+
+    def check(config: DeviceConfig) -> None:
+        if not getattr(config, key):
+            raise ConfigError(
+                f"{key}: is required for real hardware",
+                remedy=f"Give its address (--{key.replace('_', '-')} {example}), or use --sim.",
+            )
+
+    return check
+
+
 def _no_options(config: Any) -> Mapping[str, Any]:
     return MappingProxyType({})
 

@@ -11,6 +11,7 @@ import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -21,6 +22,7 @@ from crtk_drivers.cli.client_commands import add_to as add_client_commands
 from crtk_drivers.cli.device_command import build as build_device
 from crtk_drivers.cli.help_pages import HelpfulCommand
 from crtk_drivers.cli.list_command import list_plugins, list_simulators
+from crtk_drivers.cli.new_command import Kind, write_plugin
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.policy_command import PolicyGroup
 from crtk_drivers.cli.schema_command import print_schema
@@ -76,9 +78,10 @@ def _allow_only(names: str | None) -> None:
         os.environ[plugins.ONLY] = names
 
 
-def _is_tool(name: str | None) -> bool:
-    own = [command.name for command in app.registered_commands]
-    return name in (*own, *(group.name for group in app.registered_groups))
+def _tools() -> tuple[str, ...]:
+    names = [command.name for command in app.registered_commands]
+    names += [group.name for group in app.registered_groups]
+    return tuple(name for name in names if name is not None)
 
 
 @app.callback(
@@ -106,7 +109,7 @@ def _root(
     ] = False,
 ) -> None:
     """Bring robots, servos, drives and sensors up as CRTK devices, on ROS 2, with or without hardware."""
-    if context.obj.ros_args and _is_tool(context.invoked_subcommand):
+    if context.obj.ros_args and context.invoked_subcommand in _tools():
         raise ConfigError(
             "is for running a device",
             where="--ros-args",
@@ -129,6 +132,32 @@ def _schema(
 ) -> None:
     """Print the JSON schema of a device's configuration."""
     print_schema(name, markdown)
+
+
+@app.command("new", rich_help_panel=_TOOLS, cls=HelpfulCommand)
+def _new(
+    kind: Annotated[
+        Kind, typer.Argument(help=f"What it is like: {', '.join(Kind)}.", show_default=False)
+    ],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="Of the device: small letters, digits, underscores. `crtk-driver NAME` runs it.",
+            show_default=False,
+        ),
+    ],
+    directory: Annotated[
+        Path,
+        typer.Option(
+            "--directory", "-C", exists=True, file_okay=False, help="Where its folder is made."
+        ),
+    ] = Path(),
+) -> None:
+    """Write a plugin for a device of your own: driver, simulator and tests to start from, which pass.
+
+    A folder crtk-driver-NAME is made; nothing is overwritten. For example: crtk-driver new sensor my_scale
+    """
+    raise typer.Exit(write_plugin(kind, name, directory, _tools()))
 
 
 @sim_app.callback()

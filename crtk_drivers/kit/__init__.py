@@ -6,6 +6,7 @@ round of slow registers, parts of procedures.
 """
 
 from crtk_drivers.kit.decoding import BadData, Decoder, FrameDecoder, LineDecoder
+from crtk_drivers.kit.link import MessageLink
 from crtk_drivers.kit.procedures import until
 from crtk_drivers.kit.request_worker import RequestWorker
 from crtk_drivers.kit.round_robin import RoundRobin
@@ -18,6 +19,7 @@ __all__ = [
     "Decoder",
     "FrameDecoder",
     "LineDecoder",
+    "MessageLink",
     "RequestWorker",
     "RoundRobin",
     "TcpTransport",

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import socket
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 from urllib.parse import urlsplit
 
-__all__ = ["OPEN_TIMEOUT", "ServerAddress", "connect", "parse_address"]
+from pydantic import AfterValidator
+
+__all__ = ["OPEN_TIMEOUT", "PortName", "ServerAddress", "connect", "parse_address"]
 
 SCHEME: Final = "socket"
 
@@ -16,6 +18,11 @@ late would be carried out late."""
 
 OPEN_TIMEOUT: Final = 3.0
 """Seconds for the connection to be made."""
+
+
+def _checked(name: str) -> str:
+    parse_address(name)
+    return name
 
 
 class ServerAddress(NamedTuple):
@@ -41,6 +48,10 @@ def parse_address(name: str) -> ServerAddress | None:
     if not url.hostname or not url.port or url.path not in ("", "/") or url.query:
         raise ValueError(f"{name!r} is not {SCHEME}://HOST:PORT")
     return ServerAddress(url.hostname, url.port)
+
+
+PortName = Annotated[str, AfterValidator(_checked)]
+"""Of a configuration: a device file, or ``socket://host:port``."""
 
 
 def connect(address: ServerAddress, timeout: float = OPEN_TIMEOUT) -> socket.socket:

@@ -7,12 +7,13 @@ import time
 
 import pytest
 
-from crtk_drivers.errors import ConnectionFailed, ConnectionLost
+from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
 from crtk_drivers.kit import (
     BadData,
     ClosedByPeer,
     FrameDecoder,
     LineDecoder,
+    MessageLink,
     RequestWorker,
     RoundRobin,
     TcpTransport,
@@ -194,6 +195,39 @@ def test_what_is_no_frame_is_refused():
         FrameDecoder(size_of, bytes).feed(b"x")
     with pytest.raises(BadData, match="3a 03 78: invalid literal"):
         FrameDecoder(size_of, lambda frame: int(frame[2:])).feed(b":\x03x")
+
+
+def test_a_link_returns_messages_and_begins_anew(listener, transport):
+    link = MessageLink(transport, lambda: LineDecoder(int), "Is it a counter?")
+    link.open(soon())
+    first, _ = listener.accept()
+    with first:
+        first.sendall(b"1\n2\n3")
+        assert link.read(soon()) == [1, 2]
+        assert link.read(time.monotonic() + 0.05) == []
+        first.sendall(b"0\n9\n")
+        assert link.read(soon()) == [30, 9]
+    link.open(soon())
+    second, _ = listener.accept()
+    with second:
+        second.sendall(b"4\n")
+        assert link.read(soon()) == [4]
+        second.sendall(b"five\n")
+        with pytest.raises(ProtocolError, match=r"it sent b'five'") as caught:
+            link.read(soon())
+        assert caught.value.remedy == "Is it a counter?"
+
+
+def test_a_link_forgets_what_was_not_asked_for(listener, transport):
+    link = MessageLink(transport, lambda: LineDecoder(int))
+    link.open(soon())
+    peer, _ = listener.accept()
+    with peer:
+        peer.sendall(b"1\n2")
+        assert link.read(soon()) == [1]
+        link.forget()
+        peer.sendall(b"7\n")
+        assert link.read(soon()) == [7]
 
 
 def test_a_worker_carries_out_requests_in_order_and_wakes_who_waits():

@@ -8,20 +8,10 @@ from typing import Any
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_driver_ati_netft.tools import TOOLS
-from crtk_drivers.errors import ConfigError
-from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.plugins import DevicePlugin, required
 from crtk_drivers.sims import RunningSim
 
 _PORTS = ("rdt", "tcp", "http")
-
-
-def _require_host(config: NetFtConfig) -> None:
-    if not config.host:
-        raise ConfigError(
-            "host: is required for a real sensor",
-            where="ati-netft",
-            remedy="Give the sensor's address (--host 192.168.1.1), or use --sim.",
-        )
 
 
 def _at_sim(config: NetFtConfig, sim: RunningSim) -> NetFtConfig:
@@ -41,7 +31,7 @@ PLUGIN = DevicePlugin(
     sim="ati-netft",
     extra="ati-netft",
     addresses=("host", "rdt_port", "tcp_port", "http_port"),
-    check_real=_require_host,
+    check_real=required("host", "192.168.1.1"),
     sim_config=_at_sim,
     sim_options=_sim_options,
     tools=TOOLS,

@@ -13,7 +13,7 @@ from crtk_driver_dynamixel.gripper import Finger, Jaw, Linear, SliderCrank
 from crtk_driver_dynamixel.groups import MOST_GAPS
 from crtk_driver_dynamixel.models import Model, OperatingMode, model_named
 from crtk_drivers.config import DeviceConfig, Settings
-from crtk_drivers.kit.serial_server import parse_address
+from crtk_drivers.kit.serial_server import PortName
 
 MAIN_BUS = "main"
 """Name of the bus of a chain that has only one."""
@@ -35,7 +35,7 @@ OPERATING_MODES: dict[PositionMode, OperatingMode] = {
 class BusConfig(Settings):
     """One serial line."""
 
-    port: str = Field(
+    port: PortName = Field(
         default="",
         max_length=250,
         description="Serial port; a name under /dev/serial/by-id stays the same when it is plugged again. "
@@ -47,12 +47,6 @@ class BusConfig(Settings):
         le=10_500_000,
         description="In bit/s. That of a server is set there, and given here for the time on the wire.",
     )
-
-    @field_validator("port")
-    @classmethod
-    def _known_port(cls, port: str) -> str:
-        parse_address(port)
-        return port
 
 
 class GainsConfig(Settings):
@@ -415,7 +409,7 @@ class DynamixelConfig(DeviceConfig):
         description="An arm of this package (koch_leader, koch_follower, open_manipulator_x, vx300s, arm6) "
         "or a file, whose keys hold where this configuration has none.",
     )
-    port: str = Field(
+    port: PortName = Field(
         default="",
         max_length=250,
         description="Serial port of a chain with one bus: buses.main.port.",
@@ -507,12 +501,6 @@ class DynamixelConfig(DeviceConfig):
         default="hold",
         description="What the other servos do when one has a hardware error or is silent.",
     )
-
-    @field_validator("port")
-    @classmethod
-    def _known_port(cls, port: str) -> str:
-        parse_address(port)
-        return port
 
     @model_validator(mode="before")
     @classmethod

@@ -17,7 +17,7 @@ from crtk_drivers.errors import (
     DeviceError,
     TransitionFailed,
 )
-from crtk_drivers.kit import BadData, LineDecoder, TcpTransport
+from crtk_drivers.kit import LineDecoder, MessageLink, TcpTransport
 
 __all__ = ["DASHBOARD_PORT", "REQUESTS", "DashboardClient"]
 
@@ -93,12 +93,7 @@ class DashboardClient:
 
     def __init__(self, host: str, port: int = DASHBOARD_PORT) -> None:
         self._transport = TcpTransport(host, port, "dashboard", _REMEDY)
-        self._begin()
-
-    def _begin(self) -> None:
-        self._decoder = LineDecoder(
-            str.strip, longest=LONGEST_LINE, encoding="utf-8", errors="replace"
-        )
+        self._link = MessageLink(self._transport, _lines)
         self._lines: deque[str] = deque()
 
     def close(self) -> None:
@@ -133,8 +128,10 @@ class DashboardClient:
         if not self._transport.is_open:
             self._connect()
         try:
-            self._drop_unasked()
-            self._transport.write(f"{line}\n".encode())
+            # Lines that nobody asked for: each answer belongs to the line before it.
+            self._link.forget()
+            self._lines.clear()
+            self._link.write(f"{line}\n".encode())
             return self._read_line(timeout)
         except DeviceError as error:
             # A late answer to this line must not be taken for the answer to the next.
@@ -145,15 +142,9 @@ class DashboardClient:
                 remedy="The controller does not answer: check the network and the controller.",
             ) from error
 
-    def _drop_unasked(self) -> None:
-        """Forget lines that nobody asked for: each answer belongs to the line before it."""
-        while self._transport.read(0.0):
-            pass
-        self._begin()
-
     def _connect(self) -> None:
-        self._begin()
-        self._transport.open(time.monotonic() + TIMEOUT)
+        self._lines.clear()
+        self._link.open(time.monotonic() + TIMEOUT)
         try:
             self._read_line(TIMEOUT)  # the greeting
         except DeviceError as error:
@@ -163,13 +154,12 @@ class DashboardClient:
             ) from error
 
     def _read_line(self, timeout: float) -> str:
-        deadline = time.monotonic() + timeout
-        while not self._lines:
-            data = self._transport.read(deadline)
-            if not data:
-                raise ConnectionLost("timed out")
-            try:
-                self._lines += self._decoder.feed(data)
-            except BadData as error:
-                raise ConnectionLost("a line without end") from error
+        if not self._lines:
+            self._lines += self._link.read(time.monotonic() + timeout)
+        if not self._lines:
+            raise ConnectionLost("timed out")
         return self._lines.popleft()
+
+
+def _lines() -> LineDecoder[str]:
+    return LineDecoder(str.strip, longest=LONGEST_LINE, encoding="utf-8", errors="replace")

@@ -11,8 +11,8 @@ from typing import Any
 from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.device import UrDevice
 from crtk_driver_ur.tools import TOOLS
-from crtk_drivers.errors import ConfigError, MissingExtra
-from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.errors import MissingExtra
+from crtk_drivers.plugins import DevicePlugin, required
 from crtk_drivers.sims import RunningSim
 
 _FIRST_WITHOUT_WHEELS = (3, 13)
@@ -38,15 +38,6 @@ def _no_library() -> MissingExtra:
     return error
 
 
-def _require_host(config: UrConfig) -> None:
-    if not config.host:
-        raise ConfigError(
-            "host: is required for a real arm",
-            where="ur",
-            remedy="Give the controller's address (--host 192.168.1.10), or use --sim.",
-        )
-
-
 def _at_sim(config: UrConfig, sim: RunningSim) -> UrConfig:
     port = sim.ports.get("robot_api", config.robot_api_port)
     return config.model_copy(update={"host": sim.host, "robot_api_port": port})
@@ -64,7 +55,7 @@ PLUGIN = DevicePlugin(
     create=_create,
     sim="ur",
     addresses=("host",),
-    check_real=_require_host,
+    check_real=required("host", "192.168.1.10"),
     sim_config=_at_sim,
     sim_options=_sim_options,
     tools=TOOLS,

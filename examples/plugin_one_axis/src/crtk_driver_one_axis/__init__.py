@@ -4,18 +4,8 @@ from __future__ import annotations
 
 from crtk_driver_one_axis.config import OneAxisConfig
 from crtk_driver_one_axis.device import OneAxisDevice
-from crtk_drivers.errors import ConfigError
-from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.plugins import DevicePlugin, required
 from crtk_drivers.sims import RunningSim
-
-
-def _require_host(config: OneAxisConfig) -> None:
-    if not config.host:
-        raise ConfigError(
-            "host: is required for a real stage",
-            where="one_axis",
-            remedy="Give its address (--host 192.168.1.20), or use --sim.",
-        )
 
 
 def _at_sim(config: OneAxisConfig, sim: RunningSim) -> OneAxisConfig:
@@ -28,7 +18,8 @@ PLUGIN = DevicePlugin(
     config=OneAxisConfig,
     create=OneAxisDevice,
     sim="one_axis",
-    check_real=_require_host,
+    addresses=("host", "port"),
+    check_real=required("host", "192.168.1.20"),
     sim_config=_at_sim,
     sim_options=lambda config: {"travel": config.travel},
 )

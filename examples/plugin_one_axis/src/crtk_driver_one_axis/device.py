@@ -27,8 +27,8 @@ from crtk_drivers.device import (
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import ConnectionFailed, DeviceFault, ProtocolError
-from crtk_drivers.kit import BadData, TcpTransport
+from crtk_drivers.errors import ConnectionFailed, DeviceFault
+from crtk_drivers.kit import MessageLink, TcpTransport
 from crtk_drivers.samples import JointState, Sample, Stamp, vector
 from crtk_drivers.state import OperatingState
 
@@ -44,8 +44,8 @@ class OneAxisDevice(Device):
 
     def __init__(self, config: OneAxisConfig) -> None:
         self._config = config
-        self._transport = TcpTransport(config.host, config.port, "one_axis", REMEDY)
-        self._decoder = decoder()
+        transport = TcpTransport(config.host, config.port, "one_axis", REMEDY)
+        self._link = MessageLink(transport, decoder, REMEDY)
         self._report: Report | None = None
         self._reports = 0
         limit = JointLimits(
@@ -91,61 +91,49 @@ class OneAxisDevice(Device):
 
     @override
     def open(self, deadline: float) -> None:
-        self._transport.open(deadline)
-        self._decoder = decoder()
+        self._link.open(deadline)
         if self.read(deadline) is None:
             raise ConnectionFailed(
                 "it accepts the connection and says nothing",
-                where=self._transport.where,
+                where=self._link.where,
                 remedy=REMEDY,
             )
 
     @override
     def close(self) -> None:
-        self._transport.close()
+        self._link.close()
 
     @override
     def read(self, deadline: float) -> Sample | None:
-        self._transport.write(KEEP_ALIVE)
-        reports: list[Report] = []
-        while not reports:
-            data = self._transport.read(deadline)
-            if not data:
-                return None
-            reports = self._decode(data)
+        self._link.write(KEEP_ALIVE)
+        reports = self._link.read(deadline)
+        if not reports:
+            return None
         self._report = reports[-1]
         self._reports += len(reports)
         position, velocity = vector([self._report.position]), vector([self._report.velocity])
         return Sample(Stamp.now(), {"measured_js": JointState(position, velocity, name=JOINTS)})
 
-    def _decode(self, data: bytes) -> list[Report]:
-        try:
-            return self._decoder.feed(data)
-        except BadData as error:
-            raise ProtocolError(
-                f"it sent {error}", where=self._transport.where, remedy=REMEDY
-            ) from error
-
     @override
     def write(self, setpoint: Setpoint) -> None:
         value = float(setpoint.values[0])
         if setpoint.mode is Mode.JOINT_POSITION:
-            self._transport.write(position_line(value))
+            self._link.write(position_line(value))
         else:
-            self._transport.write(velocity_line(value))
+            self._link.write(velocity_line(value))
 
     @override
     def stop(self) -> None:
-        self._transport.write(STOP)
+        self._link.write(STOP)
 
     @override
     def enable(self) -> Steps:
-        self._transport.write(POWER_ON)
+        self._link.write(POWER_ON)
         yield from self._until_powered(True)
 
     @override
     def disable(self) -> Steps:
-        self._transport.write(POWER_OFF)
+        self._link.write(POWER_OFF)
         yield from self._until_powered(False)
 
     def _until_powered(self, powered: bool) -> Steps:

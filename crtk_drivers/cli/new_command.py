@@ -1,0 +1,143 @@
+"""``crtk-driver new <kind> <name>``: a plugin to start from, which passes its tests.
+
+The templates are plugins themselves (``crtk_drivers/cli/templates``), called ``my_sensor`` and so on: a new
+one is a copy in which that name is replaced.
+"""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Iterator
+from enum import StrEnum
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+from crtk_drivers import plugins
+from crtk_drivers.cli.terminal import OUT
+from crtk_drivers.errors import ConfigError
+
+TEMPLATES: Final = Path(__file__).with_name("templates")
+
+LONGEST: Final = 40
+"""Characters of a name: lines of the templates stay as short as they have to be."""
+
+_LEFT_OUT: Final = ("__pycache__", ".pytest_cache", ".ruff_cache", ".mypy_cache")
+
+
+class Kind(StrEnum):
+    """What kinds of plugins there are to start from; each is a folder of `TEMPLATES`."""
+
+    SENSOR = "sensor"
+
+
+def write_plugin(kind: Kind, name: str, parent: Path, commands: tuple[str, ...] = ()) -> int:
+    """Write a plugin into a new folder of `parent`, and say what to do next.
+
+    Args:
+        kind: which template.
+        name: of the device, as in ``crtk-driver <name>``.
+        parent: an existing folder.
+        commands: names that ``crtk-driver`` has for itself.
+
+    Raises:
+        ConfigError: the name cannot be used or is taken, or the folder is there; nothing is written.
+    """
+    check_name(name, commands)
+    folder = parent / f"crtk-driver-{name.replace('_', '-')}"
+    if folder.exists():
+        raise ConfigError(
+            "is there already, and nothing of it is overwritten",
+            where=str(folder),
+            remedy="Choose another name, or another folder with --directory.",
+        )
+    try:
+        for path, text in contents(kind, name):
+            target = folder / path
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(
+            f"cannot be written: {error.strerror}",
+            where=str(folder),
+            remedy="Choose a folder that you may write to with --directory.",
+        ) from error
+    OUT.print(_next_steps(folder, name), markup=False, highlight=False, soft_wrap=True)
+    return 0
+
+
+def contents(kind: Kind, name: str) -> Iterator[tuple[str, str]]:
+    """Yield the files of a plugin: path in its folder, and text."""
+    template = TEMPLATES / kind
+    for path in sorted(template.rglob("*")):
+        inside = path.relative_to(template)
+        if path.is_file() and not set(inside.parts) & set(_LEFT_OUT):
+            yield _renamed(str(inside), kind, name), _renamed(path.read_text("utf-8"), kind, name)
+
+
+def _renamed(text: str, kind: Kind, name: str) -> str:
+    """Replace the name of a template, in each way in which it is written."""
+    title = "".join(word.capitalize() for word in name.split("_"))
+    return (
+        text.replace(f"my_{kind}", name)
+        .replace(f"my-{kind}", name.replace("_", "-"))
+        .replace(f"My{kind.capitalize()}", title)
+    )
+
+
+def check_name(name: str, commands: tuple[str, ...] = ()) -> None:
+    """Make sure that a device may be called so.
+
+    Raises:
+        ConfigError: with the reason, and what can be given instead.
+    """
+    plain = re.sub(r"_+", "_", re.sub(r"[^a-z0-9]", "_", name.lower())).strip("_")[:LONGEST]
+    wrong = (
+        "is no name for Python modules: small letters, digits and single underscores, a letter first"
+        if not re.fullmatch(r"[a-z](?:_?[a-z0-9])*", name)
+        else f"has more than {LONGEST} characters"
+        if len(name) > LONGEST
+        else "is a word of Python"
+        if keyword.iskeyword(name) or keyword.issoftkeyword(name)
+        else ""
+    )
+    if wrong:
+        usable = plain[:1].isalpha() and not keyword.iskeyword(plain) and plain != name
+        raise ConfigError(
+            wrong, where=repr(name), remedy=f"Call it {plain}." if usable else "Choose another."
+        )
+    taken = _taken_by(name, commands)
+    if taken:
+        raise ConfigError(
+            f"is taken: {taken}",
+            where=repr(name),
+            remedy="Choose another; `crtk-driver list` shows those that are there.",
+        )
+
+
+def _taken_by(name: str, commands: tuple[str, ...]) -> str:
+    """Return who has a name already; empty: nobody."""
+    if name in commands:
+        return f"`crtk-driver {name}` is a command"
+    for what, entries in (("device", plugins.devices()), ("simulator", plugins.sims())):
+        for entry in entries.values():
+            if entry.name.partition("@")[0].replace("-", "_") == name:
+                return f"{entry.distribution or 'a package'} has a {what} of that name"
+    for module in (f"crtk_driver_{name}", f"crtk_sim_{name}"):
+        if find_spec(module) is not None:
+            return f"there is a module {module}"
+    return ""
+
+
+def _next_steps(folder: Path, name: str) -> str:
+    return f"""Written to {folder}. What to do next:
+
+  cd {folder}
+  pip install -e '.[test]'
+  crtk-driver list {name}
+  pytest
+  crtk-driver {name} --ns /{name} --sim
+
+Then make its protocol that of your device: README.md tells what to change, in which order.
+How a plugin works: docs/adding_a_device.md of crtk-drivers."""

@@ -1,0 +1,106 @@
+"""The sensor as a device of crtk-drivers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from crtk_drivers.commands import Payload
+from crtk_drivers.device import (
+    Answer,
+    Capabilities,
+    Device,
+    Reading,
+    Service,
+    Setpoint,
+    StopPolicy,
+)
+from crtk_drivers.errors import ConnectionFailed, TransitionFailed
+from crtk_drivers.kit import MessageLink, until
+from crtk_drivers.kit.serial_port import SerialPort
+from crtk_drivers.samples import Flag, Sample, Stamp, Wrench, vector
+from typing_extensions import override
+
+from crtk_driver_my_sensor.config import MySensorConfig
+from crtk_driver_my_sensor.protocol import ASK, TARE, TARED, Force, decoder
+
+REMEDY = "Is the sensor on, and is this its port and its baud rate?"
+TARE_TIMEOUT = 2.0
+"""Seconds in which the sensor confirms that it tares."""
+
+
+class MySensorDevice(Device):
+    """One sensor."""
+
+    def __init__(self, config: MySensorConfig) -> None:
+        self._config = config
+        self._link = MessageLink(SerialPort(config.port, config.baud), decoder, REMEDY)
+        self._newest = Force(0.0, False)
+        self._tared = False
+        self._capabilities = Capabilities(
+            measured=("measured_cf",),
+            rate=config.rate,
+            tool_frame=config.frame_id,
+            stop=StopPolicy(0.0, "has nothing that moves"),
+        )
+
+    @property
+    @override
+    def capabilities(self) -> Capabilities:
+        return self._capabilities
+
+    @property
+    @override
+    def address(self) -> str:
+        return self._config.port
+
+    @property
+    @override
+    def services(self) -> Mapping[str, Service]:
+        return {"tare": Service("make the present load zero", self._tare)}
+
+    @property
+    @override
+    def readings(self) -> Mapping[str, Reading]:
+        summary = "whether the load is beyond its range"
+        return {"overload": Reading(summary, Payload.FLAG, self._overload)}
+
+    @override
+    def open(self, deadline: float) -> None:
+        self._link.open(deadline)
+        if self.read(deadline) is None:
+            raise ConnectionFailed("it does not answer", where=self._link.where, remedy=REMEDY)
+
+    @override
+    def close(self) -> None:
+        self._link.close()
+
+    @override
+    def read(self, deadline: float) -> Sample | None:
+        self._link.write(ASK)
+        messages = self._link.read(deadline)
+        self._tared = self._tared or TARED in messages
+        measured = [message for message in messages if isinstance(message, Force)]
+        if not measured:
+            return None
+        self._newest = measured[-1]
+        force = vector([0.0, 0.0, self._newest.force])
+        wrench = Wrench(force, vector([0.0, 0.0, 0.0]), self._config.frame_id)
+        return Sample(Stamp.now(), {"measured_cf": wrench})
+
+    @override
+    def write(self, setpoint: Setpoint) -> None:
+        """Do nothing: no command of CRTK leads here."""
+
+    @override
+    def stop(self) -> None:
+        """Do nothing: it does not move."""
+
+    def _overload(self) -> Flag:
+        return Flag(self._newest.overload)
+
+    def _tare(self) -> Answer:
+        self._tared = False
+        self._link.write(TARE)
+        if not (yield from until(lambda: self._tared, TARE_TIMEOUT)):
+            raise TransitionFailed("it does not tare", where=self._link.where, remedy=REMEDY)
+        return "the present load is zero"

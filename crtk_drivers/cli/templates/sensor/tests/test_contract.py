@@ -1,0 +1,49 @@
+"""The sensor against the contract of crtk-drivers, and what the contract cannot know."""
+
+import pytest
+from crtk_drivers.front import LocalDevice
+from crtk_drivers.session import Session, open_session
+from crtk_drivers.sims import SimControl
+from crtk_drivers.testing.contract import DeviceContract
+
+from crtk_driver_my_sensor.config import MySensorConfig
+
+
+def control(session: Session) -> SimControl:
+    """By which faults begin and end in the simulator."""
+    assert session.sim is not None
+    return session.sim.control
+
+
+class TestMySensor(DeviceContract):
+    """Everything that any device must do."""
+
+    @pytest.fixture
+    def session(self) -> Session:
+        """A sensor at its simulator, with 5 N on it."""
+        return open_session("my_sensor", MySensorConfig(), sim=True, sim_options={"load": 5.0})
+
+    def break_link(self, session: Session) -> None:
+        """The adapter is unplugged."""
+        control(session).inject("disconnect")
+
+    def mend_link(self, session: Session) -> None:
+        """It is plugged in again."""
+        control(session).clear("disconnect")
+
+    def test_it_measures_and_tares(self, arm: LocalDevice) -> None:
+        """In N along z."""
+        assert arm.measured_cf().force == pytest.approx([0.0, 0.0, 5.0], abs=0.02)
+        assert arm.tare() == "the present load is zero"
+        self.wait_samples(arm, 2)
+        assert arm.measured_cf().force == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
+
+    def test_an_overload_is_told(self, arm: LocalDevice, session: Session) -> None:
+        """As a reading of its own."""
+        control(session).inject("load", force=300.0)
+        self.until(arm.state.overload, "tell that it is overloaded")
+
+    def test_a_sensor_that_falls_silent_is_lost(self, arm: LocalDevice, session: Session) -> None:
+        """The line stays open, and nothing comes."""
+        control(session).inject("deaf")
+        assert arm.wait_for_operating_state("FAULT", self.timeout)
