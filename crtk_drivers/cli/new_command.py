@@ -30,6 +30,8 @@ class Kind(StrEnum):
     """What kinds of plugins there are to start from; each is a folder of `TEMPLATES`."""
 
     SENSOR = "sensor"
+    ARM = "arm"
+    GRIPPER = "gripper"
 
 
 def write_plugin(kind: Kind, name: str, parent: Path, commands: tuple[str, ...] = ()) -> int:
