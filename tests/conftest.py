@@ -11,6 +11,8 @@ import sys
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
+from itertools import groupby, islice
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -112,6 +114,43 @@ def pytest_report_header() -> Iterable[str]:
     if HAVE_ROS:
         return [f"ROS 2: domain {os.environ['ROS_DOMAIN_ID']}, this machine only"]
     return ["ROS 2: rclpy not found, the tests that need it are left out"]
+
+
+WAITING = {"docs": 3.0, "matlab": 1.5, "faults": 1.0, "ros": 0.7, "wire": 0.6, "contract": 0.3}
+"""Folders whose tests wait more than they compute, with about how many seconds one of them takes."""
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Let each worker begin with files that wait, the longest first, and end with those that compute.
+
+    pytest-xdist gives each worker one piece of the list, all of a size; who is done takes from another's end.
+    """
+    workers = getattr(config, "workerinput", {}).get("workercount", 1)
+    if workers == 1:
+        return
+    waiting: dict[Path, list[pytest.Item]] = {}
+    rest: list[pytest.Item] = []
+    for path, group in groupby(items, key=lambda item: item.path):
+        tests = list(group)
+        if path.parent.name in WAITING:
+            waiting.setdefault(path, []).extend(tests)
+        else:
+            rest += tests
+    seconds = {path: len(tests) * WAITING[path.parent.name] for path, tests in waiting.items()}
+    pieces: list[list[pytest.Item]] = [[] for _ in range(workers)]
+    busy = [0.0] * workers
+    for path in sorted(waiting, key=lambda path: -seconds[path]):
+        least = busy.index(min(busy))
+        pieces[least] += waiting[path]
+        busy[least] += seconds[path]
+    computing = iter(rest)
+    dealt = 0
+    for number, piece in enumerate(pieces):
+        size = (len(items) - dealt) // (workers - number)
+        piece += islice(computing, max(size - len(piece), 0))
+        dealt += size
+    items[:] = [item for piece in pieces for item in piece] + list(computing)
 
 
 def pytest_collection_finish() -> None:
