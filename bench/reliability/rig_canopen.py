@@ -85,7 +85,7 @@ WAYS = (
         "a node sends its PDOs late",
         "late_tpdo",
         f"node {NODE} sends its PDOs too late",
-        delay=0.008,
+        delay=0.009,
     ),
     Way(
         "F6",
