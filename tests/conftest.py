@@ -116,7 +116,7 @@ def pytest_report_header() -> Iterable[str]:
     return ["ROS 2: rclpy not found, the tests that need it are left out"]
 
 
-WORKERS_A_CORE = 2
+WORKERS_A_CORE = 1.5
 """Two thirds of the time tests wait: for an arm that moves, for a time-out, for a process."""
 
 WAITING = {"docs": 3.0, "matlab": 1.5, "faults": 1.0, "ros": 0.7, "wire": 0.6, "contract": 0.3}
@@ -129,7 +129,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> Generator[None, int,
     cores = yield
     is_all = config.args == config.getini("testpaths")
     is_chosen = "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ
-    return WORKERS_A_CORE * cores if is_all and not is_chosen else cores
+    return int(WORKERS_A_CORE * cores) if is_all and not is_chosen else cores
 
 
 @pytest.hookimpl(trylast=True)
