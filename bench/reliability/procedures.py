@@ -77,7 +77,7 @@ def _stops(rig: Rig, way: Way, activity: str) -> Result:
     rig.run(CALM)
     _stands_at(rig, rest, "the link is back and nobody has asked for anything")
     rig.require(rig.status.state != "ENABLED", "it is ENABLED though nobody has enabled it")
-    _enables(rig, rest)
+    _enables(rig)
     return result
 
 
@@ -127,8 +127,9 @@ def _stands_at(rig: Rig, rest: np.ndarray, when: str) -> None:
     rig.require(far <= 2.0 * rig.tolerance, f"{when}, but a joint moved by {far:.4f}")
 
 
-def _enables(rig: Rig, rest: np.ndarray) -> None:
+def _enables(rig: Rig) -> None:
     rig.stop_activity()
+    rest = rig.look().joints  # a joint without torque may still coast, slower than what counts as moving
     rig.enable()
     rig.run(0.1)
     _stands_at(rig, rest, "it was only enabled")
@@ -199,7 +200,7 @@ def _starts_later(rig: Rig, way: Way, activity: str) -> Result:
     rig.run(CALM)
     rig.require(rig.status.state in ("DISABLED", "FAULT"), f"it is {rig.status}")
     _stands_at(rig, rest, "it has only connected")
-    _enables(rig, rest)
+    _enables(rig)
     return result
 
 
@@ -221,7 +222,7 @@ def _reopened(rig: Rig, rest: np.ndarray, result: Result) -> Result:
     rig.require(rig.status.state == "DISABLED", f"it is {rig.status}")
     result.state, result.detail = str(rig.status.state), rig.status.detail
     _stands_at(rig, rest, "another driver has only connected")
-    _enables(rig, rest)
+    _enables(rig)
     return result
 
 
@@ -311,7 +312,7 @@ def _obeys(rig: Rig, way: Way, activity: str) -> Result:
     rig.run(CALM)
     _stands_at(rig, rest, f"{way.action} has been carried out")
     rig.end_fault()
-    _enables(rig, rest)
+    _enables(rig)
     return result
 
 
