@@ -11,14 +11,14 @@ from ur_clients import SIZES, DashboardClient, PrimaryClient, RtdeClient, TcpCli
 from crtk_sim_backends.control import ControlError
 from crtk_sim_backends.ur import SIM, ConfigError, SimConfig, SimStartError
 from crtk_sim_backends.ur.models import MODELS
-from crtk_sim_backends.ur.signals.variables import OUTPUTS, initial_image
-from crtk_sim_backends.ur.views.recording import (
+from crtk_sim_backends.ur.signals.recording import (
     Recorder,
     RecordingError,
     chosen_variables,
     columns_of,
     read_recording,
 )
+from crtk_sim_backends.ur.signals.variables import OUTPUTS, initial_image
 from crtk_sim_backends.ur.views.replay import ReplayedController, load
 
 VERSION = (5, 12, 4, 0)

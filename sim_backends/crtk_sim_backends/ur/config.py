@@ -25,11 +25,11 @@ from crtk_sim_backends.ur.models import MODELS, RobotModel
 from crtk_sim_backends.ur.motion.calibration import calibrated
 from crtk_sim_backends.ur.motion.contact import Surface, parse
 from crtk_sim_backends.ur.motion.limits import SafetyLimits
+from crtk_sim_backends.ur.signals.recording import USUAL, RecordingError, chosen_variables
 from crtk_sim_backends.ur.signals.tool_device import parse_device
 from crtk_sim_backends.ur.signals.variables import Variable, Version
 from crtk_sim_backends.ur.signals.wiring import Wire, WiringError, parse_wires
 from crtk_sim_backends.ur.urscript.manual import SINCE
-from crtk_sim_backends.ur.views.recording import USUAL, RecordingError, chosen_variables
 
 PORTS: Final = {
     "rtde": 30004,

@@ -32,7 +32,6 @@ from crtk_sim_backends.ur.motion.kinematics import (
 from crtk_sim_backends.ur.motion.limits import SafetyLimits
 from crtk_sim_backends.ur.motion.moves import Moves
 from crtk_sim_backends.ur.motion.streams import Streams
-from crtk_sim_backends.ur.program.arguments import LARGEST
 from crtk_sim_backends.ur.program.force_library import force_builtins
 from crtk_sim_backends.ur.program.interpreter import Interpreter
 from crtk_sim_backends.ur.program.io_library import io_builtins
@@ -59,6 +58,7 @@ from crtk_sim_backends.ur.signals.state_signals import StateSignals
 from crtk_sim_backends.ur.signals.tool_line import LineSettings
 from crtk_sim_backends.ur.signals.wiring import Wire
 from crtk_sim_backends.ur.urscript import PURE_BUILTINS, Builtin, timing_builtins
+from crtk_sim_backends.ur.urscript.arguments import LARGEST
 
 LOG_SIZE: Final = 200
 

@@ -57,9 +57,9 @@ from crtk_sim_backends.ur.program.programs import ProgramFiles
 from crtk_sim_backends.ur.program.script_rpc import ScriptRpc
 from crtk_sim_backends.ur.program.script_sockets import ScriptSockets
 from crtk_sim_backends.ur.signals.modbus_client import ModbusUnits
+from crtk_sim_backends.ur.signals.recording import Recorder, Recording, RecordingError
 from crtk_sim_backends.ur.urscript import Builtin
 from crtk_sim_backends.ur.views import picture, scene
-from crtk_sim_backends.ur.views.recording import Recorder, Recording, RecordingError
 from crtk_sim_backends.ur.views.replay import NoInputs, ReplayedController, load
 
 log = logging.getLogger(__name__)

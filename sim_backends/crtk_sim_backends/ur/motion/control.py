@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from crtk_sim_backends.ur.motion.arm import approach
 from crtk_sim_backends.ur.motion.kinematics import Floats, Transform, compose, to_transform
-from crtk_sim_backends.ur.program.arguments import six
 from crtk_sim_backends.ur.urscript import Pose, ScriptRuntimeError
+from crtk_sim_backends.ur.urscript.arguments import six
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller

@@ -24,8 +24,8 @@ from crtk_sim_backends.ur.motion.control import SINGULARITY, Motion, MotionContr
 from crtk_sim_backends.ur.motion.kinematics import Floats, Transform, compose, invert, to_pose
 from crtk_sim_backends.ur.motion.paths import Arc, JointPath, Line, Path, Rounded, ToolPath, rounded
 from crtk_sim_backends.ur.motion.profiles import TIME_TOLERANCE, Piece, Profile, ramps, timed
-from crtk_sim_backends.ur.program.arguments import LARGEST, positive
 from crtk_sim_backends.ur.urscript import Builtin, ScriptRuntimeError
+from crtk_sim_backends.ur.urscript.arguments import LARGEST, positive
 
 BLEND_ISSUE: Final = 171
 SKIPPED: Final = {

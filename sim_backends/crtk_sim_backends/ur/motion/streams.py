@@ -16,8 +16,8 @@ from crtk_sim_backends.ur.motion.kinematics import (
     norm,
     transpose_multiply,
 )
-from crtk_sim_backends.ur.program.arguments import positive, six
 from crtk_sim_backends.ur.urscript import Builtin
+from crtk_sim_backends.ur.urscript.arguments import positive, six
 
 LOOKAHEAD_RANGE = (0.03, 0.2)  # s
 GAIN_RANGE = (100.0, 2000.0)

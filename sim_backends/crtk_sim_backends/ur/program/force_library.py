@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from crtk_sim_backends.ur.motion import kinematics as k
 from crtk_sim_backends.ur.motion.compliance import ForceTask, Turning
 from crtk_sim_backends.ur.motion.contact import CONTACT_FORCE
-from crtk_sim_backends.ur.program.arguments import LARGEST, six, vector
 from crtk_sim_backends.ur.urscript import Builtin, List, Pose, ScriptRuntimeError
+from crtk_sim_backends.ur.urscript.arguments import LARGEST, six, vector
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller

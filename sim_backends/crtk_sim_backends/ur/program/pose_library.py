@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from crtk_sim_backends.ur.motion import kinematics as k
-from crtk_sim_backends.ur.program.arguments import six, vector
 from crtk_sim_backends.ur.urscript import PURE_BUILTINS, Builtin, List, Pose
+from crtk_sim_backends.ur.urscript.arguments import six, vector
 
 
 def pose_builtins() -> Iterator[Builtin]:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from crtk_sim_backends.ur.messages import TextMessage
 from crtk_sim_backends.ur.motion import kinematics as k
-from crtk_sim_backends.ur.program.arguments import six
 from crtk_sim_backends.ur.signals.process_image import TORQUE_CONSTANT
 from crtk_sim_backends.ur.urscript import (
     Builtin,
@@ -21,6 +20,7 @@ from crtk_sim_backends.ur.urscript import (
     Struct,
     to_text,
 )
+from crtk_sim_backends.ur.urscript.arguments import six
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from crtk_sim_backends.ur.program.arguments import six, vector
 from crtk_sim_backends.ur.urscript import Builtin, List, ScriptRuntimeError
+from crtk_sim_backends.ur.urscript.arguments import six, vector
 
 
 def settings_builtins() -> Iterator[Builtin]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import Any
 
-from crtk_sim_backends.ur.urscript import ScriptRuntimeError
+from crtk_sim_backends.ur.urscript.errors import ScriptRuntimeError
 
 LARGEST = 1e6  # of any position, force, mass, ...: what is larger is a mistake and no physics
 
