@@ -451,9 +451,9 @@ def test_ur_rtde_force_mode_and_freedrive(control: RtdeControl) -> None:
     control.bench.seconds(0.5)
     assert control.bench["actual_TCP_speed"] == (0.0,) * 6
     control.call(18)
-    assert control.bench.controller.compliance.freedrive
+    assert control.bench.controller.plant.compliance.freedrive
     control.call(19)
-    assert not control.bench.controller.compliance.freedrive
+    assert not control.bench.controller.plant.compliance.freedrive
 
 
 def test_ur_rtde_kinematics_and_tool(control: RtdeControl) -> None:
@@ -477,7 +477,7 @@ def test_ur_rtde_mass_matrix_and_jacobian() -> None:
     assert all(mass[7 * i] > 0.0 for i in range(6))
     control.send(70)
     control.bench.ticks(3)
-    jacobian = control.bench.controller.kinematics.jacobian(HOME)
+    jacobian = control.bench.controller.plant.kinematics.jacobian(HOME)
     column = [control.bench[f"output_double_register_{i}"] for i in range(6)]
     assert apart(column, [row[0] for row in jacobian]) < 1e-12
 

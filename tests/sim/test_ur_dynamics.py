@@ -150,7 +150,7 @@ def test_a_torque_accelerates_as_the_mass_matrix_says(slider: float) -> None:
     bench.write(speed_slider_mask=1, speed_slider_fraction=slider)
     bench.seconds(0.5)
     scales = "viscous_scale=[1,1,1,1,1,1], coulomb_scale=[1,1,1,1,1,1]"
-    inertia = np.array(bench.controller.mass_matrix(bench["actual_q"]))
+    inertia = np.array(bench.controller.plant.mass_matrix(bench["actual_q"]))
     load = np.array([8.0, -5.0, 3.0, 1.0, -0.5, 0.3])
     torque(bench, f"direct_torque({load.tolist()}, {scales})", 0.02)
     expected = np.linalg.solve(inertia, load) * 0.02
@@ -168,7 +168,9 @@ def test_motion_without_friction_keeps_its_energy() -> None:
 
     def energy() -> float:
         qd = np.array(bench["target_qd"])
-        return float(0.5 * qd @ np.array(bench.controller.mass_matrix(bench["target_q"])) @ qd)
+        return float(
+            0.5 * qd @ np.array(bench.controller.plant.mass_matrix(bench["target_q"])) @ qd
+        )
 
     bench.seconds(0.31)
     first = energy()

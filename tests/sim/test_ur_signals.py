@@ -280,14 +280,14 @@ def test_an_input_switches_freedrive_on(bench, place):
             bench.controller.signals.set_digital_inputs(pins[place] if on else 0)
         bench.ticks(2)
 
-    assert not bench.controller.compliance.freedrive
+    assert not bench.controller.plant.compliance.freedrive
     switch(True)
-    assert bench.controller.compliance.freedrive
+    assert bench.controller.plant.compliance.freedrive
     switch(False)
-    assert not bench.controller.compliance.freedrive
+    assert not bench.controller.plant.compliance.freedrive
     bench.run("set_input_actions_to_default()")
     switch(True)
-    assert not bench.controller.compliance.freedrive
+    assert not bench.controller.plant.compliance.freedrive
 
 
 def test_freedrive_by_an_input_leaves_a_program_alone(bench):
@@ -295,7 +295,7 @@ def test_freedrive_by_an_input_leaves_a_program_alone(bench):
     bench.controller.signals.set_digital_inputs(1)
     bench.start("sleep(0.1)")
     bench.ticks(3)
-    assert not bench.controller.compliance.freedrive
+    assert not bench.controller.plant.compliance.freedrive
     bench.until(lambda: bench.controller.runtime_state == RuntimeState.STOPPED)
     bench.ticks(2)
-    assert bench.controller.compliance.freedrive
+    assert bench.controller.plant.compliance.freedrive

@@ -136,7 +136,7 @@ VALUES = [
 
 
 def network(controller: Controller) -> Iterator[Builtin]:
-    yield from ScriptSockets("127.0.0.1").builtins(controller)
+    yield from ScriptSockets("127.0.0.1").builtins(controller.clock)
     yield from ScriptRpc("127.0.0.1").builtins()
 
 

@@ -25,7 +25,7 @@ class Bench:
 
     @property
     def arm(self) -> Any:
-        return self.controller.arm
+        return self.controller.plant.arm
 
     def ticks(self, count: int) -> None:
         for _ in range(count):

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
+from crtk_sim_backends.ur.clock import Clock
 from crtk_sim_backends.ur.messages import (
     ErrorMessage,
     Message,
@@ -16,21 +17,12 @@ from crtk_sim_backends.ur.messages import (
     SafetyModeMessage,
 )
 from crtk_sim_backends.ur.models import RobotModel
-from crtk_sim_backends.ur.motion.arm import Arm
-from crtk_sim_backends.ur.motion.calibration import kinematics_of
-from crtk_sim_backends.ur.motion.compliance import Compliance
 from crtk_sim_backends.ur.motion.contact import Surface, Surroundings
 from crtk_sim_backends.ur.motion.control import MotionControl
-from crtk_sim_backends.ur.motion.dynamics import Dynamics
-from crtk_sim_backends.ur.motion.force_sensor import ForceSensor
-from crtk_sim_backends.ur.motion.kinematics import (
-    IDENTITY,
-    Floats,
-    Matrix,
-    to_transform,
-)
+from crtk_sim_backends.ur.motion.kinematics import Floats
 from crtk_sim_backends.ur.motion.limits import SafetyLimits
 from crtk_sim_backends.ur.motion.moves import Moves
+from crtk_sim_backends.ur.motion.plant import Plant
 from crtk_sim_backends.ur.motion.streams import Streams
 from crtk_sim_backends.ur.program.force_library import force_builtins
 from crtk_sim_backends.ur.program.interpreter import Interpreter
@@ -91,9 +83,8 @@ class Controller:
         extra_builtins: URScript built-ins to add (the socket functions of `script_sockets`).
 
     Attributes:
-        dt: control period, s: 1/500 (e-Series and later) or 1/125 (CB3).
-        tick_count: periods since start.
-        time: seconds since start; advances in `tick` alone.
+        clock: advances in `tick` alone, by 1/500 s (e-Series and later) or 1/125 s (CB3).
+        plant: the mechanics: arm, tool and load.
         outputs: process image by RTDE output variable name, valid after each `tick`.
         inputs: the same by RTDE input variable name.
         popup_text: text of the open pop-up, or None.
@@ -126,9 +117,7 @@ class Controller:
     ) -> None:
         self.model = model
         self.version: tuple[int, int, int, int] = version
-        self.dt = 1.0 / model.frequency
-        self.tick_count = 0
-        self.time = 0.0
+        self.clock = Clock(1.0 / model.frequency)
         self.outputs: dict[str, Any] = variables.initial_image(variables.OUTPUTS)
         self.inputs: dict[str, Any] = variables.initial_image(variables.INPUTS)
         self.spoiled: dict[str, tuple[int, float]] = {}
@@ -139,34 +128,26 @@ class Controller:
         self.safety = SafetySystem()
         self._shown_safety_mode: SafetyMode = self.safety.mode
         self.signals: Signals = Signals(self.inputs, self.outputs, wires)
-        self.port_map = PortMap(self)
-        self.state_signals = StateSignals(self)
+        self.port_map = PortMap(
+            self.version, self.clock, self.inputs, self.outputs, self.signals, self.write_inputs
+        )
         self.tool_communication = LineSettings()
-        self.arm = Arm(model, self.dt)
-        self.kinematics = kinematics_of(model)
-        self.dynamics = Dynamics(self.kinematics)
-        self.compliance = Compliance(self.arm, self.kinematics)
-        self.force_sensor = ForceSensor()
+        self.plant = Plant(model, self.dt)
         self.surroundings: Surroundings = Surroundings(
-            self.force_sensor, self.outputs, self.load_changed, surfaces
+            self.plant.force_sensor, self.outputs, self.plant.load_changed, surfaces
         )
         self.limits = limits or SafetyLimits()
-        self.tool = IDENTITY
-        self.tcp: tuple[float, ...] = (0.0,) * 6
-        self.payload = 0.0
-        self.payload_cog: tuple[float, ...] = (0.0,) * 3
-        self.payload_inertia: tuple[float, ...] = (0.0,) * 6
-        self.gravity: tuple[float, ...] = (0.0, 0.0, 9.82)
-        self.load_revision = 0
 
         self.log: deque[tuple[float, Message | str]] = deque(maxlen=LOG_SIZE)
         self._messages: list[Message] = []
         self._power = ArmPower(boot_seconds)
         self._speed_slider = 1.0  # ramped towards target_speed_fraction
-        motion = MotionControl(self)
-        self._moves = Moves(motion)
-        self.player: ProgramPlayer = ProgramPlayer(self, motion.release)
-        self.interpreter = Interpreter(self, self._moves.abort)
+        self.player: ProgramPlayer = ProgramPlayer(self)
+        self.state_signals = StateSignals(self._power, self.player, self.plant.compliance)
+        motion = MotionControl(self.plant, self.clock, self.player.caller, self.protective_stop)
+        self.player.thread_ended.append(motion.release)
+        self._moves = Moves(motion, self.post)
+        self.interpreter = Interpreter(self.player, self.clock, self.note, self._moves.abort)
         self.player.set_builtins(
             {
                 **PURE_BUILTINS,
@@ -179,8 +160,8 @@ class Controller:
                         pose_builtins(),
                         settings_builtins(),
                         robot_builtins(self),
-                        force_builtins(self),
-                        io_builtins(self),
+                        force_builtins(self.plant, self.surroundings, self.outputs),
+                        io_builtins(self.inputs, self.outputs, self.player, self.port_map),
                         signal_builtins(self),
                         self.interpreter.builtins(),
                         extra_builtins(self),
@@ -199,15 +180,14 @@ class Controller:
 
     def tick(self) -> None:
         """Advance one control period."""
-        self.tick_count += 1
-        self.time = self.tick_count * self.dt
+        self.clock.advance()
         if self._power.advance(self.time):
             self._power_changed()
         self._update_scale()
         self.player.step()
         self.surroundings.act()
-        self.compliance.step(self._hand_force(), self.tool)
-        violation = self.arm.step()
+        self.plant.comply()
+        violation = self.plant.arm.step()
         if violation is not None:
             self.protective_stop(violation.code, violation.argument)
         self._settle()
@@ -217,13 +197,28 @@ class Controller:
         if exceeded is not None:
             self.protective_stop(*exceeded)
 
+    @property
+    def dt(self) -> float:
+        """Control period, s."""
+        return self.clock.dt
+
+    @property
+    def tick_count(self) -> int:
+        """Periods since start."""
+        return self.clock.ticks
+
+    @property
+    def time(self) -> float:
+        """Seconds since start."""
+        return self.clock.time
+
     def _update_scale(self) -> None:
         """Bring the speed scaling towards slider, safety limit and pause."""
         limit = self.safety.rule.speed_limit
         slider = min(self.outputs["target_speed_fraction"], limit)
         self._speed_slider = ramp(self._speed_slider, slider, self.dt / RAMP_SECONDS)
         self.player.ramp()
-        self.arm.scale = self._speed_slider * self.player.pause_factor
+        self.plant.arm.scale = self._speed_slider * self.player.pause_factor
 
     @property
     def speed_scaling(self) -> float:
@@ -232,22 +227,17 @@ class Controller:
         Times `target_speed_fraction` it is how fast they go, as clients of the robot reckon.
         """
         fraction = self.outputs["target_speed_fraction"]
-        return min(1.0, self.arm.scale / fraction) if fraction else self.player.pause_factor
+        return min(1.0, self.plant.arm.scale / fraction) if fraction else self.player.pause_factor
 
     def _settle(self) -> None:
         """Finish transitions that wait for the arm."""
         self.player.settle()
-        stopped = self.safety.rule.program is ProgramRule.STOP or not self.arm.enabled
-        if stopped and not self.arm.moving and self.arm.target_q != self.arm.actual_q:
-            self.arm.hold()
+        arm = self.plant.arm
+        stopped = self.safety.rule.program is ProgramRule.STOP or not arm.enabled
+        if stopped and not arm.moving and arm.target_q != arm.actual_q:
+            arm.hold()
         if self.safety.settle(self.time, powered=self.robot_mode > RobotMode.POWER_OFF):
             self._apply_safety()
-
-    def _hand_force(self) -> tuple[float, ...]:
-        """Wrench that compliant modes feel."""
-        sensor = self.force_sensor
-        measured = sensor.use_external or self.compliance.force_task is not None
-        return sensor.tcp if measured else sensor.applied
 
     # Control, power and programs.
 
@@ -333,52 +323,24 @@ class Controller:
         if "external_force_torque" in values:
             wrench = tuple(values["external_force_torque"])
             if all(abs(x) <= LARGEST for x in wrench):  # the rest is no measurement
-                self.force_sensor.external = wrench
-                self.load_changed()
-
-    # Tool and load.
+                self.plant.force_sensor.external = wrench
+                self.plant.load_changed()
 
     def set_tool_communication(self, settings: LineSettings) -> None:
         """Set the serial line to the tool. It takes the wires of the tool's analog inputs."""
         self.tool_communication = settings
         self.signals.connect_tool_analog(not settings.enabled)
 
-    def set_tcp(self, pose: tuple[float, ...]) -> None:
-        """Set the TCP: a pose in the flange frame."""
-        self.tcp = pose
-        self.tool = to_transform(pose) if any(pose) else IDENTITY
-        self.load_changed()
-
-    def set_payload(self, mass: float, cog: tuple[float, ...], inertia: tuple[float, ...]) -> None:
-        """Set the payload: kg, m (flange frame) and kg m^2 (Ixx Iyy Izz Ixy Ixz Iyz)."""
-        self.payload, self.payload_cog, self.payload_inertia = mass, cog, inertia
-        self.load_changed()
-
-    def set_gravity(self, gravity: tuple[float, ...]) -> None:
-        """Set the upward acceleration that the base feels, m/s^2."""
-        self.gravity = gravity
-        self.load_changed()
-
-    def load_changed(self) -> None:
-        """Have outputs that depend on tool, load and forces computed again."""
-        self.load_revision += 1
-
     @property
     def waypoint(self) -> Floats | None:
         """Pose to which the running move goes, None when none runs."""
         return self._moves.waypoint
 
-    def mass_matrix(self, q: Floats, rotors: bool = True) -> Matrix:
-        """Mass matrix with the present payload, kg m^2."""
-        return self.dynamics.mass_matrix(
-            q, self.payload, self.payload_cog, self.payload_inertia, rotors
-        )
-
-    def coriolis(self, q: Floats, qd: Floats) -> list[float]:
-        """Coriolis and centrifugal torques with the present payload, N.m."""
-        return self.dynamics.coriolis(q, qd, self.payload, self.payload_cog, self.payload_inertia)
-
     # Messages and pop-ups.
+
+    def note(self, text: str) -> None:
+        """Enter a text in the log."""
+        self.log.append((self.time, text))
 
     def post(self, message: Message) -> None:
         """Queue a message for the primary clients, and enter it in the log."""
@@ -597,9 +559,9 @@ class Controller:
         if not 0 <= index < 6:
             raise ValueError(f"joint index {index} is not within 0 to 5")
         if on:
-            self.arm.frozen.add(index)
+            self.plant.arm.frozen.add(index)
         else:
-            self.arm.frozen.discard(index)
+            self.plant.arm.frozen.discard(index)
 
     def external_force(self, wrench: Sequence[float]) -> None:
         """Push with `wrench` (fx fy fz N, tx ty tz N.m) at the TCP, in the axes of the base."""
@@ -619,7 +581,7 @@ class Controller:
             self.post(SafetyModeMessage(int(mode)))
             _log.info("safety mode %s", mode.name)
         rule = self.safety.rule
-        self.arm.stop_deceleration = rule.deceleration
+        self.plant.arm.stop_deceleration = rule.deceleration
         if rule.program is ProgramRule.STOP:
             self.player.end(failed=mode in _FAILURES)
         elif rule.program is ProgramRule.PAUSE:
@@ -632,9 +594,9 @@ class Controller:
         self._power_changed()
 
     def _power_changed(self) -> None:
-        self.arm.enabled = self.robot_mode == RobotMode.RUNNING
-        if not self.arm.enabled:
-            self.compliance.end()
+        self.plant.arm.enabled = self.robot_mode == RobotMode.RUNNING
+        if not self.plant.arm.enabled:
+            self.plant.compliance.end()
 
 
 def _unlock_at_once(controller: Controller) -> None:

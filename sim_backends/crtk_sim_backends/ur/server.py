@@ -205,9 +205,9 @@ class UrServer:
             raise
 
     def _network_builtins(self, controller: Controller) -> Iterator[Builtin]:
-        yield from self._sockets.builtins(controller)
+        yield from self._sockets.builtins(controller.clock)
         yield from self._rpc.builtins()
-        yield from modbus_builtins(controller, self._modbus_units)
+        yield from modbus_builtins(controller.state_signals, self._modbus_units)
 
     def _greeting(self, name: str) -> bytes:
         greetings: dict[str, Callable[[], bytes]] = {

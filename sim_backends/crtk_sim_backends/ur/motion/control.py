@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
+from collections.abc import Callable, Generator
+from typing import Any, NoReturn, Protocol, TypeAlias
 
+from crtk_sim_backends.ur.clock import Clock
 from crtk_sim_backends.ur.motion.arm import approach
 from crtk_sim_backends.ur.motion.kinematics import Floats, Transform, compose, to_transform
-from crtk_sim_backends.ur.urscript import Pose, ScriptRuntimeError
+from crtk_sim_backends.ur.motion.plant import Plant
+from crtk_sim_backends.ur.urscript import Pose, Program, ScriptRuntimeError
 from crtk_sim_backends.ur.urscript.arguments import six
-
-if TYPE_CHECKING:
-    from crtk_sim_backends.ur.controller import Controller
 
 Motion: TypeAlias = Generator[None, None, None]
 
 SINGULARITY = 154
+
+
+class Execution(Protocol):
+    """One execution of a program.
+
+    Attributes:
+        program: what is executed.
+    """
+
+    program: Program
 
 
 class MotionControl:
@@ -23,29 +32,43 @@ class MotionControl:
 
     Two threads that claim the arm in the same period stop the program, as on the robot; a thread
     that ends or is killed lets go of it at once.
+
+    Args:
+        plant: whose arm it is.
+        clock: counts the control periods.
+        caller: execution and thread that run now.
+        protective_stop: stops the robot, with a reason for the error log.
     """
 
-    def __init__(self, controller: Controller) -> None:
-        self.controller = controller
-        self.arm = controller.arm
-        self.kinematics = controller.kinematics
+    def __init__(
+        self,
+        plant: Plant,
+        clock: Clock,
+        caller: Callable[[], tuple[Execution, int]],
+        protective_stop: Callable[[int], object],
+    ) -> None:
+        self.plant = plant
+        self.arm = plant.arm
+        self.kinematics = plant.kinematics
+        self._clock = clock
+        self._caller = caller
+        self._protective_stop = protective_stop
         self._claimed_tick = -2
         self._owner: object = None
 
     @property
     def tick(self) -> int:
         """Number of this control period."""
-        return self.controller.tick_count
+        return self._clock.ticks
 
     def claim(self) -> None:
         """Take the arm for this period. Raises ScriptRuntimeError when another thread has it."""
-        controller = self.controller
-        caller = controller.player.caller()
+        caller = self._caller()
         if caller[0].program.kind == "sec":
             raise ScriptRuntimeError("A secondary program must not move the robot")
         if not self.arm.enabled:
             raise ScriptRuntimeError("The robot is not running: power it on and release the brakes")
-        tick = controller.tick_count
+        tick = self._clock.ticks
         if self._claimed_tick == tick:
             if self._owner != caller:
                 raise ScriptRuntimeError("Another thread is already controlling the robot")
@@ -56,7 +79,7 @@ class MotionControl:
 
     def release(self, owner: object) -> None:
         """Let another thread command the arm in this period, because `owner` ended."""
-        if self._owner == owner and self._claimed_tick == self.controller.tick_count:
+        if self._owner == owner and self._claimed_tick == self._clock.ticks:
             self._claimed_tick -= 1
 
     def hold(self) -> Motion:
@@ -76,7 +99,7 @@ class MotionControl:
 
     def stop_protectively(self, code: int) -> Generator[None, None, NoReturn]:
         """Stop protectively and wait for the end of the program."""
-        self.controller.protective_stop(code)
+        self._protective_stop(code)
         while True:
             yield
 
@@ -93,7 +116,7 @@ class MotionControl:
         numbers = six(name, value)
         if isinstance(value, Pose):
             return to_transform(numbers)
-        return compose(self.kinematics.flange(numbers), self.controller.tool)
+        return compose(self.kinematics.flange(numbers), self.plant.tool)
 
     def goal(self, name: str, value: Any, near: Floats) -> list[float]:
         """Joint positions of an argument that is a pose or joint positions.
@@ -105,7 +128,7 @@ class MotionControl:
         if not isinstance(value, Pose):
             return six(name, value)
         goal = self.target(name, value)
-        q = self.kinematics.inverse(goal, near, self.controller.tool)
+        q = self.kinematics.inverse(goal, near, self.plant.tool)
         if q is None:
             raise ScriptRuntimeError(f"{name}: Unable to find an inverse kinematics solution")
         return q

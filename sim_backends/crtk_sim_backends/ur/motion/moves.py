@@ -14,12 +14,12 @@ rounds corners on an arc at constant speed, and blends that would overlap skip t
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from math import sqrt
 from typing import Any, Final
 
-from crtk_sim_backends.ur.messages import ErrorMessage, ReportLevel
+from crtk_sim_backends.ur.messages import ErrorMessage, Message, ReportLevel
 from crtk_sim_backends.ur.motion.control import SINGULARITY, Motion, MotionControl
 from crtk_sim_backends.ur.motion.kinematics import Floats, Transform, compose, invert, to_pose
 from crtk_sim_backends.ur.motion.paths import Arc, JointPath, Line, Path, Rounded, ToolPath, rounded
@@ -80,10 +80,17 @@ class Pace:
 
 
 class Moves:
-    """The built-ins that move the arm to a point."""
+    """The built-ins that move the arm to a point.
 
-    def __init__(self, control: MotionControl) -> None:
+    Args:
+        control: of the arm.
+        post: sends a message to the clients.
+    """
+
+    def __init__(self, control: MotionControl, post: Callable[[Message], None]) -> None:
         self._control = control
+        self._post = post
+        self._plant = control.plant
         self._arm = control.arm
         self._kinematics = control.kinematics
         self._tail: Tail | None = None
@@ -172,7 +179,7 @@ class Moves:
         arc = Arc(self._origin_pose(), via, end, fixed)
         if fixed:
             self._set_waypoint(arc.at(1.0))
-        path = ToolPath(arc, self._kinematics, control.controller.tool, None if fixed else goal)
+        path = ToolPath(arc, self._kinematics, self._plant.tool, None if fixed else goal)
         yield from self._go("movec", path, _pace("movec", v, a, constant=True), r)
 
     def optimovej(self, q: Any, a: float = 0.3, v: float = 0.3, r: float = 0) -> Motion:
@@ -212,7 +219,7 @@ class Moves:
         if self._tail is not None and self._tail.tick != control.tick:
             self._tail = None
         q = self._origin() if goal is None else control.goal(name, goal, self._origin())
-        self._set_waypoint(compose(self._kinematics.flange(q), control.controller.tool))
+        self._set_waypoint(compose(self._kinematics.flange(q), self._plant.tool))
         if self._tail is None:
             for _ in control.halt(deceleration):
                 self._waypoint_tick = control.tick
@@ -228,15 +235,14 @@ class Moves:
         return self._tail.waypoint if self._tail is not None else list(self._arm.plan_q)
 
     def _origin_pose(self) -> Transform:
-        return compose(self._kinematics.flange(self._origin()), self._control.controller.tool)
+        return compose(self._kinematics.flange(self._origin()), self._plant.tool)
 
     def _joint_path(self, goal: Floats) -> JointPath:
-        tool = self._control.controller.tool
-        return JointPath(self._origin(), goal, self._kinematics, tool)
+        return JointPath(self._origin(), goal, self._kinematics, self._plant.tool)
 
     def _line(self, target: Transform, goal: Floats) -> ToolPath:
         line = Line(self._origin_pose(), target)
-        return ToolPath(line, self._kinematics, self._control.controller.tool, goal)
+        return ToolPath(line, self._kinematics, self._plant.tool, goal)
 
     # The way.
 
@@ -270,7 +276,7 @@ class Moves:
 
     def _skip(self, name: str) -> None:
         argument, text = SKIPPED[name]
-        self._control.controller.post(
+        self._post(
             ErrorMessage(BLEND_ISSUE, argument, ReportLevel.WARNING, f"Issue with blends: {text}")
         )
 

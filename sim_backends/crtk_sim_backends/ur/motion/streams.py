@@ -35,7 +35,7 @@ class Streams:
 
     def __init__(self, control: MotionControl) -> None:
         self._control = control
-        self._controller = control.controller
+        self._plant = control.plant
         self._arm = control.arm
         self._kinematics = control.kinematics
 
@@ -100,7 +100,7 @@ class Streams:
         ticks = self._ticks(t) if t is not None else 0
         while True:
             self._control.claim()
-            matrix = self._kinematics.jacobian(arm.plan_q, self._controller.tool)
+            matrix = self._kinematics.jacobian(arm.plan_q, self._plant.tool)
             twist = multiply(matrix, arm.plan_qd)
             h = arm.dt * arm.scale
             reached = (
@@ -135,7 +135,7 @@ class Streams:
         if not any(arm.plan_qd):
             yield from self._control.hold()
             return
-        matrix = self._kinematics.jacobian(arm.plan_q, self._controller.tool)
+        matrix = self._kinematics.jacobian(arm.plan_q, self._plant.tool)
         twist = multiply(matrix, arm.plan_qd)
         # Both come to rest together, so that the path stays what it was.
         seconds = max(norm(twist[:3]) / linear, norm(twist[3:]) / turn)
@@ -143,7 +143,7 @@ class Streams:
         while True:
             self._control.claim()
             left -= arm.dt * arm.scale
-            matrix = self._kinematics.jacobian(arm.plan_q, self._controller.tool)
+            matrix = self._kinematics.jacobian(arm.plan_q, self._plant.tool)
             qd = (
                 joint_rates(matrix, [v * left / seconds for v in twist])
                 if left > 0.0
@@ -170,7 +170,7 @@ class Streams:
         nothing. Speed slider and pause do not slow this down.
         """
         control = self._control
-        controller = self._controller
+        plant = self._plant
         arm = self._arm
         load = six("direct_torque", torque)
         full = 1.0 if friction_comp else 0.0
@@ -188,14 +188,14 @@ class Streams:
             for limit, v, b, c in zip(limits, qd, viscous, coulomb, strict=True)
         ]
         push = transpose_multiply(
-            self._kinematics.jacobian(q, controller.tool), controller.force_sensor.applied
+            self._kinematics.jacobian(q, plant.tool), plant.force_sensor.applied
         )
-        inner = controller.coriolis(q, qd)
+        inner = plant.coriolis(q, qd)
         net = [
             max(-limit, min(limit, t)) - d - c + p
             for limit, t, d, c, p in zip(limits, load, drag, inner, push, strict=True)
         ]
-        qdd = solve(controller.mass_matrix(q), net)
+        qdd = solve(plant.mass_matrix(q), net)
         arm.command_velocity([(v + a * arm.dt) / arm.scale for v, a in zip(qd, qdd, strict=True)])
         yield
 

@@ -210,7 +210,7 @@ def _clear_operational_mode(robot: Robot, _: str) -> str:
 def _add_to_log(robot: Robot, text: str) -> str:
     if not text:
         return "No log message to add"
-    robot.controller.log.append((robot.controller.time, text))
+    robot.controller.note(text)
     return "Added log message"
 
 

@@ -272,8 +272,7 @@ class RobotApiSession:
         """There is none to close."""
 
     def _add_to_log(self, body: bytes) -> None:
-        controller = self._robot.controller
-        controller.log.append((controller.time, _text(body, "message")))
+        self._robot.controller.note(_text(body, "message"))
 
     def _finish(self) -> bytes | None:
         """Answer to the command under way once it is done or has taken too long."""

@@ -5,74 +5,81 @@ Names, parameters and defaults follow the URScript manual, chapters "internals" 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 from crtk_sim_backends.ur.motion import kinematics as k
 from crtk_sim_backends.ur.motion.compliance import ForceTask, Turning
-from crtk_sim_backends.ur.motion.contact import CONTACT_FORCE
+from crtk_sim_backends.ur.motion.contact import CONTACT_FORCE, Surroundings
+from crtk_sim_backends.ur.motion.plant import Plant
 from crtk_sim_backends.ur.urscript import Builtin, List, Pose, ScriptRuntimeError
 from crtk_sim_backends.ur.urscript.arguments import LARGEST, six, vector
 
-if TYPE_CHECKING:
-    from crtk_sim_backends.ur.controller import Controller
+
+def force_builtins(
+    plant: Plant, surroundings: Surroundings, outputs: Mapping[str, Any]
+) -> Iterator[Builtin]:
+    """Every built-in of this module for one controller.
+
+    Args:
+        plant: its mechanics.
+        surroundings: what acts on the tool.
+        outputs: process image by RTDE output variable name.
+    """
+    for call in (*_tool(plant, surroundings, outputs), *_compliance(plant)):
+        yield Builtin(call.__name__, call)
 
 
-def force_builtins(controller: Controller) -> Iterator[Builtin]:
-    """Every built-in of this module for one controller."""
-    for group in (_tool, _compliance):
-        for call in group(controller):
-            yield Builtin(call.__name__, call)
-
-
-def _tool(c: Controller) -> list[Callable[..., Any]]:
-    sensor = c.force_sensor
+def _tool(
+    plant: Plant, surroundings: Surroundings, outputs: Mapping[str, Any]
+) -> list[Callable[..., Any]]:
+    sensor = plant.force_sensor
 
     def set_tcp(pose: Any, tcp_name: str = "") -> None:
-        c.set_tcp(tuple(six("set_tcp", pose)))
+        plant.set_tcp(tuple(six("set_tcp", pose)))
 
     def get_tcp_offset() -> Pose:
-        return Pose(c.tcp)
+        return Pose(plant.tcp)
 
     def set_target_payload(
         m: float, cog: Any = None, inertia: Any = None, transition_time: float = 0
     ) -> None:
         if not 0 <= m <= LARGEST:
             raise ScriptRuntimeError(f"set_target_payload: payload of {m} kg")
-        centre = c.payload_cog if cog is None else vector("set_target_payload cog", cog, 3)
+        centre = plant.payload_cog if cog is None else vector("set_target_payload cog", cog, 3)
         tensor = (0.0,) * 6 if inertia is None else vector("set_target_payload", inertia, 6)
-        c.set_payload(float(m), centre, tensor)
+        plant.set_payload(float(m), centre, tensor)
 
     def set_payload(m: float, cog: Any = None) -> None:
-        set_target_payload(m, cog, c.payload_inertia)
+        set_target_payload(m, cog, plant.payload_inertia)
 
     def set_payload_mass(m: float) -> None:
         set_payload(m)
 
     def set_payload_cog(cog: Any) -> None:
-        set_payload(c.payload, cog)
+        set_payload(plant.payload, cog)
 
     def get_target_payload() -> float:
-        return c.payload
+        return plant.payload
 
     def get_target_payload_cog() -> List:
-        return List(c.payload_cog)
+        return List(plant.payload_cog)
 
     def get_target_payload_inertia() -> List:
-        return List(c.payload_inertia)
+        return List(plant.payload_inertia)
 
     def set_gravity(d: Any) -> None:
-        c.set_gravity(vector("set_gravity", d, 3))
+        plant.set_gravity(vector("set_gravity", d, 3))
 
     def get_tcp_force() -> List:
-        return List(c.outputs["actual_TCP_force"])
+        return List(outputs["actual_TCP_force"])
 
     def force() -> float:
-        return float(c.outputs["tcp_force_scalar"])
+        return float(outputs["tcp_force_scalar"])
 
     def zero_ftsensor() -> None:
         sensor.zero()
-        c.load_changed()
+        plant.load_changed()
 
     def ft_rtde_input_enable(
         enable: bool,
@@ -82,7 +89,7 @@ def _tool(c: Controller) -> list[Callable[..., Any]]:
     ) -> None:
         """Measure with `external_force_torque`, taken to be free of the sensor's own weight."""
         sensor.use_external = bool(enable)
-        c.load_changed()
+        plant.load_changed()
 
     def enable_external_ft_sensor(
         enable: bool,
@@ -94,7 +101,7 @@ def _tool(c: Controller) -> list[Callable[..., Any]]:
 
     def tool_contact(direction: Any = (0.0, 0.0, 0.0)) -> int:
         """Periods since the tool touched something in `direction` (any if zero), 0 if it did not."""
-        steps = c.surroundings.contact_steps
+        steps = surroundings.contact_steps
         way = vector("tool_contact", direction, 3)
         size = k.norm(way)
         if steps and size > 1e-9:
@@ -123,8 +130,9 @@ def _tool(c: Controller) -> list[Callable[..., Any]]:
     ]
 
 
-def _compliance(c: Controller) -> list[Callable[..., Any]]:
-    compliance = c.compliance
+def _compliance(plant: Plant) -> list[Callable[..., Any]]:
+    arm = plant.arm
+    compliance = plant.compliance
 
     def force_mode(
         task_frame: Any, selection_vector: Any, wrench: Any, type: int, limits: Any
@@ -154,7 +162,7 @@ def _compliance(c: Controller) -> list[Callable[..., Any]]:
         if isinstance(feature, str):
             frame = k.IDENTITY
             if feature == "tool":
-                frame = k.compose(c.kinematics.flange(c.arm.target_q), c.tool)
+                frame = k.compose(plant.kinematics.flange(arm.target_q), plant.tool)
         else:
             frame = k.to_transform(six("freedrive_mode feature", feature))
         axes = tuple(bool(x) for x in six("freedrive_mode", freeAxes))
@@ -171,7 +179,7 @@ def _compliance(c: Controller) -> list[Callable[..., Any]]:
 
     def get_freedrive_status() -> int:
         """Return 0 when all axes can move, 1 near a singularity, 2 at a joint limit."""
-        limits = zip(c.arm.target_q, c.model.position, strict=True)
+        limits = zip(arm.target_q, arm.model.position, strict=True)
         if any(abs(q) > limit - 0.01 for q, limit in limits):
             return 2
         return 1 if compliance.near_singularity() else 0

@@ -25,7 +25,8 @@ from crtk_sim_backends.ur.urscript import (
 )
 
 if TYPE_CHECKING:
-    from crtk_sim_backends.ur.controller import Controller
+    from crtk_sim_backends.ur.clock import Clock
+    from crtk_sim_backends.ur.program.player import ProgramPlayer
     from crtk_sim_backends.ur.program.running import ProgramRuntime
 
 NOT_RUNNING: Final = "Program is in an invalid state"
@@ -182,17 +183,27 @@ class Interpreter:
     """Takes lines, replies to them, and executes them where the program waits for them.
 
     Args:
-        controller: whose program it is.
+        player: runs the program.
+        clock: of the controller.
+        note: enters a text in the log.
         abort: stops the running `movej` or `movel`.
     """
 
-    def __init__(self, controller: Controller, abort: Callable[[], None]) -> None:
-        self._controller = controller
+    def __init__(
+        self,
+        player: ProgramPlayer,
+        clock: Clock,
+        note: Callable[[str], None],
+        abort: Callable[[], None],
+    ) -> None:
+        self._player = player
+        self._clock = clock
+        self._note = note
         self._abort = abort
         self._latest: _Execution | None = None
         self._tick = -1
         self._left = 0  # lines that may be compiled in that period
-        controller.player.ended.append(self._program_ended)
+        player.ended.append(self._program_ended)
         self._commands: dict[str, Callable[[], str]] = {
             "abort": self._do_abort,
             "skipbuffer": self._skip,
@@ -229,8 +240,8 @@ class Interpreter:
         execution = self._latest
         if execution is None or execution.mode is None or execution.mode.ended:
             return
-        if self._tick != self._controller.tick_count:
-            self._tick, self._left = self._controller.tick_count, LINES_PER_PERIOD
+        if self._tick != self._clock.ticks:
+            self._tick, self._left = self._clock.ticks, LINES_PER_PERIOD
         while execution.lines and not execution.held and self._left > 0:
             self._left -= 1
             if execution.full and not any(name in execution.lines[0].text for name in _HOLDING):
@@ -241,7 +252,7 @@ class Interpreter:
                 return
             line = execution.take()
             if isinstance(outcome, CompileError):
-                self._controller.log.append((self._controller.time, f"interpreter: {outcome.text}"))
+                self._note(f"interpreter: {outcome.text}")
                 line.discard(SYNTAX_ERROR if outcome.is_syntax else COMPILE_ERROR)
             else:
                 self._accept(execution, line, outcome)
@@ -290,10 +301,10 @@ class Interpreter:
             execution.discard_lines(CLEANED_UP)
         execution.statements.enter(enclosing)
         mode = execution.mode = _Mode(bool(clearOnEnd))
-        done, tick = 0, self._controller.tick_count
+        done, tick = 0, self._clock.ticks
         while not mode.ended:
-            if tick != self._controller.tick_count:
-                done, tick = 0, self._controller.tick_count
+            if tick != self._clock.ticks:
+                done, tick = 0, self._clock.ticks
             self.interpret()
             if not execution.accepted or done >= STATEMENTS_PER_PERIOD:
                 yield
@@ -323,14 +334,14 @@ class Interpreter:
 
     def _of_caller(self, name: str) -> _Execution:
         """The interpreter of the program that calls."""
-        runtime, _ = self._controller.player.caller()
+        runtime, _ = self._player.caller()
         if runtime.program.kind == "sec":
             raise ScriptRuntimeError(f"{name} cannot be called in a secondary program")
         return self._execution() or _Execution(runtime)  # it runs on to where it blocks, once ended
 
     def _execution(self) -> _Execution | None:
         """That of the program that plays or is paused."""
-        runtime = self._controller.player.running
+        runtime = self._player.running
         if runtime is None:
             return None
         if self._latest is None or self._latest.runtime is not runtime:

@@ -5,29 +5,35 @@ Names, parameters and defaults follow the URScript manual, chapter "interfaces".
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
-from crtk_sim_backends.ur.signals.port_map import PortError, PortTable
+from crtk_sim_backends.ur.program.player import ProgramPlayer
+from crtk_sim_backends.ur.signals.port_map import PortError, PortMap, PortTable
 from crtk_sim_backends.ur.signals.registers import BOOLEANS, boolean_written, read_boolean
 from crtk_sim_backends.ur.urscript import Builtin, ScriptRuntimeError
-
-if TYPE_CHECKING:
-    from crtk_sim_backends.ur.controller import Controller
 
 WATCHDOG_ACTIONS = ("ignore", "pause", "stop")
 
 
-def io_builtins(controller: Controller) -> Iterator[Builtin]:
-    """Every built-in of this module for one controller."""
-    for group in (_registers, _ports):
-        for call in group(controller):
-            yield Builtin(call.__name__, call)
+def io_builtins(
+    inputs: Mapping[str, Any], outputs: dict[str, Any], player: ProgramPlayer, port_map: PortMap
+) -> Iterator[Builtin]:
+    """Every built-in of this module for one controller.
+
+    Args:
+        inputs: process image by RTDE input variable name.
+        outputs: the same by RTDE output variable name.
+        player: watches over inputs.
+        port_map: registers and bits of the Modbus server.
+    """
+    for call in (*_registers(inputs, outputs, player), *_ports(port_map)):
+        yield Builtin(call.__name__, call)
 
 
-def _registers(c: Controller) -> list[Callable[..., Any]]:
-    inputs = c.inputs
-    outputs = c.outputs
+def _registers(
+    inputs: Mapping[str, Any], outputs: dict[str, Any], player: ProgramPlayer
+) -> list[Callable[..., Any]]:
 
     def names(template: str, count: int, first: int = 0) -> dict[float, str]:
         return {i: template.format(i) for i in range(first, count)}
@@ -83,7 +89,7 @@ def _registers(c: Controller) -> list[Callable[..., Any]]:
             raise ScriptRuntimeError(f"rtde_set_watchdog: no input variable {variable_name}")
         if action.lower() not in WATCHDOG_ACTIONS:
             raise ScriptRuntimeError(f"rtde_set_watchdog: unknown action {action}")
-        c.player.set_watchdog(variable_name, float(min_frequency), action.lower())
+        player.set_watchdog(variable_name, float(min_frequency), action.lower())
 
     return [
         read_input_float_register,
@@ -99,9 +105,9 @@ def _registers(c: Controller) -> list[Callable[..., Any]]:
     ]
 
 
-def _ports(c: Controller) -> list[Callable[..., Any]]:
-    registers = c.port_map.registers
-    bits = c.port_map.bits
+def _ports(port_map: PortMap) -> list[Callable[..., Any]]:
+    registers = port_map.registers
+    bits = port_map.bits
 
     def read(name: str, table: PortTable, address: int) -> int:
         try:

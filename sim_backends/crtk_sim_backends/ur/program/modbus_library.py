@@ -10,15 +10,12 @@ import importlib.util
 import re
 import time
 from collections.abc import Callable, Generator, Iterator
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from crtk_sim_backends.ur.program.signal_library import input_action
 from crtk_sim_backends.ur.signals.modbus_client import KINDS, ModbusUnits, Signal, UnitConnection
-from crtk_sim_backends.ur.signals.state_signals import CHOICES
+from crtk_sim_backends.ur.signals.state_signals import CHOICES, StateSignals
 from crtk_sim_backends.ur.urscript import Builtin, List, ScriptRuntimeError
-
-if TYPE_CHECKING:
-    from crtk_sim_backends.ur.controller import Controller
 
 _LONGEST_NAME: Final = 20  # characters
 _LARGEST_COUNT: Final = 123
@@ -28,9 +25,9 @@ _ADDRESS: Final = r"\d{1,3}(\.\d{1,3}){3}(:\d{1,5})?"
 Call = Callable[..., Any]
 
 
-def modbus_builtins(controller: Controller, units: ModbusUnits) -> Iterator[Builtin]:
+def modbus_builtins(state_signals: StateSignals, units: ModbusUnits) -> Iterator[Builtin]:
     """Every built-in of this module for one controller."""
-    for call in _settings(controller, units):
+    for call in _settings(state_signals, units):
         yield Builtin(call.__name__, call)
     for call in _blocking(units):
         yield Builtin(call.__name__, call, blocking=True)
@@ -59,7 +56,7 @@ def _find(units: ModbusUnits, name: str, signal_name: Any) -> tuple[Signal, Unit
     return found
 
 
-def _settings(c: Controller, units: ModbusUnits) -> list[Call]:
+def _settings(state_signals: StateSignals, units: ModbusUnits) -> list[Call]:
     def modbus_add_signal(
         IP: str,  # noqa: N803
         slave_number: int,
@@ -88,11 +85,11 @@ def _settings(c: Controller, units: ModbusUnits) -> list[Call]:
             units.add(address, signal)
         except OverflowError as error:
             raise ScriptRuntimeError(f"{name}: {error}") from None
-        c.state_signals.forget(_label(signal_name))
+        state_signals.forget(_label(signal_name))
 
     def modbus_delete_signal(signal_name: str) -> None:
         units.delete(signal_name)
-        c.state_signals.forget(_label(signal_name))
+        state_signals.forget(_label(signal_name))
 
     def set_output(name: str, signal_name: str, value: Any, *, bits: bool) -> None:
         signal, connection = _find(units, name, signal_name)
@@ -170,7 +167,7 @@ def _settings(c: Controller, units: ModbusUnits) -> list[Call]:
         bits = signal.kind.bits
         choice = _integer(name, "runstate_choice", runstate_choice, 0, len(CHOICES) - 1)
         high = 1 if bits else 65535
-        c.state_signals.set_choice(
+        state_signals.set_choice(
             _label(signal_name),
             lambda level: set_output(name, signal_name, high if level else 0, bits=bits),
             choice,
@@ -181,7 +178,7 @@ def _settings(c: Controller, units: ModbusUnits) -> list[Call]:
         signal, _ = _find(units, name, signal_name)
         if signal.kind is not KINDS[0]:
             raise ScriptRuntimeError(f"{name}: {signal_name} is no digital input")
-        c.state_signals.set_action(
+        state_signals.set_action(
             _label(signal_name),
             lambda: signal.valid and any(signal.answer.values or ()),
             input_action(name, action),

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final, Protocol
 
+from crtk_sim_backends.ur.clock import Clock
 from crtk_sim_backends.ur.messages import (
     ErrorMessage,
     KeyMessage,
+    Message,
     ReportLevel,
     RuntimeExceptionMessage,
 )
+from crtk_sim_backends.ur.motion.plant import Plant
 from crtk_sim_backends.ur.program.running import ProgramRuntime
-from crtk_sim_backends.ur.safety.modes import RuntimeState
+from crtk_sim_backends.ur.safety.modes import RobotMode, RuntimeState, SafetyMode
+from crtk_sim_backends.ur.signals.variables import Version
 from crtk_sim_backends.ur.urscript import (
     Builtin,
     ScriptError,
@@ -22,13 +26,39 @@ from crtk_sim_backends.ur.urscript import (
     dialect_of,
 )
 
-if TYPE_CHECKING:
-    from crtk_sim_backends.ur.controller import Controller
-
 RAMP_SECONDS: Final = 0.2  # for speed scaling to go from nothing to full, s
 SECONDARY_LIMIT: Final = 16  # secondary programs at a time
 
 _STEPPED: Final = (RuntimeState.PLAYING, RuntimeState.PAUSING, RuntimeState.RESUMING)
+
+
+class Robot(Protocol):
+    """What runs programs.
+
+    Attributes:
+        version: of the software.
+        clock: of the controller.
+        plant: the mechanics.
+    """
+
+    version: Version
+    clock: Clock
+    plant: Plant
+
+    @property
+    def robot_mode(self) -> RobotMode:
+        """How far the arm is powered."""
+
+    @property
+    def safety_mode(self) -> SafetyMode:
+        """The safety mode that shows."""
+
+    @property
+    def can_play(self) -> bool:
+        """Whether power and safety permit a program to run."""
+
+    def post(self, message: Message) -> None:
+        """Send a message to the clients."""
 
 
 @dataclass
@@ -55,14 +85,15 @@ class ProgramPlayer:
         name: of the running or last program, "" before the first.
         failed: whether a runtime error or the safety system has ended the last one.
         ended: what is called when the running program ends.
-        thread_ended: called with the owner (see `caller`) of motions when its thread ends.
+        thread_ended: what is called with the owner (see `caller`) of motions when its thread ends.
         pause_factor: speed scaling by pause: 1 while playing, 0 when paused.
     """
 
-    def __init__(self, controller: Controller, thread_ended: Callable[[object], None]) -> None:
-        self._controller = controller
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._clock = robot.clock
         self._builtins: Mapping[str, Builtin] = {}
-        self._dialect = dialect_of(controller.version)
+        self._dialect = dialect_of(robot.version)
         self._program: ProgramRuntime | None = None
         self._next: _Next | None = None
         self._secondary: list[ProgramRuntime] = []
@@ -72,7 +103,7 @@ class ProgramPlayer:
         self.name = ""
         self.failed = False
         self.ended: list[Callable[[], None]] = []
-        self.thread_ended = thread_ended
+        self.thread_ended: list[Callable[[object], None]] = []
         self.pause_factor = 1.0
 
     @property
@@ -87,7 +118,7 @@ class ProgramPlayer:
 
     def set_builtins(self, builtins: Mapping[str, Builtin]) -> None:
         """Give the functions that programs can call, if the controller's software has them."""
-        self._builtins = available(builtins, self._controller.version)
+        self._builtins = available(builtins, self._robot.version)
 
     def caller(self) -> tuple[ProgramRuntime, int]:
         """Thread that runs now, for built-ins. Raises RuntimeError outside a program's step."""
@@ -115,9 +146,9 @@ class ProgramPlayer:
         except ScriptError as error:
             self._report(error)
             return
-        controller = self._controller
-        runtime = ProgramRuntime(program, controller.dt)
-        runtime.on_thread_end = lambda handle: self.thread_ended((runtime, handle))
+        robot = self._robot
+        runtime = ProgramRuntime(program, self._clock.dt)
+        runtime.on_thread_end = lambda handle: self._end_thread((runtime, handle))
         if program.kind == "sec":
             if len(self._secondary) >= SECONDARY_LIMIT:
                 self._warn(f"{program.name} refused: {SECONDARY_LIMIT} secondary programs run")
@@ -127,8 +158,8 @@ class ProgramPlayer:
             return
         replaces = self._program is not None or self._next is not None
         self.end()
-        if not controller.can_play:
-            state = f"{controller.robot_mode.name}, {controller.safety_mode.name}"
+        if not robot.can_play:
+            state = f"{robot.robot_mode.name}, {robot.safety_mode.name}"
             self._warn(f"Program {program.name} refused: robot is {state}")
             return
         if replaces:
@@ -136,12 +167,16 @@ class ProgramPlayer:
         else:
             self._start(runtime, program.name)
 
+    def _end_thread(self, owner: tuple[ProgramRuntime, int]) -> None:
+        for tell in self.thread_ended:
+            tell(owner)
+
     def _start(self, runtime: ProgramRuntime, name: str) -> None:
         self._program = runtime
         self.name = name
         self.state = RuntimeState.PLAYING
         self.failed = False
-        self._controller.post(KeyMessage("PROGRAM_XXX_STARTED", name))
+        self._robot.post(KeyMessage("PROGRAM_XXX_STARTED", name))
         runtime.start()
 
     def _start_next(self) -> None:
@@ -152,7 +187,7 @@ class ProgramPlayer:
             following.end_shown = True
             return
         self._next = None
-        if self._controller.can_play:
+        if self._robot.can_play:
             self._start(following.runtime, following.name)
 
     def step(self) -> None:
@@ -172,7 +207,7 @@ class ProgramPlayer:
         except ScriptError as error:
             self.failed = self.failed or runtime is self._program
             if runtime.program.kind == "sec":
-                self._controller.post(KeyMessage("SECONDARY_PROGRAM_EXCEPTION_XXX", error.text))
+                self._robot.post(KeyMessage("SECONDARY_PROGRAM_EXCEPTION_XXX", error.text))
             else:
                 self._report(error)
         finally:
@@ -186,13 +221,13 @@ class ProgramPlayer:
     def ramp(self) -> None:
         """Bring the speed scaling towards what pause or play ask for, for one control period."""
         pausing = self.state in (RuntimeState.PAUSING, RuntimeState.PAUSED)
-        step = self._controller.dt / RAMP_SECONDS
+        step = self._clock.dt / RAMP_SECONDS
         self.pause_factor = ramp(self.pause_factor, 0.0 if pausing else 1.0, step)
 
     def settle(self) -> None:
         """Finish transitions that wait for the arm."""
         if self.state == RuntimeState.STOPPING:
-            if not self._controller.arm.moving:
+            if not self._robot.plant.arm.moving:
                 self.state = RuntimeState.STOPPED
         elif self.state == RuntimeState.PAUSING:
             if self.pause_factor == 0.0:
@@ -213,7 +248,7 @@ class ProgramPlayer:
             return False
         self.state = RuntimeState.RESUMING
         for watchdog in self._watchdogs.values():
-            watchdog.kicked = self._controller.time
+            watchdog.kicked = self._clock.time
         return True
 
     def end(self, *, failed: bool = False) -> None:
@@ -223,17 +258,17 @@ class ProgramPlayer:
         if runtime is None:
             return
         self.failed = self.failed or failed
-        controller = self._controller
-        arm = controller.arm
+        plant = self._robot.plant
+        arm = plant.arm
         self._program = None
         runtime.stop()
         self._watchdogs.clear()
-        controller.compliance.end()
+        plant.compliance.end()
         # The arm slows down from its present speed; the pause no longer counts.
         arm.plan_qd = [v * self.pause_factor for v in arm.plan_qd]
         self.pause_factor = 1.0
         self.state = RuntimeState.STOPPING if arm.moving else RuntimeState.STOPPED
-        controller.post(KeyMessage("PROGRAM_XXX_STOPPED", self.name))
+        self._robot.post(KeyMessage("PROGRAM_XXX_STOPPED", self.name))
         for tell in self.ended:
             tell()
 
@@ -251,20 +286,20 @@ class ProgramPlayer:
         if frequency <= 0.0:
             self._watchdogs.pop(variable, None)
         else:
-            time = self._controller.time
+            time = self._clock.time
             self._watchdogs[variable] = _Watchdog(1.0 / frequency, action, time)
 
     def written(self, variable: str) -> None:
         """Tell that an RTDE input has been written."""
         if variable in self._watchdogs:
-            self._watchdogs[variable].kicked = self._controller.time
+            self._watchdogs[variable].kicked = self._clock.time
 
     def _check_watchdogs(self) -> None:
-        time = self._controller.time
+        time = self._clock.time
         late = [
             (name, watchdog)
             for name, watchdog in self._watchdogs.items()
-            if time - watchdog.kicked > watchdog.period + 0.5 * self._controller.dt
+            if time - watchdog.kicked > watchdog.period + 0.5 * self._clock.dt
         ]
         for name, watchdog in late:
             watchdog.kicked = time
@@ -277,10 +312,10 @@ class ProgramPlayer:
                 self.pause()
 
     def _report(self, error: ScriptError) -> None:
-        self._controller.post(RuntimeExceptionMessage(error.line, error.column, error.text))
+        self._robot.post(RuntimeExceptionMessage(error.line, error.column, error.text))
 
     def _warn(self, text: str) -> None:
-        self._controller.post(ErrorMessage(0, 0, ReportLevel.WARNING, text))
+        self._robot.post(ErrorMessage(0, 0, ReportLevel.WARNING, text))
 
 
 def ramp(value: float, goal: float, step: float) -> float:

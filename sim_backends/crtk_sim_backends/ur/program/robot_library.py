@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Generator, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
-from crtk_sim_backends.ur.messages import TextMessage
+from crtk_sim_backends.ur.clock import Clock
+from crtk_sim_backends.ur.messages import Message, TextMessage
 from crtk_sim_backends.ur.motion import kinematics as k
+from crtk_sim_backends.ur.motion.plant import Plant
 from crtk_sim_backends.ur.signals.process_image import TORQUE_CONSTANT
 from crtk_sim_backends.ur.urscript import (
     Builtin,
@@ -22,21 +24,50 @@ from crtk_sim_backends.ur.urscript import (
 )
 from crtk_sim_backends.ur.urscript.arguments import six
 
-if TYPE_CHECKING:
-    from crtk_sim_backends.ur.controller import Controller
+
+class Robot(Protocol):
+    """What the functions ask and tell.
+
+    Attributes:
+        clock: of the controller.
+        plant: the mechanics.
+        outputs: process image by RTDE output variable name.
+        popup_text: text of the open pop-up, or None.
+    """
+
+    clock: Clock
+    plant: Plant
+    outputs: dict[str, Any]
+    popup_text: str | None
+
+    @property
+    def waypoint(self) -> k.Floats | None:
+        """Pose to which the running move goes, None when none runs."""
+
+    def post(self, message: Message) -> None:
+        """Send a message to the clients."""
+
+    def protective_stop(self, reason_code: int) -> None:
+        """Stop protectively, with an entry `reason_code` in the error log."""
+
+    def open_popup(
+        self, text: str, title: str, *, warning: bool, error: bool, blocking: bool
+    ) -> None:
+        """Show a pop-up on the panel."""
 
 
-def robot_builtins(controller: Controller) -> Iterator[Builtin]:
-    """Every built-in of this module for one controller."""
-    for group in (_state, _kinematics):
-        for call in group(controller):
-            yield Builtin(call.__name__, call)
-    yield Builtin("popup", _popup(controller), blocking=True)
+def robot_builtins(robot: Robot) -> Iterator[Builtin]:
+    """Every built-in of this module for one robot."""
+    for call in (*_state(robot), *_kinematics(robot.plant)):
+        yield Builtin(call.__name__, call)
+    yield Builtin("popup", _popup(robot), blocking=True)
 
 
-def _state(c: Controller) -> list[Callable[..., Any]]:
-    arm = c.arm
-    out = c.outputs
+def _state(robot: Robot) -> list[Callable[..., Any]]:
+    clock = robot.clock
+    plant = robot.plant
+    arm = plant.arm
+    out = robot.outputs
 
     def getter(name: str, read: Callable[[], Any]) -> Callable[[], Any]:
         def get() -> Any:
@@ -64,26 +95,26 @@ def _state(c: Controller) -> list[Callable[..., Any]]:
     def time(mode: int = 0) -> Any:
         """Seconds since the controller started: a number, or with mode 2 a struct (sec, nanosec)."""
         if mode == 0:
-            return c.time
+            return clock.time
         if mode != 2:
             raise ScriptRuntimeError(f"time: unknown mode {mode}")
-        seconds = int(c.time)
-        return Struct((("sec", seconds), ("nanosec", round((c.time - seconds) * 1e9))))
+        seconds = int(clock.time)
+        return Struct((("sec", seconds), ("nanosec", round((clock.time - seconds) * 1e9))))
 
     def textmsg(s1: Any, s2: Any = "") -> None:
-        c.post(TextMessage(to_text(s1) + to_text(s2)))
+        robot.post(TextMessage(to_text(s1) + to_text(s2)))
 
     def protective_stop() -> None:
-        c.protective_stop(209)
+        robot.protective_stop(209)
 
     def tool_pose(q: list[float]) -> Pose:
-        return Pose(c.kinematics.forward(q, c.tool))
+        return Pose(plant.kinematics.forward(q, plant.tool))
 
     def twist(qd: list[float]) -> List:
-        return List(k.multiply(c.kinematics.jacobian(arm.target_q, c.tool), qd))
+        return List(k.multiply(plant.kinematics.jacobian(arm.target_q, plant.tool), qd))
 
     simple: dict[str, Callable[[], Any]] = {
-        "get_steptime": lambda: c.dt,
+        "get_steptime": lambda: clock.dt,
         "get_actual_joint_positions": lambda: List(arm.actual_q),
         "get_joint_positions": lambda: List(arm.actual_q),
         "get_target_joint_positions": lambda: List(arm.target_q),
@@ -98,9 +129,11 @@ def _state(c: Controller) -> list[Callable[..., Any]]:
         # No offset from the path is simulated.
         "get_target_tcp_pose_along_path": lambda: tool_pose(arm.target_q),
         "get_target_tcp_speed_along_path": lambda: twist(arm.target_qd),
-        "get_actual_tool_flange_pose": lambda: Pose(c.kinematics.forward(arm.actual_q)),
-        "get_target_tool_flange_pose": lambda: Pose(c.kinematics.forward(arm.target_q)),
-        "get_target_waypoint": lambda: Pose(c.waypoint) if c.waypoint else tool_pose(arm.target_q),
+        "get_actual_tool_flange_pose": lambda: Pose(plant.kinematics.forward(arm.actual_q)),
+        "get_target_tool_flange_pose": lambda: Pose(plant.kinematics.forward(arm.target_q)),
+        "get_target_waypoint": lambda: (
+            Pose(robot.waypoint) if robot.waypoint else tool_pose(arm.target_q)
+        ),
         "get_joint_torques": lambda: List(
             (actual - target) * constant
             for actual, target, constant in zip(
@@ -110,10 +143,10 @@ def _state(c: Controller) -> list[Callable[..., Any]]:
         "get_controller_temp": lambda: 32.0,
         "get_tool_current": lambda: out["tool_output_current"],
         "get_tool_accelerometer_reading": lambda: List(out["actual_tool_accelerometer"]),
-        "get_gravity": lambda: List(c.gravity),
+        "get_gravity": lambda: List(plant.gravity),
         "get_tool_temp": lambda: out["tool_temperature"],
         "random": random.Random(0).random,  # the same numbers in each run of the simulator
-        "is_steady": lambda: arm.steady and not c.compliance.active,
+        "is_steady": lambda: arm.steady and not plant.compliance.active,
     }
     return [
         *(getter(name, read) for name, read in simple.items()),
@@ -126,7 +159,7 @@ def _state(c: Controller) -> list[Callable[..., Any]]:
     ]
 
 
-def _popup(c: Controller) -> Callable[..., Any]:
+def _popup(robot: Robot) -> Callable[..., Any]:
     def popup(
         s: Any,
         title: str = "Popup",
@@ -135,19 +168,19 @@ def _popup(c: Controller) -> Callable[..., Any]:
         blocking: bool = False,
     ) -> Generator[None]:
         kind = {"warning": bool(warning), "error": bool(error), "blocking": bool(blocking)}
-        c.open_popup(to_text(s), title, **kind)
-        while blocking and c.popup_text is not None:
+        robot.open_popup(to_text(s), title, **kind)
+        while blocking and robot.popup_text is not None:
             yield
 
     return popup
 
 
-def _kinematics(c: Controller) -> list[Callable[..., Any]]:
-    arm = c.arm
+def _kinematics(plant: Plant) -> list[Callable[..., Any]]:
+    arm = plant.arm
 
     def tool_of(name: str, tcp: Any) -> k.Transform:
         if tcp is None or isinstance(tcp, str):  # "active_tcp"
-            return c.tool
+            return plant.tool
         return k.to_transform(six(name, tcp))
 
     def joints(name: str, q: Any, otherwise: list[float]) -> list[float]:
@@ -156,11 +189,11 @@ def _kinematics(c: Controller) -> list[Callable[..., Any]]:
     def inverse(x: Any, qnear: Any, tcp: Any) -> list[float] | None:
         near = joints("get_inverse_kin", qnear, arm.target_q)
         pose = six("get_inverse_kin", x)
-        return c.kinematics.inverse(k.to_transform(pose), near, tool_of("get_inverse_kin", tcp))
+        return plant.kinematics.inverse(k.to_transform(pose), near, tool_of("get_inverse_kin", tcp))
 
     def get_forward_kin(q: Any = None, tcp: Any = None) -> Pose:
         positions = joints("get_forward_kin", q, arm.actual_q)
-        return Pose(c.kinematics.forward(positions, tool_of("get_forward_kin", tcp)))
+        return Pose(plant.kinematics.forward(positions, tool_of("get_forward_kin", tcp)))
 
     def get_inverse_kin(
         x: Any,
@@ -186,12 +219,12 @@ def _kinematics(c: Controller) -> list[Callable[..., Any]]:
     def is_within_safety_limits(pose: Any) -> bool:
         q = inverse(pose, None, None) if isinstance(pose, Pose) else six("pose", pose)
         return q is not None and all(
-            abs(x) <= limit for x, limit in zip(q, c.model.position, strict=True)
+            abs(x) <= limit for x, limit in zip(q, arm.model.position, strict=True)
         )
 
     def get_jacobian(q: Any = None, tcp: Any = None) -> List:
         positions = joints("get_jacobian", q, arm.actual_q)
-        matrix = c.kinematics.jacobian(positions, tool_of("get_jacobian", tcp))
+        matrix = plant.kinematics.jacobian(positions, tool_of("get_jacobian", tcp))
         return List(List(row) for row in matrix)
 
     def get_jacobian_time_derivative(q: Any = None, qd: Any = None, tcp: Any = None) -> List:
@@ -200,10 +233,10 @@ def _kinematics(c: Controller) -> list[Callable[..., Any]]:
         speeds = joints(name, qd, arm.actual_qd)
         tool = tool_of(name, tcp)
         h = 1e-5
-        before = c.kinematics.jacobian(
+        before = plant.kinematics.jacobian(
             [p - v * h for p, v in zip(positions, speeds, strict=True)], tool
         )
-        after = c.kinematics.jacobian(
+        after = plant.kinematics.jacobian(
             [p + v * h for p, v in zip(positions, speeds, strict=True)], tool
         )
         return List(
@@ -213,14 +246,14 @@ def _kinematics(c: Controller) -> list[Callable[..., Any]]:
 
     def get_mass_matrix(q: Any = None, include_rotors_inertia: bool = True) -> List:
         positions = joints("get_mass_matrix", q, arm.actual_q)
-        matrix = c.mass_matrix(positions, bool(include_rotors_inertia))
+        matrix = plant.mass_matrix(positions, bool(include_rotors_inertia))
         return List(List(row) for row in matrix)
 
     def get_coriolis_and_centrifugal_torques(q: Any = None, qd: Any = None) -> List:
         name = "get_coriolis_and_centrifugal_torques"
         positions = joints(name, q, arm.actual_q)
         speeds = joints(name, qd, arm.actual_qd)
-        return List(c.coriolis(positions, speeds))
+        return List(plant.coriolis(positions, speeds))
 
     return [
         get_forward_kin,

@@ -20,7 +20,7 @@ from crtk_sim_backends.ur.urscript.errors import ScriptRuntimeError
 from crtk_sim_backends.ur.urscript.values import Builtin, List, from_bytes, to_bytes, to_text
 
 if TYPE_CHECKING:
-    from crtk_sim_backends.ur.controller import Controller
+    from crtk_sim_backends.ur.clock import Clock
 
 CONNECT_TIMEOUT: Final = 2.0  # s, of controller time
 READ_TIMEOUT: Final = 2.0
@@ -89,11 +89,11 @@ class ScriptSockets:
         self._host = host
         self._own_ports = frozenset(own_ports)
         self._sockets: dict[str, _Socket] = {}
-        self._controller: Controller | None = None
+        self._clock: Clock | None = None
 
-    def builtins(self, controller: Controller) -> Iterable[Builtin]:
-        """Give the built-ins for one controller, whose time they use."""
-        self._controller = controller
+    def builtins(self, clock: Clock) -> Iterable[Builtin]:
+        """Give the built-ins for one controller; `clock` is the time that they use."""
+        self._clock = clock
         waiting = (
             self.socket_open,
             self.socket_get_var,
@@ -263,7 +263,7 @@ class ScriptSockets:
         return (yield from self._read(parse, socket_name, timeout)) or ""
 
     def _time(self) -> float:
-        return self._controller.time if self._controller is not None else 0.0
+        return self._clock.time if self._clock is not None else 0.0
 
     def _send(self, data: bytes, socket_name: str) -> bool:
         sock = self._sockets.get(socket_name)

@@ -6,21 +6,20 @@ Names, parameters and values follow the URScript manual, chapters "interfaces" a
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import Any, Final, Protocol, TypeAlias
 
+from crtk_sim_backends.ur.models import RobotModel
 from crtk_sim_backends.ur.signals.control_box import (
     ANALOG_INPUTS,
     ANALOG_OUTPUTS,
     DIGITAL,
     TOOL_VOLTAGES,
+    Signals,
 )
 from crtk_sim_backends.ur.signals.registers import BOOLEANS, boolean_written, read_boolean
-from crtk_sim_backends.ur.signals.state_signals import ACTIONS, CHOICES, POWER_CHOICES
+from crtk_sim_backends.ur.signals.state_signals import ACTIONS, CHOICES, POWER_CHOICES, StateSignals
 from crtk_sim_backends.ur.signals.tool_line import BAUD_RATES, PARITIES, LineSettings
 from crtk_sim_backends.ur.urscript import Builtin, ScriptRuntimeError
-
-if TYPE_CHECKING:
-    from crtk_sim_backends.ur.controller import Controller
 
 _PINS: Final[Mapping[str, tuple[int, ...]]] = {
     **{kind: tuple(range(first, first + count)) for kind, (first, count) in DIGITAL.items()},
@@ -38,13 +37,34 @@ Call: TypeAlias = Callable[..., Any]
 SetOutput: TypeAlias = Callable[[int, bool], object]
 
 
-def signal_builtins(controller: Controller) -> Iterator[Builtin]:
-    """Every built-in of this module for one controller."""
+class Robot(Protocol):
+    """Whose signals they are.
+
+    Attributes:
+        model: of the arm.
+        inputs: process image by RTDE input variable name.
+        outputs: the same by RTDE output variable name.
+        signals: digital and analog signals.
+        state_signals: outputs that follow the state, and inputs that act.
+    """
+
+    model: RobotModel
+    inputs: dict[str, Any]
+    outputs: dict[str, Any]
+    signals: Signals
+    state_signals: StateSignals
+
+    def set_tool_communication(self, settings: LineSettings) -> None:
+        """Set the serial line to the tool."""
+
+
+def signal_builtins(robot: Robot) -> Iterator[Builtin]:
+    """Every built-in of this module for one robot."""
     groups = [_digital, _analog, _flags, _tool, _actions, _run_state]
-    if not controller.model.is_cb3:
+    if not robot.model.is_cb3:
         groups.append(_tool_connector)
     for group in groups:
-        for name, call in group(controller).items():
+        for name, call in group(robot).items():
             yield Builtin(name, call)
 
 
@@ -60,8 +80,8 @@ def _pin(name: str, kind: str, n: Any) -> int:
     return pins[_one_of(name, "digital signal", n, range(len(pins)))]
 
 
-def _digital(c: Controller) -> dict[str, Call]:
-    out = c.outputs
+def _digital(robot: Robot) -> dict[str, Call]:
+    out = robot.outputs
 
     def reader(name: str, kind: str, image: str) -> Call:
         def read(n: int) -> bool:
@@ -71,7 +91,7 @@ def _digital(c: Controller) -> dict[str, Call]:
 
     def writer(name: str, kind: str) -> Call:
         def write(n: int, b: bool) -> None:
-            c.signals.set_digital_outputs(1 << _pin(name, kind, n), -1 if b else 0)
+            robot.signals.set_digital_outputs(1 << _pin(name, kind, n), -1 if b else 0)
 
         return write
 
@@ -84,8 +104,8 @@ def _digital(c: Controller) -> dict[str, Call]:
     return calls
 
 
-def _analog(c: Controller) -> dict[str, Call]:
-    out = c.outputs
+def _analog(robot: Robot) -> dict[str, Call]:
+    out = robot.outputs
 
     def reader(name: str, signals: tuple[str, ...]) -> Call:
         def read(n: int) -> float:
@@ -98,7 +118,7 @@ def _analog(c: Controller) -> dict[str, Call]:
             channel = _one_of(name, "analog signal", n, (0, 1))
             if not 0.0 <= f <= 1.0:
                 raise ScriptRuntimeError(f"{name}: a level lies in 0 to 1, not {f}")
-            c.signals.set_analog_output(channel, float(f))
+            robot.signals.set_analog_output(channel, float(f))
 
         return write
 
@@ -106,7 +126,7 @@ def _analog(c: Controller) -> dict[str, Call]:
         def set_domain(port: int, domain: int) -> None:
             signal = signals[_one_of(name, "analog signal", port, range(len(signals)))]
             voltage = bool(_one_of(name, "domain", domain, (0, 1)))
-            c.signals.set_domain(signal, voltage=voltage)
+            robot.signals.set_domain(signal, voltage=voltage)
 
         return set_domain
 
@@ -115,7 +135,7 @@ def _analog(c: Controller) -> dict[str, Call]:
         port = _one_of(name, "analog signal", port, (0, 1, 2, 3))
         at_tool = port > 1
         range = _one_of(name, "range", range, (0, 1, 2) if at_tool else (0, 2))
-        c.signals.set_domain(ANALOG_INPUTS[port], voltage=not (at_tool and range == 2))
+        robot.signals.set_domain(ANALOG_INPUTS[port], voltage=not (at_tool and range == 2))
 
     standard, tool = ANALOG_INPUTS[:2], ANALOG_INPUTS[2:]
     return {
@@ -133,7 +153,7 @@ def _analog(c: Controller) -> dict[str, Call]:
     }
 
 
-def _flags(c: Controller) -> dict[str, Call]:
+def _flags(robot: Robot) -> dict[str, Call]:
     flags = [False] * 32  # kept between program runs
 
     def get_flag(n: int) -> bool:
@@ -145,16 +165,18 @@ def _flags(c: Controller) -> dict[str, Call]:
     return {"get_flag": get_flag, "set_flag": set_flag}
 
 
-def _tool(c: Controller) -> dict[str, Call]:
+def _tool(robot: Robot) -> dict[str, Call]:
     def set_tool_voltage(voltage: int) -> None:
-        c.signals.set_tool_voltage(_one_of("set_tool_voltage", "voltage", voltage, TOOL_VOLTAGES))
+        robot.signals.set_tool_voltage(
+            _one_of("set_tool_voltage", "voltage", voltage, TOOL_VOLTAGES)
+        )
 
     return {"set_tool_voltage": set_tool_voltage}
 
 
-def _tool_connector(c: Controller) -> dict[str, Call]:
+def _tool_connector(robot: Robot) -> dict[str, Call]:
     """What the tool connector of the e-Series has beyond that of CB3."""
-    out = c.outputs
+    out = robot.outputs
 
     def set_tool_output_mode(mode: int) -> None:
         out["tool_output_mode"] = _one_of("set_tool_output_mode", "mode", mode, _POWER_MODE)
@@ -178,7 +200,7 @@ def _tool_connector(c: Controller) -> dict[str, Call]:
                 raise ScriptRuntimeError(
                     f"{name}: {what}_idle_chars lies in {low:g} to 40, not {value}"
                 )
-        c.set_tool_communication(
+        robot.set_tool_communication(
             LineSettings(
                 enabled=bool(enabled),
                 baud=_one_of(name, "baud rate", baud_rate, BAUD_RATES),
@@ -203,15 +225,15 @@ def input_action(name: str, action: Any) -> str:
     return str(action)
 
 
-def _actions(c: Controller) -> dict[str, Call]:
+def _actions(robot: Robot) -> dict[str, Call]:
     """What inputs do beside being read."""
 
     def setter(name: str, kind: str) -> Call:
         def set_action(port: int, action: str) -> None:
             bit = _pin(name, kind, port)
-            c.state_signals.set_action(
+            robot.state_signals.set_action(
                 f"{kind} input {port}",
-                lambda: bool(c.outputs[_INPUTS] >> bit & 1),
+                lambda: bool(robot.outputs[_INPUTS] >> bit & 1),
                 input_action(name, action),
             )
 
@@ -220,14 +242,14 @@ def _actions(c: Controller) -> dict[str, Call]:
     def set_gp_boolean_input_action(port: int, action: str) -> None:
         name = "set_gp_boolean_input_action"
         register = _one_of(name, "boolean register", port, range(BOOLEANS))
-        c.state_signals.set_action(
+        robot.state_signals.set_action(
             f"boolean input register {register}",
-            lambda: read_boolean(c.inputs, "input", register),
+            lambda: read_boolean(robot.inputs, "input", register),
             input_action(name, action),
         )
 
     def set_input_actions_to_default() -> None:
-        c.state_signals.clear_actions()
+        robot.state_signals.clear_actions()
 
     return {
         **{
@@ -239,21 +261,23 @@ def _actions(c: Controller) -> dict[str, Call]:
     }
 
 
-def _run_state(c: Controller) -> dict[str, Call]:
+def _run_state(robot: Robot) -> dict[str, Call]:
     """Outputs that follow the program and the power of the arm."""
 
     def set_register(register: int, level: bool) -> None:
-        c.outputs.update(boolean_written(c.outputs, "output", register, level))
+        robot.outputs.update(boolean_written(robot.outputs, "output", register, level))
 
     def digital(kind: str) -> SetOutput:
         first = DIGITAL[kind][0]
-        return lambda n, level: c.signals.set_digital_outputs(1 << first + n, -1 if level else 0)
+        return lambda n, level: robot.signals.set_digital_outputs(
+            1 << first + n, -1 if level else 0
+        )
 
     def setter(name: str, set_output: SetOutput, count: int, choices: range) -> Call:
         def set_choice(outputId: int, state: int) -> None:  # noqa: N803
             output = _one_of(name, "output", outputId, range(count))
             choice = _one_of(name, "state", state, choices)
-            c.state_signals.set_choice(
+            robot.state_signals.set_choice(
                 f"{name} {output}", lambda level: set_output(output, level), choice
             )
 
@@ -263,7 +287,7 @@ def _run_state(c: Controller) -> dict[str, Call]:
         ("standard_digital_output", digital("standard"), 8, POWER_CHOICES),
         ("configurable_digital_output", digital("configurable"), 8, POWER_CHOICES),
         ("tool_digital_output", digital("tool"), 2, CHOICES),
-        ("standard_analog_output", c.signals.set_analog_output, 2, POWER_CHOICES),
+        ("standard_analog_output", robot.signals.set_analog_output, 2, POWER_CHOICES),
         ("gp_boolean_output", set_register, BOOLEANS, POWER_CHOICES),
     )
     calls: dict[str, Call] = {

@@ -8,25 +8,25 @@ analog values fill their range: here 0 to 65535 is the whole range of the signal
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 from math import tau
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
+from crtk_sim_backends.ur.clock import Clock
 from crtk_sim_backends.ur.safety.modes import RobotStatus, SafetyStatus
 from crtk_sim_backends.ur.signals.control_box import (
     ANALOG_INPUTS,
     ANALOG_OUTPUTS,
     TOOL_VOLTAGES,
+    Signals,
     to_ratio,
 )
 from crtk_sim_backends.ur.signals.registers import boolean_written, read_boolean
+from crtk_sim_backends.ur.signals.variables import Version
 
-if TYPE_CHECKING:
-    from crtk_sim_backends.ur.controller import Controller
-
-Read: TypeAlias = Callable[["Controller", int], Any]
-Write: TypeAlias = Callable[["Controller", int, int], object]
+Read: TypeAlias = Callable[["PortMap", int], Any]
+Write: TypeAlias = Callable[["PortMap", int, int], object]
 
 GENERAL_PURPOSE: Final = range(128, 256)
 """Addresses of the registers that belong to users."""
@@ -69,19 +69,19 @@ class Ports:
 def _vector(variable: str, *scales: float) -> Read:
     """Items of a vector output, rounded; one scale for all, or one for each."""
 
-    def read(c: Controller, index: int) -> Any:
-        return round(c.outputs[variable][index] * scales[index % len(scales)])
+    def read(m: PortMap, index: int) -> Any:
+        return round(m.outputs[variable][index] * scales[index % len(scales)])
 
     return read
 
 
 def _scalar(variable: str, scale: float = 1.0) -> Read:
-    return lambda c, _: round(c.outputs[variable] * scale)
+    return lambda m, _: round(m.outputs[variable] * scale)
 
 
-def _turns(c: Controller, joint: int) -> tuple[int, int]:
+def _turns(m: PortMap, joint: int) -> tuple[int, int]:
     """Whole turns of a joint, and the rest in mrad (0 to 6283)."""
-    turns, rest = divmod(c.outputs["actual_q"][joint], tau)
+    turns, rest = divmod(m.outputs["actual_q"][joint], tau)
     return int(turns), round(rest * 1000.0)
 
 
@@ -96,8 +96,8 @@ _OUTPUTS: Final = "actual_digital_output_bits"
 
 
 def _word(variable: str, bits: tuple[int, ...]) -> Read:
-    def read(c: Controller, _: int) -> int:
-        value = c.outputs[variable]
+    def read(m: PortMap, _: int) -> int:
+        value = m.outputs[variable]
         return sum((value >> bit & 1) << place for place, bit in enumerate(bits))
 
     return read
@@ -108,43 +108,43 @@ def _mask(bits: tuple[int, ...], word: int) -> int:
 
 
 def _write_word(bits: tuple[int, ...]) -> Write:
-    return lambda c, _, word: c.signals.set_digital_outputs(_mask(bits, -1), _mask(bits, word))
+    return lambda m, _, word: m.signals.set_digital_outputs(_mask(bits, -1), _mask(bits, word))
 
 
 def _set_word(bits: tuple[int, ...], on: bool) -> Write:
     """Switch the outputs whose bit is set, and leave the others."""
-    return lambda c, _, word: c.signals.set_digital_outputs(_mask(bits, word), -1 if on else 0)
+    return lambda m, _, word: m.signals.set_digital_outputs(_mask(bits, word), -1 if on else 0)
 
 
 def _bit(variable: str, bits: tuple[int, ...]) -> Read:
-    def read(c: Controller, index: int) -> bool:
-        return index < len(bits) and bool(c.outputs[variable] >> bits[index] & 1)
+    def read(m: PortMap, index: int) -> bool:
+        return index < len(bits) and bool(m.outputs[variable] >> bits[index] & 1)
 
     return read
 
 
 def _write_bit(bits: tuple[int, ...]) -> Write:
-    def write(c: Controller, index: int, value: int) -> None:
+    def write(m: PortMap, index: int, value: int) -> None:
         if index < len(bits):
-            c.signals.set_digital_outputs(1 << bits[index], -1 if value else 0)
+            m.signals.set_digital_outputs(1 << bits[index], -1 if value else 0)
 
     return write
 
 
 def _set_bit(bits: tuple[int, ...], on: bool) -> Write:
-    def write(c: Controller, index: int, value: int) -> None:
+    def write(m: PortMap, index: int, value: int) -> None:
         if value and index < len(bits):
-            c.signals.set_digital_outputs(1 << bits[index], -1 if on else 0)
+            m.signals.set_digital_outputs(1 << bits[index], -1 if on else 0)
 
     return write
 
 
 def _half(variable: str) -> Read:
     """The lower, then the higher 16 of 32 bits."""
-    return lambda c, index: c.outputs[variable] >> 16 * index
+    return lambda m, index: m.outputs[variable] >> 16 * index
 
 
-def _nothing(c: Controller, index: int) -> int:
+def _nothing(m: PortMap, index: int) -> int:
     return 0
 
 
@@ -152,23 +152,23 @@ def _nothing(c: Controller, index: int) -> int:
 
 
 def _analog(signal: str) -> Read:
-    def read(c: Controller, _: int) -> int:
-        ratio = to_ratio(c.outputs[signal], voltage=c.signals.is_voltage(signal))
+    def read(m: PortMap, _: int) -> int:
+        ratio = to_ratio(m.outputs[signal], voltage=m.signals.is_voltage(signal))
         return round(ratio * (_WORD - 1))
 
     return read
 
 
 def _write_analog(channel: int) -> Write:
-    return lambda c, _, word: c.signals.set_analog_output(channel, word / (_WORD - 1))
+    return lambda m, _, word: m.signals.set_analog_output(channel, word / (_WORD - 1))
 
 
 def _domain(signal: str) -> Read:
-    return lambda c, _: int(c.signals.is_voltage(signal))
+    return lambda m, _: int(m.signals.is_voltage(signal))
 
 
 def _write_domain(signal: str) -> Write:
-    return lambda c, _, word: c.signals.set_domain(signal, voltage=bool(word))
+    return lambda m, _, word: m.signals.set_domain(signal, voltage=bool(word))
 
 
 def _analog_ports(first: int, signals: tuple[str, ...]) -> Iterator[Ports]:
@@ -191,7 +191,7 @@ def _analog_ports(first: int, signals: tuple[str, ...]) -> Iterator[Ports]:
 
 
 def _flag(variable: str, flag: int) -> Read:
-    return lambda c, _: bool(c.outputs[variable] & flag)
+    return lambda m, _: bool(m.outputs[variable] & flag)
 
 
 _FLAGS: Final[tuple[tuple[str, Read], ...]] = (
@@ -212,30 +212,30 @@ def _flags() -> Iterator[Ports]:
         yield Ports(260 + offset, 1, name, read)
 
 
-def _latch_time(c: Controller, _: int, word: int) -> None:
-    c.port_map.split_time = round(c.time * 1000.0)
+def _latch_time(m: PortMap, _: int, word: int) -> None:
+    m.split_time = round(m.clock.time * 1000.0)
 
 
-def _split_time(c: Controller, index: int) -> int:
+def _split_time(m: PortMap, index: int) -> int:
     """One of the latched milliseconds, seconds, minutes, hours and days since start."""
     size, count = _TIME_UNITS[index]
-    return c.port_map.split_time // size % count
+    return m.split_time // size % count
 
 
-def _general(c: Controller, index: int) -> int:
-    return c.port_map.general[index]
+def _general(m: PortMap, index: int) -> int:
+    return m.general[index]
 
 
-def _write_general(c: Controller, index: int, word: int) -> None:
-    c.port_map.general[index] = word
+def _write_general(m: PortMap, index: int, word: int) -> None:
+    m.general[index] = word
 
 
 def _boolean(direction: str) -> Read:
-    return lambda c, index: read_boolean(c.outputs, direction, index)
+    return lambda m, index: read_boolean(m.outputs, direction, index)
 
 
-def _write_boolean(c: Controller, index: int, value: int) -> None:
-    c.write_inputs(boolean_written(c.inputs, "input", index, bool(value)))
+def _write_boolean(m: PortMap, index: int, value: int) -> None:
+    m.write_inputs(boolean_written(m.inputs, "input", index, bool(value)))
 
 
 REGISTERS: Final[tuple[Ports, ...]] = (
@@ -256,7 +256,7 @@ REGISTERS: Final[tuple[Ports, ...]] = (
         1,
         "tool output voltage, V",
         _scalar("tool_output_voltage"),
-        lambda c, _, volts: c.signals.set_tool_voltage(volts),
+        lambda m, _, volts: m.signals.set_tool_voltage(volts),
         TOOL_VOLTAGES,
     ),
     Ports(21, 1, "tool inputs", _word(_INPUTS, _TOOL)),
@@ -272,16 +272,16 @@ REGISTERS: Final[tuple[Ports, ...]] = (
     Ports(32, 1, "configurable outputs to switch on", _nothing, _set_word(_CONFIGURABLE, True)),
     Ports(33, 1, "configurable outputs to switch off", _nothing, _set_word(_CONFIGURABLE, False)),
     Ports(128, 128, "general purpose", _general, _write_general),
-    Ports(256, 2, "controller version, major and minor", lambda c, index: c.version[index]),
+    Ports(256, 2, "controller version, major and minor", lambda m, index: m.version[index]),
     Ports(258, 1, "robot mode", _scalar("robot_mode")),
     *_flags(),
     Ports(266, 1, "safety mode", _scalar("safety_mode")),
-    Ports(270, 6, "joint angles, mrad, without whole turns", lambda c, joint: _turns(c, joint)[1]),
+    Ports(270, 6, "joint angles, mrad, without whole turns", lambda m, joint: _turns(m, joint)[1]),
     Ports(280, 6, "joint velocities, mrad/s", _vector("actual_qd", 1e3)),
     Ports(290, 6, "joint currents, mA", _vector("actual_current", 1e3)),
     Ports(300, 6, "joint temperatures, degC", _vector("joint_temperatures", 1.0)),
     Ports(310, 6, "joint modes", _vector("joint_mode", 1)),
-    Ports(320, 6, "whole turns of the joints", lambda c, joint: _turns(c, joint)[0]),
+    Ports(320, 6, "whole turns of the joints", lambda m, joint: _turns(m, joint)[0]),
     Ports(400, 6, "TCP pose, 0.1 mm and mrad", _vector("actual_TCP_pose", *_TENTHS)),
     Ports(410, 6, "TCP speed, mm/s and mrad/s", _vector("actual_TCP_speed", 1e3)),
     Ports(420, 6, "TCP offset, mm and mrad", _vector("tcp_offset", 1e3)),
@@ -322,8 +322,8 @@ COILS: Final[tuple[Ports, ...]] = (
 class PortTable:
     """The registers, or the bits, of one controller by address."""
 
-    def __init__(self, controller: Controller, table: tuple[Ports, ...]) -> None:
-        self._controller = controller
+    def __init__(self, port_map: PortMap, table: tuple[Ports, ...]) -> None:
+        self._map = port_map
         self._by_address = {address: ports for ports in table for address in ports.addresses}
 
     def __getitem__(self, address: int) -> int:
@@ -333,7 +333,7 @@ class PortTable:
             PortError: there is no such address.
         """
         ports = self._find(address)
-        return int(ports.read(self._controller, address - ports.first)) % _WORD
+        return int(ports.read(self._map, address - ports.first)) % _WORD
 
     def check(self, address: int, value: int) -> None:
         """Refuse what cannot be set.
@@ -353,7 +353,7 @@ class PortTable:
         self.check(address, value)
         ports = self._find(address)
         if ports.write is not None:
-            ports.write(self._controller, address - ports.first, value)
+            ports.write(self._map, address - ports.first, value)
 
     def _find(self, address: int) -> Ports:
         try:
@@ -365,6 +365,14 @@ class PortTable:
 class PortMap:
     """What the Modbus server of one controller has, and its programs read and write.
 
+    Args:
+        version: of the software.
+        clock: of the controller.
+        inputs: process image by RTDE input variable name.
+        outputs: the same by RTDE output variable name.
+        signals: digital and analog signals.
+        write_inputs: writes variables of `inputs`.
+
     Attributes:
         registers: 16-bit registers by address.
         bits: bits by address.
@@ -372,8 +380,22 @@ class PortMap:
         split_time: the time since start that was latched last, ms.
     """
 
-    def __init__(self, controller: Controller) -> None:
-        self.registers = PortTable(controller, REGISTERS)
-        self.bits = PortTable(controller, COILS)
+    def __init__(
+        self,
+        version: Version,
+        clock: Clock,
+        inputs: Mapping[str, Any],
+        outputs: Mapping[str, Any],
+        signals: Signals,
+        write_inputs: Callable[[Mapping[str, Any]], None],
+    ) -> None:
+        self.version: Version = version
+        self.clock = clock
+        self.inputs = inputs
+        self.outputs = outputs
+        self.signals: Signals = signals
+        self.write_inputs = write_inputs
+        self.registers = PortTable(self, REGISTERS)
+        self.bits = PortTable(self, COILS)
         self.general = [0] * len(GENERAL_PURPOSE)
         self.split_time = 0

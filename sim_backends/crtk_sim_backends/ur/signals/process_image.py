@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Protocol
 
+from crtk_sim_backends.ur.clock import Clock
 from crtk_sim_backends.ur.motion.arm import DEVIATION_LIMIT
 from crtk_sim_backends.ur.motion.kinematics import (
     Floats,
@@ -16,6 +17,8 @@ from crtk_sim_backends.ur.motion.kinematics import (
     to_pose,
     transpose_multiply,
 )
+from crtk_sim_backends.ur.motion.limits import SafetyLimits
+from crtk_sim_backends.ur.motion.plant import Plant
 from crtk_sim_backends.ur.safety.modes import (
     JOINT_MODES,
     SAFETY_RULES,
@@ -25,9 +28,6 @@ from crtk_sim_backends.ur.safety.modes import (
     RuntimeState,
     SafetyMode,
 )
-
-if TYPE_CHECKING:
-    from crtk_sim_backends.ur.controller import Controller
 
 TORQUE_CONSTANT: Final = (12.0, 12.0, 12.0, 9.0, 9.0, 9.0)  # N.m/A behind the gear
 BUS_VOLTAGE: Final = 48.0  # V
@@ -39,76 +39,111 @@ _ZERO = (0.0,) * 6
 _JOINT_FAULT = {SafetyMode.FAULT: JointMode.FAULT, SafetyMode.VIOLATION: JointMode.VIOLATION}
 
 
-class ProcessImage:
-    """Writes the state of a controller into its `outputs`; works only on what changed."""
+class Robot(Protocol):
+    """What the image shows.
 
-    def __init__(self, controller: Controller) -> None:
-        self._controller = controller
+    Attributes:
+        clock: of the controller.
+        plant: the mechanics.
+        limits: at which the arm stops protectively.
+        outputs: the image, by RTDE output variable name.
+    """
+
+    clock: Clock
+    plant: Plant
+    limits: SafetyLimits
+    outputs: dict[str, Any]
+
+    @property
+    def robot_mode(self) -> RobotMode:
+        """How far the arm is powered."""
+
+    @property
+    def safety_mode(self) -> SafetyMode:
+        """The safety mode that shows."""
+
+    @property
+    def runtime_state(self) -> RuntimeState:
+        """State of the program."""
+
+    @property
+    def speed_scaling(self) -> float:
+        """What slows programs down beside the speed slider, 0 to 1."""
+
+
+class ProcessImage:
+    """Writes the state of a robot into its `outputs`; works only on what changed."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
         self._still: Any = None
         self._load: Any = None
         self._modes: Any = None
         self._energy = 0.0
         self._moving_mass = 0.0
         self._moment: tuple[float, ...] = _ZERO
-        controller.outputs["actual_current_window"] = tuple(
-            limit / k for limit, k in zip(controller.model.torque, TORQUE_CONSTANT, strict=True)
+        limits = robot.plant.arm.model.torque
+        robot.outputs["actual_current_window"] = tuple(
+            limit / k for limit, k in zip(limits, TORQUE_CONSTANT, strict=True)
         )
         self._twist: tuple[float, ...] = _ZERO
 
     def update(self) -> None:
         """Bring every output up to date."""
-        c = self._controller
-        out = c.outputs
-        out["timestamp"] = c.time
-        out["control_step"] = c.tick_count
+        robot = self._robot
+        plant = robot.plant
+        out = robot.outputs
+        out["timestamp"] = robot.clock.time
+        out["control_step"] = robot.clock.ticks
         for direction in ("input", "output"):
             bits = out[f"actual_digital_{direction}_bits"]
             out[f"actual_configurable_digital_{direction}_bits"] = bits >> 8 & 0xFF
-        out["speed_scaling"] = c.speed_scaling
-        modes = (c.robot_mode, c.safety_mode, c.runtime_state)
+        out["speed_scaling"] = robot.speed_scaling
+        modes = (robot.robot_mode, robot.safety_mode, robot.runtime_state)
         if modes != self._modes:
             self._modes = modes
             self._update_modes(out)
-        arm = c.arm
-        if c.load_revision != self._load:
-            self._load = c.load_revision
+        arm = plant.arm
+        if plant.load_revision != self._load:
+            self._load = plant.load_revision
             self._update_load(out)
-        still = (arm.actual_q, arm.target_q, arm.target_qd, arm.actual_qd, c.load_revision, modes)
+        load = plant.load_revision
+        still = (arm.actual_q, arm.target_q, arm.target_qd, arm.actual_qd, load, modes)
         if still != self._still or any(arm.target_qdd):
             self._still = still
             self._update_joints(out)
         power = STANDBY_POWER
         if any(arm.actual_qd):
             power += sum([abs(m * v) for m, v in zip(self._moment, arm.actual_qd, strict=True)])
-        self._energy += power * c.dt
+        self._energy += power * arm.dt
         out["actual_robot_energy_consumed"] = self._energy
 
     def _update_modes(self, out: dict[str, Any]) -> None:
-        c = self._controller
-        powered = c.robot_mode >= RobotMode.POWER_ON
-        running = c.runtime_state in (
+        robot = self._robot
+        powered = robot.robot_mode >= RobotMode.POWER_ON
+        running = robot.runtime_state in (
             RuntimeState.PLAYING,
             RuntimeState.PAUSING,
             RuntimeState.RESUMING,
         )
-        out["robot_mode"] = int(c.robot_mode)
-        out["safety_mode"] = out["safety_status"] = int(c.safety_mode)
-        out["runtime_state"] = int(c.runtime_state)
-        joint_mode = _JOINT_FAULT.get(c.safety_mode, JOINT_MODES[c.robot_mode])
+        out["robot_mode"] = int(robot.robot_mode)
+        out["safety_mode"] = out["safety_status"] = int(robot.safety_mode)
+        out["runtime_state"] = int(robot.runtime_state)
+        joint_mode = _JOINT_FAULT.get(robot.safety_mode, JOINT_MODES[robot.robot_mode])
         out["joint_mode"] = (int(joint_mode),) * 6
         status = RobotStatus.POWER_ON * powered | RobotStatus.PROGRAM_RUNNING * running
         out["robot_status_bits"] = int(status)
-        out["safety_status_bits"] = int(SAFETY_RULES[c.safety_mode].bits)
+        out["safety_status_bits"] = int(SAFETY_RULES[robot.safety_mode].bits)
         out["actual_main_voltage"] = BUS_VOLTAGE
         out["actual_robot_voltage"] = BUS_VOLTAGE if powered else 0.0
         out["actual_joint_voltage"] = (BUS_VOLTAGE if powered else 0.0,) * 6
         out["actual_execution_time"] = out["target_execution_time"] = EXECUTION_TIME
 
     def _update_joints(self, out: dict[str, Any]) -> None:
-        c = self._controller
-        arm = c.arm
-        kinematics = c.kinematics
-        tool = c.tool
+        plant = self._robot.plant
+        arm = plant.arm
+        kinematics = plant.kinematics
+        tool = plant.tool
         out["target_q"] = tuple(arm.target_q)
         out["target_qd"] = tuple(arm.target_qd)
         out["target_qdd"] = tuple(arm.target_qdd)
@@ -126,7 +161,7 @@ class ProcessImage:
         twist = multiply(jacobian, arm.actual_qd) if moving else _ZERO
         target_twist = multiply(jacobian, arm.target_qd) if moving else _ZERO
         out["actual_TCP_acceleration"] = tuple(
-            [(new - old) / c.dt for new, old in zip(twist, self._twist, strict=True)]
+            [(new - old) / arm.dt for new, old in zip(twist, self._twist, strict=True)]
         )
         out["target_TCP_acceleration"] = (
             multiply(jacobian, arm.target_qdd) if any(arm.target_qdd) else _ZERO
@@ -140,13 +175,13 @@ class ProcessImage:
         out["joint_position_deviation_ratio"] = 0.0 if resting else arm.deviation / DEVIATION_LIMIT
 
     def _update_load(self, out: dict[str, Any]) -> None:
-        c = self._controller
-        out["tcp_offset"] = c.tcp
-        out["payload"] = c.payload
-        out["payload_cog"] = c.payload_cog
-        out["payload_inertia"] = c.payload_inertia
-        out["target_gravity"] = c.gravity
-        self._moving_mass = sum(c.model.mass[3:]) + c.payload
+        plant = self._robot.plant
+        out["tcp_offset"] = plant.tcp
+        out["payload"] = plant.payload
+        out["payload_cog"] = plant.payload_cog
+        out["payload_inertia"] = plant.payload_inertia
+        out["target_gravity"] = plant.gravity
+        self._moving_mass = sum(plant.arm.model.mass[3:]) + plant.payload
 
     def _update_forces(
         self,
@@ -155,21 +190,23 @@ class ProcessImage:
         target_flange: Transform,
         jacobian: Matrix,
     ) -> None:
-        c = self._controller
-        sensor = c.force_sensor
-        sensor.measure(flange, c.tool, c.payload, c.payload_cog, c.gravity)
+        robot = self._robot
+        plant = robot.plant
+        payload, cog, gravity = plant.payload, plant.payload_cog, plant.gravity
+        sensor = plant.force_sensor
+        sensor.measure(flange, plant.tool, payload, cog, gravity)
         out["ft_raw_wrench"] = sensor.raw
         out["actual_TCP_force"] = out["wrench_calc_from_currents"] = sensor.tcp
         out["tcp_force_scalar"] = force = norm(sensor.tcp[:3])
-        out["collision_detection_ratio"] = min(1.0, force / c.limits.tool_force)
-        out["actual_tool_accelerometer"] = rotate_back(flange, c.gravity)
-        if c.robot_mode != RobotMode.RUNNING:
+        out["collision_detection_ratio"] = min(1.0, force / robot.limits.tool_force)
+        out["actual_tool_accelerometer"] = rotate_back(flange, gravity)
+        if robot.robot_mode != RobotMode.RUNNING:
             self._moment = _ZERO
             target: tuple[float, ...] = _ZERO
         else:
-            arm = c.arm
-            target = c.dynamics.torques(
-                arm.target_q, arm.target_qdd, c.payload, c.payload_cog, c.gravity, target_flange
+            arm = plant.arm
+            target = plant.dynamics.torques(
+                arm.target_q, arm.target_qdd, payload, cog, gravity, target_flange
             )
             load = sensor.applied
             if any(load):
@@ -184,7 +221,7 @@ class ProcessImage:
         )
         out["actual_current"] = out["joint_control_output"] = current
         out["actual_current_as_torque"] = self._moment
-        powered = c.robot_mode >= RobotMode.POWER_ON
+        powered = robot.robot_mode >= RobotMode.POWER_ON
         out["actual_robot_current"] = (
             IDLE_CURRENT + 0.1 * sum(map(abs, current)) if powered else 0.0
         )

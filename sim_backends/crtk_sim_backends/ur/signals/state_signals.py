@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from enum import Enum
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import Final, Protocol, TypeAlias
 
+from crtk_sim_backends.ur.motion.compliance import Compliance
 from crtk_sim_backends.ur.safety.modes import RobotMode, RuntimeState
-
-if TYPE_CHECKING:
-    from crtk_sim_backends.ur.controller import Controller
+from crtk_sim_backends.ur.safety.power import ArmPower
 
 SetLevel: TypeAlias = Callable[[bool], object]
 ReadLevel: TypeAlias = Callable[[], bool]
@@ -50,11 +49,31 @@ CHOICES: Final = range(6)  # of the tool's outputs
 _ENDED: Final = (RuntimeState.STOPPED, RuntimeState.STOPPING)
 
 
-class StateSignals:
-    """The choices for outputs and actions of inputs of one controller; each has a name."""
+class Player(Protocol):
+    """What runs the programs."""
 
-    def __init__(self, controller: Controller) -> None:
-        self._controller = controller
+    @property
+    def state(self) -> RuntimeState:
+        """State of the program."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether an error or the safety system has ended the last one."""
+
+
+class StateSignals:
+    """The choices for outputs and actions of inputs of one controller; each has a name.
+
+    Args:
+        power: of the arm.
+        player: runs the programs.
+        compliance: gives way in freedrive.
+    """
+
+    def __init__(self, power: ArmPower, player: Player, compliance: Compliance) -> None:
+        self._power = power
+        self._player = player
+        self._compliance = compliance
         self._choices: dict[str, tuple[int, SetLevel]] = {}
         self._actions: dict[str, ReadLevel] = {}
         self._running = False
@@ -90,13 +109,12 @@ class StateSignals:
 
     def update(self) -> None:
         """Follow the state of this control period."""
-        c = self._controller
-        running = c.runtime_state not in _ENDED
-        powered = c.robot_mode >= RobotMode.POWER_ON
+        running = self._player.state not in _ENDED
+        powered = self._power.mode >= RobotMode.POWER_ON
         if running is not self._running:
             self._running = running
             self._tell(Event.STARTED if running else Event.STOPPED)
-        failed = c.player.failed
+        failed = self._player.failed
         if failed is not self._failed:
             self._failed = failed
             if failed:
@@ -113,12 +131,11 @@ class StateSignals:
 
     def _act(self, running: bool) -> None:
         """Freedrive while an input asks for it; a running program keeps the arm."""
-        c = self._controller
         wanted = any(read_level() for read_level in self._actions.values())
-        active = wanted and not running and c.robot_mode == RobotMode.RUNNING
+        active = wanted and not running and self._power.mode == RobotMode.RUNNING
         if active is not self._freedrive:
             self._freedrive = active
-            c.compliance.freedrive_axes = (True,) * 6 if active else None
+            self._compliance.freedrive_axes = (True,) * 6 if active else None
 
 
 def _follow(set_level: SetLevel, choice: int, event: Event) -> None:

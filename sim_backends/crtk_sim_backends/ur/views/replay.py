@@ -95,8 +95,7 @@ class ReplayedController(Controller):
     @override
     def tick(self) -> None:
         """Advance one control period."""
-        self.tick_count += 1
-        self.time = self.tick_count * self.dt
+        self.clock.advance()
         if self._waiting:
             self._waiting = not self._begins()
             self._begun = self._round = self.time
