@@ -1,16 +1,15 @@
 """The simulated controller on its ports: one thread, one control period after the other.
 
 Everything happens in :meth:`UrServer.run`: received data is handled as it arrives, and at every
-control period the controller advances and its packages go out. No socket ever blocks the loop: a
-client that does not read loses packages, and one that sends nonsense loses its connection.
+control period the controller advances and its packages go out. No socket ever blocks the loop
+(:mod:`~crtk_sim_backends.ur.ports.clients`): a client that does not read loses packages, and one that
+sends nonsense loses its connection.
 """
 
 from __future__ import annotations
 
 import gc
 import logging
-import select
-import socket
 import sys
 import time
 from collections import deque
@@ -19,16 +18,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from crtk_sim_backends import wire
 from crtk_sim_backends.control import ControlSession, token
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import Fault, FaultError, read_faults
-from crtk_sim_backends.kit import ALL_PORTS, Client, Mute, Port, Session
+from crtk_sim_backends.kit import ALL_PORTS, Mute, Port, Session
 from crtk_sim_backends.process import (
     RunningSim,
     SimStartError,
     bind_somewhere,
-    listen,
     spawn,
     use_realtime_priority,
 )
@@ -38,6 +35,7 @@ from crtk_sim_backends.ur.injection import BEGIN, END, EVENTS, KINDS
 from crtk_sim_backends.ur.messages import KeyMessage
 from crtk_sim_backends.ur.pace import Pace, Statistics
 from crtk_sim_backends.ur.ports import realtime
+from crtk_sim_backends.ur.ports.clients import CONTROL, Clients
 from crtk_sim_backends.ur.ports.dashboard import GREETING, DashboardSession, Robot
 from crtk_sim_backends.ur.ports.external import ExternalDevices
 from crtk_sim_backends.ur.ports.interpreter_port import InterpreterSession
@@ -49,7 +47,7 @@ from crtk_sim_backends.ur.ports.primary import (
     version_message,
 )
 from crtk_sim_backends.ur.ports.robot_api import RobotApiSession
-from crtk_sim_backends.ur.ports.rtde import InputClaims, RtdeError, RtdeSession, Trace
+from crtk_sim_backends.ur.ports.rtde import InputClaims, RtdeSession, Trace
 from crtk_sim_backends.ur.ports.script_port import ScriptSession
 from crtk_sim_backends.ur.ports.script_queue import ScriptQueue
 from crtk_sim_backends.ur.program.modbus_library import modbus_builtins
@@ -64,15 +62,8 @@ from crtk_sim_backends.ur.views.replay import NoInputs, ReplayedController, load
 
 log = logging.getLogger(__name__)
 
-CONTROL: Final = "control"
-
-_SEND_BUFFER: Final = 65536  # bytes that the kernel keeps for one client
-_BACKLOG_LIMIT: Final = 1 << 18  # bytes of untaken replies that end a connection
-_CONTROL_BACKLOG_LIMIT: Final = 1 << 27  # the same on the control socket: whole traces
 _SLOW_READER_LIMIT: Final = 5.0  # s (real) without taking anything that end an RTDE connection
 _CLIENTS_PER_PORT: Final = 64
-_HIGHEST_FD: Final = 1023  # that `select` can watch
-_WAKE_UPS: Final = 8  # times that data is handled on arrival in one period, then at its end
 _LAST_COMMANDS: Final = 20
 _WRITABLE: Final = ("primary", "secondary", "realtime")
 _PLACES: Final = ("port", "joint", "index")  # parameters that say where a fault is
@@ -87,6 +78,12 @@ class UrServer:
         config: what to simulate; its ports are bound by the constructor.
         parent_fd: file descriptor that becomes readable when the process that wants this simulator
             has died, None for none.
+
+    Attributes:
+        host: its address.
+        ports: port numbers by name.
+        controller: what it simulates.
+        stopping: whether :meth:`run` is to end.
 
     Raises:
         SimStartError: when a port cannot be bound, a recording cannot be made or read, or the fault file
@@ -103,16 +100,14 @@ class UrServer:
             recording = load(Path(config.replay)) if config.replay else None
         except (FaultError, RecordingError) as error:
             raise SimStartError(str(error)) from error
-        self._parent_fd = parent_fd
-        self._stopping = False
+        self.stopping = False
         self._secret = token()
         self._elapsed = 0.0  # s of the controller since the start, what it hangs included
-        self._ports: dict[str, Port[Session]] = {}
-        self.host, _ = bind_somewhere(config.host, self._bind)
+        self._clients = Clients(self, self.statistics, config.speed, parent_fd)
+        self._ports = self._clients.ports
+        numbers = {**config.ports, CONTROL: config.control_port}
+        self.host, _ = bind_somewhere(config.host, lambda host: self._clients.bind(host, numbers))
         self.ports = {name: port.number for name, port in self._ports.items()}
-        self._by_fd: dict[int, Port[Session] | tuple[Port[Session], Client[Session]]] = {}
-        self._watched: list[int] = []
-        self._watch_again = True  # connections came, went, or must not be read any more
 
         self._sockets = ScriptSockets(self.host, self.ports.values())
         self._rpc = ScriptRpc(self.host)
@@ -122,10 +117,9 @@ class UrServer:
         try:
             self._external = ExternalDevices(config, self.controller)
         except SimStartError:
-            self._close_ports()
+            self._clients.close()
             raise
         self._faults = FaultPlayer(KINDS, faults, self._begin, self._end, _PLACES)
-        self._stalled = False
         self._scripts = ScriptQueue(self.controller)
         self._period = self.controller.dt
         self._pace = Pace(self._period, config.speed, self.statistics)
@@ -195,46 +189,14 @@ class UrServer:
 
     # Life
 
-    def _bind(self, host: str) -> None:
-        numbers = {**self.config.ports, CONTROL: self.config.control_port}
-        try:
-            for name, number in numbers.items():
-                self._ports[name] = Port(name, listen(host, number, name))
-        except SimStartError:
-            self._close_ports()
-            raise
-
     def _network_builtins(self, controller: Controller) -> Iterator[Builtin]:
         yield from self._sockets.builtins(controller.clock)
         yield from self._rpc.builtins()
         yield from modbus_builtins(controller.state_signals, self._modbus_units)
 
-    def _greeting(self, name: str) -> bytes:
-        greetings: dict[str, Callable[[], bytes]] = {
-            "dashboard": lambda: GREETING,
-            **dict.fromkeys(("primary", "primary_read_only"), self._primary_greeting),
-            **dict.fromkeys(("secondary", "secondary_read_only"), self._secondary_greeting),
-        }
-        return greetings.get(name, bytes)()
-
-    def _primary_greeting(self) -> bytes:
-        config, time = self.config, self.controller.time
-        return (
-            version_message(config.software, time)
-            + hardware_info_message(config.robot, config.software, time)
-            + self._state()
-        )
-
-    def _secondary_greeting(self) -> bytes:
-        return version_message(self.config.software, self.controller.time) + self._state()
-
-    def _state(self) -> bytes:
-        c = self.controller
-        return self._encoder.packet(c.outputs, c.operational_mode, c.tool_communication)
-
     def stop(self) -> None:
         """End :meth:`run` within one control period. Safe in a signal handler."""
-        self._stopping = True
+        self.stopping = True
 
     def close(self) -> None:
         """Close the recording and every socket, and end the programs that watch."""
@@ -243,17 +205,9 @@ class UrServer:
         self._sockets.close_all()
         self._modbus_units.close()
         self._external.close()
-        self._close_ports()
+        self._clients.close()
         for watcher in self._watchers:
             watcher.stop()
-
-    def _close_ports(self) -> None:
-        for port in self._ports.values():
-            for client in port.clients:
-                client.connection.close()
-            port.clients.clear()  # a program that was not complete is not run now
-            port.close()
-        self._ports.clear()
 
     def run(self) -> None:
         """Run at the chosen speed until :meth:`stop`, or until the parent process has died."""
@@ -265,8 +219,8 @@ class UrServer:
         if self._recorder is not None:
             self._recorder.start()
         self._pace.begin(time.monotonic())
-        while not self._stopping:
-            self._serve_until(self._pace.wake)
+        while not self.stopping:
+            self._clients.serve_until(self._pace.wake)
             started = time.monotonic()
             self._pace.started(started)
             self.step(started * self.config.speed)
@@ -280,20 +234,16 @@ class UrServer:
                 and end in the controller's time, which lags behind that on a slow machine.
         """
         self._elapsed += self._period
-        answers = self._do_requests(now)
+        answers = self._clients.do_requests(now)
         if self._faults.play(self._elapsed):
-            self._watch_again = True
-        if not self._stalled:
+            self._clients.changed = True
+        if not self._clients.stalled:
             self._advance(now)
-        for client, answer in answers:
-            client.connection.send(answer, now)
-            self._remove_if_ended(self._ports[CONTROL], client)
+        self._clients.answer(answers, now)
 
     def _advance(self, now: float) -> None:
         """Move everything on by one control period, unless the controller hangs."""
-        for port in self._ports.values():
-            if not port.silent and port.clients and port.name != CONTROL:
-                self._push(port, now)
+        self._clients.push(now)
         self._scripts.run_compiled()
         self.controller.tick()
         self.statistics.ticks += 1
@@ -305,104 +255,19 @@ class UrServer:
         self._serve_tool(now)
         self._sockets.flush()
 
-    def _do_requests(self, now: float) -> list[tuple[Client[Session], bytes]]:
-        """Do what was asked on the control socket; it is answered once that has taken effect."""
-        answers = []
-        for client in self._ports[CONTROL].clients:
-            client.connection.flush(now)
-            if client.connection.has_input or client.connection.ended:
-                answers.append((client, self._answer(CONTROL, client, now)))
-        return answers
+    # Clients
 
-    # Receiving
-
-    def _serve_until(self, deadline: float) -> None:
-        """Handle what arrives until the deadline; at least once."""
-        for _ in range(_WAKE_UPS):
-            if self._watch_again:
-                self._watch()
-            wait = deadline - time.monotonic()
-            ready, _, _ = select.select(self._watched, (), (), max(0.0, wait))
-            if ready:
-                self._handle(ready, time.monotonic() * self.config.speed)
-            if wait <= 0.0 or self._stopping or not ready:
-                return
-        time.sleep(max(0.0, deadline - time.monotonic()))
-
-    def _handle(self, ready: list[int], now: float) -> None:
-        for fd in ready:
-            owner = self._by_fd.get(fd)
-            if owner is None:
-                if fd == self._parent_fd:
-                    log.info("the process that started this simulator has ended")
-                    self.stop()
-            elif isinstance(owner, Port):
-                self._accept(owner, now)
-            elif not owner[1].connection.closed:
-                port, client = owner
-                client.connection.read(now)
-                if client.connection.peer_closed:
-                    self._watch_again = True
-                if port.name != CONTROL:  # whose requests are done at the next period
-                    self._process(port, client, now)
-
-    def _watch(self) -> None:
-        """Collect the file descriptors that are read now."""
-        self._watch_again = False
-        self._by_fd = {}
-        for port in self._ports.values():
-            if port.silent or (self._stalled and port.name != CONTROL):
-                continue
-            if port.listener is not None:
-                self._by_fd[port.listener.fileno()] = port
-            for client in port.clients:
-                if not client.connection.ended:
-                    self._by_fd[client.connection.fileno()] = (port, client)
-        self._watched = list(self._by_fd)
-        if self._parent_fd is not None:
-            self._watched.append(self._parent_fd)
-
-    def _accept(self, port: Port[Session], now: float) -> None:
-        while port.listener is not None:
-            try:
-                sock, _ = port.listener.accept()
-            except BlockingIOError:
-                break
-            except OSError as error:
-                log.warning("cannot accept on the %s port: %s", port.name, error)
-                break
-            full = len(port.clients) >= self._limit(port) or sock.fileno() > _HIGHEST_FD
-            if full or "disconnect" in port.faults:
-                sock.close()
-                continue
-            self._welcome(port, sock, now)
-
-    def _limit(self, port: Port[Session]) -> int:
+    def limit(self, port: str) -> int:
         """How many clients a port lets in."""
-        return self._external.tool_clients if port.name == "tool" else _CLIENTS_PER_PORT
+        return self._external.tool_clients if port == "tool" else _CLIENTS_PER_PORT
 
-    def _welcome(self, port: Port[Session], sock: socket.socket, now: float) -> None:
-        """Make a client of an accepted connection."""
-        limit = _CONTROL_BACKLOG_LIMIT if port.name == CONTROL else _BACKLOG_LIMIT
-        try:
-            send_buffer = round(_SEND_BUFFER * max(1.0, self.config.speed))
-            connection = wire.Connection(sock, limit, send_buffer=send_buffer)
-        except OSError as error:
-            log.info("a client of the %s port was gone at once: %s", port.name, error)
-            sock.close()
-            return
-        self.statistics.accepted += 1
-        number = self.statistics.accepted
-        mute = "no_answer" in port.faults
-        session = Mute() if mute else self._session(port.name, number)
-        port.add(Client(connection, session, number))
-        self._watch_again = True
-        self._event(f"{port.name}_connected")
-        if not mute:
-            connection.send(self._greeting(port.name), now)
+    def connected(self, port: str) -> None:
+        """Tell the faults that a client has come."""
+        self._event(f"{port}_connected")
 
-    def _session(self, name: str, number: int) -> Session:
-        match name:
+    def session(self, port: str, number: int) -> Session:
+        """Return what answers a new client of a port."""
+        match port:
             case "rtde":
                 return RtdeSession(
                     self.controller, self.config.software, self._claims, self._trace, number
@@ -432,54 +297,34 @@ class UrServer:
                     },
                     self._secret,
                 )
-        read_only = name not in _WRITABLE or (name in _DECIDED_ONCE and not self.controller.remote)
+        read_only = port not in _WRITABLE or (port in _DECIDED_ONCE and not self.controller.remote)
         return ScriptSession(self._scripts.refuse if read_only else self._scripts.put)
 
-    def _process(self, port: Port[Session], client: Client[Session], now: float) -> None:
-        """Let a client's session take what has arrived, and send its answer."""
-        client.connection.send(self._answer(port.name, client, now), now)
-        self._remove_if_ended(port, client)
+    def greeting(self, port: str) -> bytes:
+        """Return what a new client of a port is told first."""
+        greetings: dict[str, Callable[[], bytes]] = {
+            "dashboard": lambda: GREETING,
+            **dict.fromkeys(("primary", "primary_read_only"), self._primary_greeting),
+            **dict.fromkeys(("secondary", "secondary_read_only"), self._secondary_greeting),
+        }
+        return greetings.get(port, bytes)()
 
-    def _answer(self, port: str, client: Client[Session], now: float) -> bytes:
-        """What a client's session answers to what has arrived."""
-        connection = client.connection
-        try:
-            pieces = connection.take(now) or ([b""] if _waits(client) else [])
-            return b"".join([client.session.receive(piece) for piece in pieces])
-        except RtdeError as error:
-            log.warning("closing %s connection %d: %s", port, client.number, error)
-        except Exception:
-            self.statistics.defects += 1
-            log.exception("a defect of the simulator closes %s client %d", port, client.number)
-        connection.close()
-        return b""
+    def _primary_greeting(self) -> bytes:
+        config, time = self.config, self.controller.time
+        return (
+            version_message(config.software, time)
+            + hardware_info_message(config.robot, config.software, time)
+            + self._state()
+        )
 
-    def _remove_if_ended(self, port: Port[Session], client: Client[Session]) -> None:
-        if client.connection.ended or client.session.ended:
-            self._remove(port, client)
+    def _secondary_greeting(self) -> bytes:
+        return version_message(self.config.software, self.controller.time) + self._state()
 
-    def _remove(self, port: Port[Session], client: Client[Session]) -> None:
-        port.clients.remove(client)
-        client.connection.close()
-        self._watch_again = True
-        try:
-            client.session.close()
-        except Exception:
-            self.statistics.defects += 1
-            log.exception("a defect of the simulator, as %s client %d went", port, client.number)
-
-    def _disconnect(self, port: Port[Session]) -> None:
-        for client in list(port.clients):
-            self._remove(port, client)
+    def _state(self) -> bytes:
+        c = self.controller
+        return self._encoder.packet(c.outputs, c.operational_mode, c.tool_communication)
 
     # Sending
-
-    def _push(self, port: Port[Session], now: float) -> None:
-        """Move on what a slow peer or a delaying wire has held back."""
-        for client in list(port.clients):
-            client.connection.flush(now)
-            if client.connection.has_input or client.connection.ended or _waits(client):
-                self._process(port, client, now)
 
     def _report(self, now: float) -> None:
         """Pass the controller's messages on, and follow what they and its state mean here."""
@@ -495,10 +340,10 @@ class UrServer:
             self._was_moving = moving
         if messages:
             encoded = encode_messages(messages, controller.time)
-            self._broadcast(("primary", "primary_read_only"), lambda: encoded, now)
+            self._clients.broadcast(("primary", "primary_read_only"), lambda: encoded, now)
         if self._was_remote and not controller.remote:
             for name in _WRITABLE:
-                self._disconnect(self._ports[name])
+                self._clients.disconnect(self._ports[name])
         self._was_remote = controller.remote
 
     def _event(self, name: str) -> None:
@@ -508,30 +353,16 @@ class UrServer:
         """Send the periodic packets of all ports but RTDE."""
         outputs = self.controller.outputs
         if self.controller.tick_count % self._state_every == 0:
-            self._broadcast(
+            self._clients.broadcast(
                 ("primary", "primary_read_only", "secondary", "secondary_read_only"),
                 self._state,
                 now,
             )
-        self._broadcast(
+        self._clients.broadcast(
             ("realtime", "realtime_read_only"),
             lambda: realtime.packet(outputs, self._realtime_length),
             now,
         )
-
-    def _broadcast(self, names: tuple[str, ...], build: Callable[[], bytes], now: float) -> None:
-        """Send one package to every client that keeps up; it is built only when there is one."""
-        package: bytes | None = None
-        for name in names:
-            port = self._ports[name]
-            if port.silent:
-                continue
-            for client in port.clients:
-                if client.connection.blocked or isinstance(client.session, Mute):
-                    client.connection.dropped += 1
-                    continue
-                package = build() if package is None else package
-                client.connection.send_fresh(package, now)
 
     def _send_rtde(self, now: float) -> None:
         port = self._ports["rtde"]
@@ -545,7 +376,7 @@ class UrServer:
             connection = client.connection
             if connection.closed or connection.blocked_for(now) > self._slow_reader_limit:
                 log.warning("closing RTDE connection %d: it does not read", client.number)
-                self._remove(port, client)
+                self._clients.remove(port, client)
 
     def _serve_tool(self, now: float) -> None:
         """Send on what the tool has said; without its serial line nobody stays connected."""
@@ -554,7 +385,7 @@ class UrServer:
             return
         said = self._external.advance_tool()
         if not self._external.tool_clients:
-            self._disconnect(port)
+            self._clients.disconnect(port)
         for client in port.clients:
             if said and not port.silent and not isinstance(client.session, Mute):
                 client.connection.send(said, now)
@@ -563,19 +394,19 @@ class UrServer:
 
     def _begin(self, fault: Fault) -> None:
         if fault.kind == "stall":
-            self._stalled = True
+            self._clients.stalled = True
         elif fault.kind in BEGIN:
             BEGIN[fault.kind](self.controller, fault.parameters)
         for port in self._concerned(fault):
             if fault.kind == "disconnect":
-                self._disconnect(port)
+                self._clients.disconnect(port)
             port.begin(fault)
         if fault.kind == "disconnect" and fault.duration is None:
             self._faults.end(fault)
 
     def _end(self, fault: Fault) -> None:
         if fault.kind == "stall":
-            self._stalled = False
+            self._clients.stalled = False
         elif fault.kind in END:
             END[fault.kind](self.controller, fault.parameters)
         for port in self._concerned(fault):
@@ -598,11 +429,11 @@ class UrServer:
     def _inject(self, kind: str, parameters: dict[str, Any]) -> None:
         self._check_possible(kind)
         self._faults.inject(kind, parameters, self._elapsed)
-        self._watch_again = True
+        self._clients.changed = True
 
     def _clear(self, kind: str | None = None) -> None:
         self._faults.clear(kind)
-        self._watch_again = True
+        self._clients.changed = True
 
     def _outputs(self, names: list[str]) -> dict[str, Any]:
         outputs = self.controller.outputs
@@ -645,7 +476,9 @@ class UrServer:
             "program": controller.program_name,
             "remote": controller.remote,
             "statistics": asdict(self.statistics),
-            "connections": {name: self._connections(port) for name, port in self._ports.items()},
+            "connections": {
+                name: self._clients.connections(port) for name, port in self._ports.items()
+            },
             "input_packages": self._trace.count,
             "scripts": list(self._scripts.last),
             "popup": controller.popup_text,
@@ -656,23 +489,3 @@ class UrServer:
             "replay": controller.status if isinstance(controller, ReplayedController) else None,
             "outputs": dict(controller.outputs),
         }
-
-    def _connections(self, port: Port[Session]) -> list[dict[str, Any]]:
-        return [
-            {
-                "number": client.number,
-                "bytes_in": client.connection.bytes_in,
-                "bytes_out": client.connection.bytes_out,
-                "dropped": client.connection.dropped,
-                "packages_in": getattr(client.session, "packages_in", None),
-                "packages_bad": getattr(client.session, "packages_bad", None),
-            }
-            for client in port.clients
-        ]
-
-
-def _waits(client: Client[Session]) -> bool:
-    """Whether a client's command is not answered yet."""
-    return (
-        isinstance(client.session, RobotApiSession | InterpreterSession) and client.session.waiting
-    )
