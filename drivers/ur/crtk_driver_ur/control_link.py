@@ -6,7 +6,7 @@ import logging
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any
 
 from crtk_driver_ur.control_requests import Reply
@@ -32,6 +32,43 @@ INTERRUPTED = "another command took its place"
 PROGRAM_STOPPED = "the control program was stopped on the controller"
 
 logger = logging.getLogger(__name__)
+
+
+class _Recurring:
+    """A request that is sent again and again: `period` seconds apart at least, and one at a time.
+
+    Args:
+        name: of the request.
+        period: seconds.
+    """
+
+    def __init__(self, name: str, period: float) -> None:
+        self._name = name
+        self._period = period
+        self._number = 0  # of the one that is not answered yet
+        self._sent_at = -math.inf
+
+    def send_if_due(self, send: Callable[[str], int]) -> None:
+        """Send it, if it is due; `send` returns the number that the reply will have, 0 if it was not sent."""
+        now = time.monotonic()
+        if not self._number and now - self._sent_at > self._period:
+            self._sent_at = now
+            self._number = send(self._name)
+
+    def hurry(self) -> None:
+        """Let it be due at once."""
+        self._sent_at = -math.inf
+
+    def is_answered_by(self, reply: Reply) -> bool:
+        """Whether this is its reply; from then on it may be sent again."""
+        if reply.sequence != self._number:
+            return False
+        self._number = 0
+        return True
+
+    def forget(self) -> None:
+        """Await no reply any more."""
+        self._number = 0
 
 
 class ControlLink(ABC):
@@ -63,12 +100,9 @@ class ControlLink(ABC):
         self._where = where
         self._awaited: set[int] = set()
         self._replies: dict[int, Reply] = {}
-        self._remote_asked = 0
-        self._remote_asked_at = -math.inf
-        self._program_asked = 0
-        self._program_asked_at = -math.inf
-        self._end_asked = 0
-        self._end_asked_at = -math.inf
+        self._asks_remote = _Recurring("is_in_remote_control", REMOTE_CHECK_PERIOD)
+        self._asks_program = _Recurring("loaded_program", PROGRAM_CHECK_PERIOD)
+        self._ends_program = _Recurring("stop_program", PROGRAM_END_PERIOD)
         self._was_local = False
         self._progress = MoveProgress.DONE
         self._move_failure = ""
@@ -141,21 +175,13 @@ class ControlLink(ABC):
 
     def _ask_dashboard(self) -> None:
         """Ask from time to time who has control, and which program is loaded."""
-        now = time.monotonic()
-        if (
-            self.has_local_control
-            and not self._remote_asked
-            and now - self._remote_asked_at > REMOTE_CHECK_PERIOD
-        ):
-            self._remote_asked_at = now
-            self._remote_asked = self._try_request("is_in_remote_control")
-        if not self._program_asked and now - self._program_asked_at > PROGRAM_CHECK_PERIOD:
-            self._program_asked_at = now
-            self._program_asked = self._try_request("loaded_program")
+        if self.has_local_control:
+            self._asks_remote.send_if_due(self._try_request)
+        self._asks_program.send_if_due(self._try_request)
 
     def program_may_differ(self) -> None:
         """Ask at once which program is loaded."""
-        self._program_asked_at = -math.inf
+        self._asks_program.hurry()
 
     # Motion. Each raises DeviceFault if it cannot be sent.
 
@@ -255,10 +281,7 @@ class ControlLink(ABC):
         To be called for as long as it is paused: the controller is asked again when it has not done so.
         """
         self.program_runs = False
-        now = time.monotonic()
-        if not self._end_asked and now - self._end_asked_at > PROGRAM_END_PERIOD:
-            self._end_asked_at = now
-            self._end_asked = self._try_request("stop_program")
+        self._ends_program.send_if_due(self._try_request)
 
     # Requests
 
@@ -297,15 +320,12 @@ class ControlLink(ABC):
             return 0
 
     def _take_reply(self, reply: Reply) -> None:
-        if reply.sequence == self._remote_asked:
-            self._remote_asked = 0
+        if self._asks_remote.is_answered_by(reply):
             self.control_is(None if reply.error is not None else bool(reply.value))
-        elif reply.sequence == self._program_asked:
-            self._program_asked = 0
+        elif self._asks_program.is_answered_by(reply):
             known = None if reply.error is not None else str(reply.value)
             self.loaded_program = None if known is None else known.partition(": ")[2]
-        elif reply.sequence == self._end_asked:
-            self._end_asked = 0
+        elif self._ends_program.is_answered_by(reply):
             if reply.error is not None:
                 logger.warning(
                     "%s: a paused program has not ended: %s", self._where, reply.error.text
@@ -314,7 +334,8 @@ class ControlLink(ABC):
             self._replies[reply.sequence] = reply
 
     def _forget_requests(self) -> None:
-        self._remote_asked = self._program_asked = self._end_asked = 0
+        for recurring in (self._asks_remote, self._asks_program, self._ends_program):
+            recurring.forget()
         self._replies.clear()
 
     def _answer(self, name: str, sequence: int) -> Generator[None, None, Any]:

@@ -183,7 +183,7 @@ class ProcessLink(ControlLink):
         elif event.kind is EventKind.PROGRAM_STOPPED:
             self.program_runs = False
             self._stopping = 0
-            self._remote_asked_at = -math.inf
+            self._asks_remote.hurry()
         elif event.kind in (EventKind.MOTION_FAILED, EventKind.BAD_FRAME):
             logger.warning("%s: %s: %s %s", self._where, error.call, error.text, error.hint)
 

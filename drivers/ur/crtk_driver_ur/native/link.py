@@ -264,7 +264,7 @@ class NativeLink(ControlLink):
         self.replaced = ours and state.timestamp > self._cycled_at + REPLACED_AFTER
         if self.replaced or state.runtime_state in STANDING_PROGRAM:
             if self.program_runs:
-                self._remote_asked_at = -math.inf
+                self._asks_remote.hurry()
             if ours:
                 self._program, self._reported = NO_PROGRAM, ProgramState()
             self._program_ended(PROGRAM_STOPPED)
