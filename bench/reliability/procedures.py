@@ -129,9 +129,8 @@ def _stands_at(rig: Rig, rest: np.ndarray, when: str) -> None:
 
 def _enables(rig: Rig) -> None:
     rig.stop_activity()
-    rest = (
-        rig.look().joints
-    )  # a joint without torque may still coast, slower than what counts as moving
+    # A joint without torque may still coast, slower than what counts as moving.
+    rest = rig.look().joints
     rig.enable()
     rig.run(0.1)
     _stands_at(rig, rest, "it was only enabled")
