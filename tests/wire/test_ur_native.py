@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -213,31 +214,50 @@ def test_a_newer_command_of_another_kind_begins_from_rest(rig):
     assert (steps / times).max() < 6.0, "no jump of the speed"
 
 
-def stream_through_stalls(rig: Rig, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-    """Stream 1 rad/s while what is sent arrives in lumps, and return speeds and accelerations of it."""
+@dataclass(frozen=True)
+class Streamed:
+    """What a stream of 1 rad/s made of the first axis, on the controller's clock."""
+
+    speeds: np.ndarray
+    accelerations: np.ndarray
+    longest_step: float
+    """rad; between two targets that the program took, one after the other."""
+
+
+def stream_through_stalls(rig: Rig, seconds: float, lump: float) -> Streamed:
+    """Stream 1 rad/s while what is sent arrives in lumps of so many seconds."""
     rig.start()
     start = len(rig.states)
-    rig.sim.control.inject("coalesce", port="rtde", seconds=0.15, direction="in")
+    rig.sim.control.inject("coalesce", port="rtde", seconds=lump, direction="in")
     began = time.monotonic()
+    sent: dict[int, float] = {}
     while (now := time.monotonic() - began) < seconds:
-        rig.channel.command(Kind.SERVO_JOINT, (now, *HOME[1:]), 1.0, 300.0)
+        sent[rig.channel.command(Kind.SERVO_JOINT, (now, *HOME[1:]), 1.0, 300.0)] = now
         time.sleep(0.002)
     rig.sim.control.clear()
     rig.until_done(rig.channel.command(Kind.REST))
     states = rig.states[start:]
     speeds = np.array([state.target_qd[0] for state in states])
-    return speeds, np.diff(speeds) / np.diff([state.timestamp for state in states])
+    accelerations = np.diff(speeds) / np.diff([state.timestamp for state in states])
+    taken = [sent[sequence] for state in states if (sequence := rig.registers(state)[1]) in sent]
+    return Streamed(speeds, accelerations, max(np.diff(taken)))
 
 
 def test_commands_that_arrive_late_are_no_jump(rig):
-    """Without bounds in the program the arm takes up to 1.5 rad/s, and accelerates with 40 rad/s²."""
-    speeds, accelerations = stream_through_stalls(rig, 1.5)
-    assert speeds.max() > 0.5, "it follows the stream"
-    assert accelerations.max() < ACCELERATION * 1.05
+    """Without bounds in the program the arm takes up to 2.4 rad/s, and accelerates with 40 rad/s².
+
+    How fast it catches up depends on when the first lump ends: the equations give 1.35 to 1.65 rad/s.
+    """
+    lump = 0.15
+    streamed = stream_through_stalls(rig, 1.5, lump)
+    fastest = streamed.speeds.max()
+    assert fastest > 0.5, "it follows the stream"
+    assert streamed.accelerations.max() < ACCELERATION * 1.05
     # What it takes to stop at the last target from where the smoothing is behind it.
-    needed = 0.5 * speeds.max() / (LOOKAHEAD - SERVOJ_LOOKAHEAD)
-    assert accelerations.min() > -1.1 * max(ACCELERATION, needed)
-    assert speeds.max() < 1.5
+    needed = 0.5 * fastest / (LOOKAHEAD - SERVOJ_LOOKAHEAD)
+    assert streamed.accelerations.min() > -1.1 * max(ACCELERATION, needed)
+    # A sender or a simulator that was held up itself makes the lump longer, and there is more to make up for.
+    assert fastest < 1.0 + 0.65 * max(1.0, streamed.longest_step / lump)
 
 
 def test_the_program_goes_no_further_than_it_was_told_and_as_fast_as_it_may(rig):
