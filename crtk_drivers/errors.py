@@ -146,6 +146,7 @@ class Reason(StrEnum):
     WRONG_FRAME = "wrong_frame"
     TOO_OLD = "too_old"
     FROM_FUTURE = "from_future"
+    NOT_MEASURED = "not_measured"
     OUT_OF_RANGE = "out_of_range"
     STEP_TOO_LARGE = "step_too_large"
     UNREACHABLE = "unreachable"

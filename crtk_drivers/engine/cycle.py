@@ -150,7 +150,17 @@ class Engine(Intake):
         return None
 
     def disconnect(self, reason: str, remedy: str = "") -> None:
-        """Close the device after the link was lost; the state is FAULT until it is open again."""
+        """Close the device after the link was lost, see `lose`."""
+        try:
+            self.lose(reason, remedy)
+        finally:
+            self.device.close()
+
+    def lose(self, reason: str, remedy: str = "") -> None:
+        """Stop the device, whose link was lost; the state is FAULT until it is open again.
+
+        To close it is left to the caller: that may take as long as a stop takes to be read back.
+        """
         was_connected, self._connected = self._connected, False
         self._health.connected = False
         self._health.reconnects += was_connected
@@ -163,8 +173,6 @@ class Engine(Intake):
         except DeviceError as error:
             told = without_name(str(error), self.where)
             logger.warning("%s: could not be told to stop: %s", self.where, told)
-        finally:
-            self.device.close()
 
     def shut_down(self) -> None:
         """Stop, wait until that is read back, leave the hardware as it is configured to be left, and close.

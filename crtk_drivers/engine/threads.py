@@ -131,8 +131,10 @@ class BusThread:
                 due = self._pace(due)
                 begin = max(due, time.monotonic())
                 deadline = begin + (2.0 if self._streamed else 0.5) * self._period
-                for member in self._members:
-                    self._serve(member, deadline)
+                lost = [member for member in self._members if not self._serve(member, deadline)]
+                # All have been told to stop before the first one is waited for.
+                for member in lost:
+                    self._close(member)
                 self._heartbeat.feed(time.monotonic())
         finally:
             for member in self._members:
@@ -158,7 +160,8 @@ class BusThread:
     def _anyone_connected(self) -> bool:
         return any(member.engine.connected for member in self._members)
 
-    def _serve(self, member: _Member, deadline: float) -> None:
+    def _serve(self, member: _Member, deadline: float) -> bool:
+        """Do one cycle of a device, or try to open it; return False if it was lost and is to be closed."""
         engine = member.engine
         try:
             if engine.connected:
@@ -168,10 +171,11 @@ class BusThread:
             elif time.monotonic() >= member.reconnect.next_try:
                 self._open(member)
         except DeviceError as error:
-            self._lost(member, error.statement, error.remedy)
+            return self._lose(member, error.statement, error.remedy)
         except Exception as error:
             logger.exception("%s: unexpected error in the I/O thread", engine.where)
-            self._lost(member, unexpected(error), REPORT)
+            return self._lose(member, unexpected(error), REPORT)
+        return True
 
     def _open(self, member: _Member) -> None:
         # Those on the same bus that are connected must not be left alone for long.
@@ -193,10 +197,17 @@ class BusThread:
         else:
             logger.info("%s: connected", engine.where)
 
-    def _lost(self, member: _Member, reason: str, remedy: str) -> None:
+    def _lose(self, member: _Member, reason: str, remedy: str) -> bool:
         member.reconnect.failed(time.monotonic())
         try:
-            member.engine.disconnect(reason, remedy)
+            member.engine.lose(reason, remedy)
+        except Exception:
+            logger.exception("%s: stopping failed", member.engine.where)
+        return False
+
+    def _close(self, member: _Member) -> None:
+        try:
+            member.engine.device.close()
         except DeviceError as error:
             logger.error("closing: %s", error)
         except Exception:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import Capabilities, Device, Setpoint
+from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.gates.command import CommandCheck
 from crtk_drivers.gates.setpoint import SetpointLimiter
 from crtk_drivers.motion.feedback import Feedback
@@ -17,6 +18,9 @@ from crtk_drivers.options import EngineOptions
 from crtk_drivers.samples import Value, Vector
 from crtk_drivers.status.board import StatusBoard
 from crtk_drivers.status.health import HealthRecorder
+
+UNSEEN = 0.1
+"""Seconds for which efforts go on without a measurement."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -63,15 +67,40 @@ class MotionContext:
         """Return the setpoint of a command that may be sent at monotonic seconds; what is clamped is told.
 
         Raises:
-            CommandRefused: it may not be sent, or an effort drives a joint too fast or out of its range.
+            CommandRefused: it may not be sent; for efforts see `check_driven`, too.
         """
         if setpoint.mode.kind is Kind.EFFORT:
-            self.limiter.check_driven(name, self.feedback.measured)
+            self.check_driven(name, now)
         before = self.feedback.before(setpoint.mode, now)
         limited = self.limiter.limit(name, setpoint, before, now)
         if limited.warning:
             self._warn_clamped(name, limited.warning)
         return limited.setpoint
+
+    def check_driven(self, name: str, now: float) -> None:
+        """Refuse to go on with efforts that drive a joint too fast, out of its range, or unseen.
+
+        An effort does not say where it takes a joint: it is sent as long as joints are measured.
+
+        Args:
+            name: of the command.
+            now: monotonic seconds.
+
+        Raises:
+            CommandRefused: with what is the matter.
+        """
+        feedback = self.feedback
+        age, longest = feedback.sample_age(now), max(feedback.stale_after, UNSEEN)
+        if age > longest:
+            raise CommandRefused(
+                name,
+                Reason.NOT_MEASURED,
+                f"nothing was measured for {age:.3f} s (at most {longest:g} s)",
+                where=self.where,
+                remedy="Stopped. Efforts are sent as long as it is seen where they take the joints: "
+                "look at the link.",
+            )
+        self.limiter.check_driven(name, replace(feedback.measured, position=feedback.moved_on(now)))
 
     def into_range(self, name: str, positions: Vector, before: Vector) -> Vector:
         """Return joint positions (n,) of a command, clamped to their range; that is told.

@@ -117,7 +117,7 @@ class MotionExecutor:
         """
         order = self._arbiter.take()
         try:
-            self._output.watch()
+            self._output.watch(now)
             if isinstance(self._activity, Pending):
                 order = self._waited(self._activity, order, now)
             activity = self._activity

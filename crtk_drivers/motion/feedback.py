@@ -311,9 +311,9 @@ class Feedback:
                 return self.active.pose
             pose = self.measured_pose()
             return EMPTY if pose is None else vector((*pose.position, *pose.orientation))
-        return self._moved_on(now)
+        return self.moved_on(now)
 
-    def _moved_on(self, now: float) -> Vector:
+    def moved_on(self, now: float) -> Vector:
         """Return where the joints (n,) may be now: gone on as measured or as told, whichever is further."""
         here, age = self.measured, self.sample_age(now)
         if not _LATE / self._capabilities.rate < age < math.inf or self._told.size != len(

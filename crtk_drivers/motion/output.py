@@ -71,19 +71,22 @@ class Output:
         self.last = None
         self._follows.forget()
 
-    def watch(self) -> None:
+    def watch(self, now: float) -> None:
         """See that joints follow the positions that were sent, and that efforts do not run away with them.
+
+        Args:
+            now: monotonic seconds.
 
         Raises:
             DeviceFault: a joint does not follow.
-            CommandRefused: efforts drive a joint too fast, or out of its range.
+            CommandRefused: efforts drive a joint too fast, or out of its range, or where nobody sees it.
         """
         if self.last is None:
             return
         context = self._context
-        measured, at = self._feedback.measured_state()
         if self.last.mode.kind is Kind.EFFORT:
-            context.limiter.check_driven(context.health.stream or "servo", measured)
+            context.check_driven(context.health.stream or "servo", now)
+        measured, at = self._feedback.measured_state()
         trouble = self._follows.trouble(measured.position, at, self._device.pace)
         if trouble:
             raise DeviceFault(

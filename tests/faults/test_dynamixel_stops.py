@@ -3,6 +3,7 @@
 One message, exactly one, is lost, doubled or late: each of those on every way out of a motion in turn.
 """
 
+import math
 import time
 from contextlib import suppress
 
@@ -21,7 +22,7 @@ from dynamixel_bench import (
     sim_for,
 )
 
-from crtk_drivers.errors import CommandRefused
+from crtk_drivers.errors import CommandRefused, Reason
 
 VALUES = arm_values(mode_switch_dwell=0.0, stream_timeout=0.1)
 MOVING = {"servo_jv": [0.5, 0, 0, 0, 0, 0], "servo_jf": [0.6, 0, 0, 0, 0, 0]}
@@ -142,3 +143,29 @@ def test_an_effort_that_goes_on_and_on_does_not_drive_a_joint_out_of_its_range(b
     bench.place(joint_1=0.0)
     assert begins_at < farthest < upper + 0.03
     assert "waist" in bench.log.refusals[0].detail
+
+
+@pytest.mark.parametrize("begins_at", [2.9, 3.04, 3.08])
+def test_an_effort_whose_way_nobody_sees_any_more_is_let_go(bench, begins_at):
+    """Answers stay away, commands arrive, and the servos' watchdogs hear them: only the driver can end it."""
+    bench.arm.disable(timeout=LONG)
+    bench.place(joint_1=begins_at)
+    bench.cycles()
+    bench.enable()
+    bench.log.refusals.clear()
+    upper = bench.engine.capabilities.limits[0].upper
+    silent_since, farthest = math.inf, begins_at
+    while time.monotonic() < silent_since + 1.0:
+        with suppress(CommandRefused):
+            bench.arm.servo_jf([0.3, 0, 0, 0, 0, 0])
+        now = waist(bench)
+        farthest = max(farthest, now["angle"])
+        if silent_since == math.inf and now["velocity"] > 0.1 and now["torque_applied"] > 0.2:
+            bench.sim.control.inject("stall")
+            silent_since = time.monotonic()
+        time.sleep(0.005)
+    bench.sim.control.clear()
+    eventually(lambda: bench.status.state == "DISABLED", "the arm answers again")
+    bench.place(joint_1=0.0)
+    assert farthest < upper + 0.03
+    assert bench.log.refusals[0].reason in (Reason.NOT_MEASURED, Reason.OUT_OF_RANGE)

@@ -647,6 +647,43 @@ def test_a_move_accepted_as_the_one_before_ends_keeps_busy_up_in_between() -> No
     assert rig.told.busy[announced:] == [False]
 
 
+def test_an_effort_is_let_go_when_nobody_sees_any_more_where_it_takes_the_joints() -> None:
+    rig = Rig().enabled()
+    rig.engine.submit("servo_jf", jf(1.0, 0.0))
+    rig.cycle()
+    rig.device.silent = True
+    rig.device.calls.clear()
+    for _ in range(round(0.15 / PERIOD)):
+        rig.engine.submit("servo_jf", jf(1.0, 0.0))
+        rig.cycle()
+    assert "stop" in rig.device.calls
+    assert {told.reason for told in rig.told.refusals} == {Reason.NOT_MEASURED}
+    written = len(rig.device.written)
+    rig.engine.submit("servo_jf", jf(1.0, 0.0))
+    rig.cycle(3)
+    assert len(rig.device.written) == written, "none is sent until joints are measured again"
+    rig.device.silent = False
+    rig.cycle(20)
+    rig.engine.submit("servo_jf", jf(0.5, 0.0))
+    rig.cycle()
+    assert rig.device.written[-1].values.tolist() == [0.5, 0.0]
+
+
+def test_how_far_an_unseen_joint_may_have_gone_on_counts_towards_the_end_of_its_range(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = Rig().enabled()
+    upper = rig.device.capabilities.limits[0].upper
+    seen = JointState(vector((upper - 0.16, 0.0)), vector((0.5, 0.0)))
+    stamp = rig.clock.stamp()
+    monkeypatch.setattr(rig.device, "read", lambda _: Sample(stamp, {"measured_js": seen}))
+    rig.engine.submit("servo_jf", jf(0.0, 0.0))
+    rig.cycle()
+    assert not rig.told.refusals
+    rig.cycle(round(0.08 / PERIOD))
+    assert [told.reason for told in rig.told.refusals] == [Reason.OUT_OF_RANGE]
+
+
 def test_a_move_that_is_taken_in_the_cycle_in_which_an_effort_is_refused_ends(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -319,6 +319,27 @@ def test_devices_on_one_bus_share_a_thread_and_one_of_them_may_be_lost() -> None
         assert two.status.state is S.ENABLED
 
 
+def test_all_devices_of_a_lost_bus_are_stopped_before_the_first_is_waited_for() -> None:
+    """To close may take as long as a stop takes to be read back."""
+    gripper, arm = Misbehaving("bus"), Misbehaving("bus")
+    stopped_by_then: list[bool] = []
+    with running(gripper, arm) as engines:
+        for engine in engines:
+            enable(engine)
+        stops = arm.stopped
+        gripper.in_close = lambda: stopped_by_then.append(arm.stopped > stops)
+        broken = threading.Event()
+
+        def fail() -> None:
+            if broken.is_set():
+                raise ConnectionLost("unplugged", where="bus")
+
+        gripper.in_read = arm.in_read = fail
+        broken.set()
+        until(lambda: stopped_by_then)
+    assert stopped_by_then[0]
+
+
 def test_opening_one_device_again_does_not_leave_its_neighbour_on_the_bus_alone() -> None:
     first, second = Misbehaving("line"), Misbehaving("line")
     limits: list[float] = []

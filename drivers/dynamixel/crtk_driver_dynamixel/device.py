@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 import threading
-import time
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
@@ -145,13 +144,14 @@ class _ChainDevice(Device):
         """Arm and gripper share what a cycle reads.
 
         A joint vector has the stamp of the oldest value in it, and there is none as long as that does not get
-        newer. After `silent_timeout` a fault names the servo, and the last vector goes on as invalid.
+        newer. After `silent_timeout` a fault names the servo, and the last vector goes on as invalid. A chain
+        that is lost is lost for both at once.
         """
         link = self.link
         if self._seen_cycle == link.cycles:
             link.exchange()
         self._seen_cycle = link.cycles
-        frame, now = link.frame, time.monotonic()
+        frame, now = link.frame, link.exchanged
         assert frame is not None
         silent = self.part.silent(frame, now)
         if len(silent) == len(self.part.places) and not self.part.has_company(frame, now):
@@ -241,9 +241,11 @@ class _ChainDevice(Device):
 
     @override
     def stop(self) -> None:
-        """Another thread than that of `open` does not wait for the next cycle."""
+        """Velocities and efforts end at once, positions in the next cycle."""
         self.part.ask_to_stop()
-        if threading.get_ident() != self._thread:
+        if threading.get_ident() == self._thread:
+            self.part.stop_at_once()
+        else:
             self.part.stop_from_outside()
 
     @property

@@ -254,10 +254,19 @@ class Part:
         """Have the next cycle end all motion. From any thread."""
         self._stop.set()
 
+    def stop_at_once(self) -> None:
+        """End velocities and efforts now: on a line that has fallen silent a cycle takes its time."""
+        if self._is_driven:
+            self._stopping.write(self.places)
+
     def stop_from_outside(self) -> None:
         """End velocities and efforts now, from another thread: nobody may call `step` any more."""
-        if self.kind in (Kind.VELOCITY, Kind.EFFORT):
+        if self._is_driven:
             self._stopping.write_from_outside()
+
+    @property
+    def _is_driven(self) -> bool:
+        return self.kind in (Kind.VELOCITY, Kind.EFFORT) and not self._is_free
 
     def _send_pending(self) -> None:
         pending, self._pending = self._pending, None
