@@ -60,8 +60,9 @@ def test_the_time_of_arrival_is_that_of_the_profile_step_by_step(
     expected = arrival(*motion)
     assume(0.05 < expected < 20.0)
     dt = expected / 2000.0
+    fastest = min(velocity, abs(speed) + math.sqrt(acceleration * abs(distance)))
     position, now, seconds = 0.0, speed, 0.0
-    while abs(distance - position) > 2.0 * dt * (velocity + abs(now)) or abs(now) > 4.0 * (
+    while abs(distance - position) > 2.0 * dt * (fastest + abs(now)) or abs(now) > 4.0 * (
         acceleration * dt
     ):
         left = distance - position
