@@ -1,8 +1,8 @@
 """What drivers have in common, for those of this distribution and for those of plugins.
 
 Small things that a driver uses, and none that it has to inherit: transports (`TcpTransport`, `UdpTransport`,
-and `crtk_drivers.kit.serial_port.SerialPort`, which needs pyserial), decoders, a worker for slow requests, a
-round of slow registers, parts of procedures.
+and `crtk_drivers.kit.serial_port.SerialPort`, which needs ``crtk-drivers[serial]``), decoders, a worker for
+slow requests, a round of slow registers, parts of procedures.
 """
 
 from crtk_drivers.kit.decoding import BadData, Decoder, FrameDecoder, LineDecoder

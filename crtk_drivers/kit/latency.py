@@ -22,7 +22,7 @@ _SYSFS: Final = Path("/sys/bus/usb-serial/devices")
 _REMEDY: Final = (
     "Set it to 1 ms with the udev rule "
     '\'ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{{latency_timer}}="1"\' '
-    "in /etc/udev/rules.d/99-dynamixel.rules, and plug the adapter in again; until then: "
+    "in /etc/udev/rules.d/99-usb-serial-latency.rules, and plug the adapter in again; until then: "
     "echo 1 | sudo tee {file}"
 )
 

@@ -30,7 +30,7 @@ from crtk_drivers.kit.serial_server import OPEN_TIMEOUT, ServerAddress, connect,
 try:
     import serial
 except ImportError as error:
-    raise MissingExtra("pyserial", "dynamixel") from error
+    raise MissingExtra("pyserial", "serial") from error
 
 __all__ = ["BITS_PER_BYTE", "SerialPort", "stable_name"]
 
