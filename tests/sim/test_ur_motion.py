@@ -357,6 +357,32 @@ def test_force_mode_presses_until_the_reaction_balances(bench: Bench) -> None:
     assert abs(bench["actual_TCP_speed"][2]) < 1e-4
 
 
+PRESS = (
+    "force_mode(p[0,0,0,0,0,0], [1,0,0,0,0,0], [20,0,0,0,0,0], 2, [0.1,0.1,0.1,0.3,0.3,0.3])"
+    "\nsleep(0.5)\nend_force_mode()\n"
+)
+
+
+@pytest.mark.parametrize("stop", ["stopj(10)", "stopl(10)"])
+def test_a_stop_after_force_mode_returns_when_the_arm_rests(bench: Bench, stop: str) -> None:
+    bench.start(PRESS + stop + "\nwrite_output_integer_register(0, 7)\nsleep(1)")
+    bench.seconds(0.4)
+    assert abs(bench["actual_TCP_speed"][0]) > 0.02
+    bench.until(lambda: bench["output_int_register_0"] == 7)
+    assert not any(bench["target_qd"])
+
+
+@pytest.mark.parametrize("between", ["", "stopj(10)\n"])
+def test_servoj_straight_out_of_force_mode_arrives_exactly(bench: Bench, between: str) -> None:
+    goal = list(bench["target_q"])
+    servo = f"i = 0\nwhile i < 500:\n servoj({goal}, t=0.002)\n i = i + 1\nend"
+    bench.start(PRESS + between + servo)
+    bench.seconds(0.4)
+    assert apart(bench["target_q"], goal) > 0.02
+    bench.until(lambda: bench.controller.runtime_state == RuntimeState.STOPPED)
+    assert apart(bench["target_q"], goal) < 1e-6
+
+
 def test_direct_torque_accelerates_a_joint(bench: Bench) -> None:
     bench.start("while True:\n direct_torque([5, 0, 0, 0, 0, 0])\nend")
     bench.seconds(0.1)

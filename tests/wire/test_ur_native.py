@@ -464,6 +464,17 @@ def test_servo_cf_presses_along_the_chosen_axes_and_ends_with_its_stream(bench):
     choose(bench, "force", *AXES)
 
 
+def test_a_move_straight_out_of_a_force_arrives(bench):
+    press(
+        bench,
+        [20.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        lambda: max(map(abs, bench.outputs("target_qd"))) > 0.03,
+        "it gives way",
+    )
+    assert bench.arm.move_jp(HOME).wait(LONG)
+    np.testing.assert_allclose(bench.q(), HOME, atol=1e-3)
+
+
 def test_an_axis_that_is_not_chosen_is_held_against_a_push(bench):
     choose(bench, "force", "y")
     before = tool(bench)

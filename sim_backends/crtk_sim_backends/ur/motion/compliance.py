@@ -91,6 +91,11 @@ class Compliance:
         return self.force_task is not None or self.freedrive_axes is not None
 
     @property
+    def coasts(self) -> bool:
+        """Whether the arm still moves from a compliant mode that was left."""
+        return any(self._qd) and not self.active
+
+    @property
     def freedrive(self) -> bool:
         """Whether the arm can be pushed about by hand."""
         return self.freedrive_axes is not None

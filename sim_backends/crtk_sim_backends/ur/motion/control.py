@@ -90,12 +90,18 @@ class MotionControl:
 
     def halt(self, deceleration: float) -> Motion:
         """Bring the joints to rest; takes no time when they rest."""
-        arm = self.arm
-        while any(arm.plan_qd):
+        arm, compliance = self.arm, self.plant.compliance
+        while any(arm.plan_qd) or compliance.coasts:
             self.claim()
+            self.follow_coasting()
             step = deceleration * arm.dt * arm.scale
             arm.command_velocity(approach(arm.plan_qd, (0.0,) * 6, step))
             yield
+
+    def follow_coasting(self) -> None:
+        """Plan from where the arm is, as long as it comes to rest after a compliant mode."""
+        if self.plant.compliance.coasts:
+            self.arm.rebase()
 
     def stop_protectively(self, code: int) -> Generator[None, None, NoReturn]:
         """Stop protectively and wait for the end of the program."""

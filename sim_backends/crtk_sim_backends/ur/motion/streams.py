@@ -68,6 +68,7 @@ class Streams:
         gain = max(GAIN_RANGE[0], min(GAIN_RANGE[1], gain))
         for _ in range(self._ticks(t)):
             self._control.claim()
+            self._control.follow_coasting()
             self._arm.servo(goal, lookahead, gain)
             yield
 
@@ -134,6 +135,7 @@ class Streams:
         arm = self._arm
         if not any(arm.plan_qd):
             yield from self._control.hold()
+            yield from self._control.halt(linear)
             return
         matrix = self._kinematics.jacobian(arm.plan_q, self._plant.tool)
         twist = multiply(matrix, arm.plan_qd)
