@@ -138,9 +138,14 @@ class Intake:
 
     @property
     def transition_ended(self) -> bool:
-        """Whether no state command is being carried out; `status` is then the one it ended in."""
+        """Whether no state command is being carried out."""
         with self._board.lock:
             return self._transitions.running is None
+
+    @property
+    def transition_outcome(self) -> Status:
+        """The status in which the last state command ended."""
+        return self._transitions.outcome
 
     def add_observer(self, observer: Observer) -> None:
         """Tell `observer` from now on."""

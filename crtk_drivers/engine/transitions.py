@@ -27,6 +27,7 @@ from crtk_drivers.state import (
     TRANSITIONS,
     OperatingState,
     StateCommand,
+    Status,
     target_of,
 )
 from crtk_drivers.status.procedures import Procedure
@@ -81,6 +82,7 @@ class Transitions:
         self._feedback = context.feedback
         self._running: _Running | None = None
         self._next: StateCommand | None = None
+        self._ended_in: Status | None = None
         self._abandoned: list[_Running] = []
         self._procedures: dict[StateCommand, Callable[[], Steps]] = {
             StateCommand.ENABLE: device.enable,
@@ -96,6 +98,15 @@ class Transitions:
         """The command that is being carried out; None once its end has been announced."""
         with self._board.lock:
             return None if self._running is None else self._running.command
+
+    @property
+    def outcome(self) -> Status:
+        """The status in which the last command ended; the present one if there was none or it was cancelled.
+
+        What the device says of itself replaces the status in the next cycle.
+        """
+        with self._board.lock:
+            return self._ended_in or self._board.status
 
     @property
     def leads_to(self) -> OperatingState | None:
@@ -119,6 +130,7 @@ class Transitions:
                 for a `disable` in DISABLED.
         """
         with self._board.lock:
+            self._ended_in = None
             if self._has_nothing_to_do(command):
                 self._board.announce()
                 return False
@@ -270,6 +282,7 @@ class Transitions:
         with self._board.lock:
             if self._ended(running):
                 self._board.update(OperatingState.FAULT, reason, remedy=remedy, busy=False)
+                self._ended_in = self._board.status
         if moving:
             self._stopping.stop()
 
@@ -300,6 +313,7 @@ class Transitions:
                 self._board.update(running.target, carried_out, homed=homed, busy=False)
                 if self._board.status is before:
                     self._board.announce()
+                self._ended_in = self._board.status
                 following, self._next = self._next, None
                 if following is not None:
                     self.accept(following)

@@ -216,7 +216,7 @@ class LocalDevice(DeviceFront):
                 time.sleep(_POLL)
             if refusals:
                 raise refusals[-1]
-            status = self._engine.status
+            status = self._engine.transition_outcome
             if status.state is not target:
                 raise TransitionFailed(
                     f"{command} ended in {status.state}: {status.cause}",

@@ -31,6 +31,25 @@ def raising(error: Exception) -> Steps:
     raise error
 
 
+def test_what_a_command_ended_in_is_known_after_the_device_has_told_less() -> None:
+    rig = Rig().connect()
+    fault = DeviceFault("overload", remedy="Switch its supply off and on.")
+    rig.device.procedures["enable"] = lambda: raising(fault)
+    rig.engine.state_command("enable")
+    rig.cycle(2)
+    rig.device.reported = Condition(S.FAULT, "overload")
+    rig.cycle(3)
+    assert rig.engine.status.detail == "overload"
+    assert rig.engine.transition_outcome.remedy == "Switch its supply off and on."
+    rig.device.reported = Condition()
+    rig.device.procedures.clear()
+    rig.engine.state_command("enable")
+    rig.cycle(3)
+    assert rig.engine.transition_outcome.state is S.ENABLED
+    rig.engine.state_command("enable")
+    assert rig.engine.transition_outcome is rig.engine.status, "there is nothing to do"
+
+
 def test_the_reached_state_is_announced_when_it_is_reached_and_not_before() -> None:
     rig = Rig().connect()
     rig.device.procedures["enable"] = lambda: cycles(5)
