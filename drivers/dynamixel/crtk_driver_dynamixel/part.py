@@ -347,6 +347,7 @@ class Part:
             DeviceFault: servos do not do what they are told.
         """
         self._forget()
+        self._sent.forget()
         link, places = self._link, self.places
         for reason in self._stopping.until_confirmed(self._answering, at_once=False):
             if reason:
