@@ -14,6 +14,7 @@ from crtk_driver_ur.rtde import codec
 from crtk_driver_ur.rtde.stream import StateSample
 from crtk_driver_ur.rtde.variables import OUTPUTS, TYPES
 from crtk_driver_ur.samples import SampleMaker
+from crtk_drivers.samples import vector
 
 JOINTS = (0.1, -1.5, 1.4, -1.6, -1.5, 0.2)
 
@@ -41,7 +42,8 @@ def main() -> None:
     state = StateSample(time.monotonic(), 0, 0, False, *values)  # type: ignore[arg-type]
     maker, moved = SampleMaker(None), SampleMaker(Transform.from_pose_vector((0, 0, 0.1, 0, 0, 0)))
     kinematics = ArmKinematics(model_named("ur5e"))
-    pose = kinematics.forward(JOINTS)
+    joints = vector(JOINTS)
+    pose = kinematics.place(JOINTS)
     command = MotionCommand(1, MotionKind.SERVO_JOINT, JOINTS, 0.0, 0.0)
     frame = packets.encode(command)
     show_calls(
@@ -53,9 +55,9 @@ def main() -> None:
             "make it for a tool of one's own": lambda: moved.make(state),
             "encode a command for the control process": lambda: packets.encode(command),
             "decode it there": lambda: packets.decode(frame),
-            "forward kinematics": lambda: kinematics.forward(JOINTS),
-            "inverse kinematics, nearest": lambda: kinematics.inverse(pose, JOINTS),
-            "Jacobian": lambda: kinematics.jacobian(JOINTS),
+            "forward kinematics": lambda: kinematics.place(JOINTS),
+            "inverse kinematics, nearest": lambda: kinematics.solve(pose, JOINTS),
+            "Jacobian": lambda: kinematics.jacobian(joints),
         },
         given.calls,
     )

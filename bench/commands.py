@@ -24,7 +24,6 @@ from crtk_drivers.engine import Engine, EngineOptions
 from crtk_drivers.kinematics.chain import Chain, DHJoint, chain_from_dh
 from crtk_drivers.kinematics.serial import SerialChain
 from crtk_drivers.samples import (
-    Array,
     AxisMode,
     CartesianServo,
     JointServo,
@@ -103,7 +102,6 @@ class Arm(Device):
             limits=(LIMIT,) * axes,
             cartesian_limits=TOOL,
             modes=frozenset({Mode.JOINT_POSITION, Mode.JOINT_EFFORT}),
-            has_kinematics=True,
             rate=1.0 / CYCLE,
         )
 
@@ -111,6 +109,11 @@ class Arm(Device):
     @override
     def capabilities(self) -> Capabilities:
         return self._capabilities
+
+    @property
+    @override
+    def kinematics(self) -> SerialChain:
+        return self._kinematics
 
     @property
     @override
@@ -139,18 +142,6 @@ class Arm(Device):
     def stop(self) -> None:
         """There is nothing to do."""
 
-    @override
-    def forward_kinematics(self, joints: Vector) -> Pose:
-        return self._kinematics.forward(joints)
-
-    @override
-    def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        return self._kinematics.inverse(pose, reference)
-
-    @override
-    def jacobian(self, joints: Vector) -> Array:
-        return self._kinematics.jacobian(joints)
-
 
 class Source:
     """Values for each command: a smooth motion of some centimetres around where the arm begins."""
@@ -173,7 +164,7 @@ class Source:
             return JointServo(tuple(modes), self.joints(time), vector(velocity))
         if command.payload is Payload.CARTESIAN_SERVO:
             modes = [AxisMode.POSITION, AxisMode.VELOCITY, *[AxisMode.NONE] * 4]
-            here = self._arm.forward_kinematics(self.joints(time))
+            here = self._arm.kinematics.forward(self.joints(time))
             task = Pose(vector((0.0, 0.0, 0.0)), vector((0.0, 0.0, 0.0, 1.0)))
             twist = Twist(vector(wave[:3] * 0.1), vector(wave[3:] * 0.1))
             return CartesianServo(tuple(modes), here, twist, Wrench(wave[:3], wave[3:]), task)
@@ -184,7 +175,7 @@ class Source:
         if command.payload is Payload.POSE:
             if command.kind is Kind.RELATIVE:
                 return Pose(vector(wave[:3] * 0.002), vector((0.0, 0.0, 0.0, 1.0)))
-            return self._arm.forward_kinematics(self.joints(time))
+            return self._arm.kinematics.forward(self.joints(time))
         if command.kind in (Kind.VELOCITY, Kind.EFFORT):
             return joint_state(command.kind, vector(0.05 * np.sin(2.0 * time + self._axes)))
         if command.kind is Kind.RELATIVE:

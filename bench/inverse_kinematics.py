@@ -20,7 +20,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bench.report import options, show
-from crtk_driver_ur.frames import Transform
 from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import MODELS
 from crtk_drivers.errors import KinematicsError
@@ -77,9 +76,8 @@ def closed_form() -> Solve:
     arm = ArmKinematics(MODEL)
 
     def solve(pose: Pose, reference: Vector) -> Vector | None:
-        transform = Transform.from_quaternion(pose.position.tolist(), pose.orientation.tolist())
         try:
-            return np.array(arm.inverse(transform, reference.tolist()))
+            return arm.inverse(pose, reference)
         except KinematicsError:
             return None
 
@@ -150,7 +148,7 @@ def reaches(joints: Vector | None, pose: Pose) -> bool:
     """Say whether `joints` are within the limits and reach `pose`, by the closed form."""
     if joints is None or not (np.abs(joints) <= LIMIT).all():
         return False
-    found = ArmKinematics(MODEL).forward(joints.tolist())
+    found = ArmKinematics(MODEL).place(joints.tolist())
     rotation, target = np.reshape(found[:9], (3, 3)), matrix(pose)
     # the angle of a small rotation is the length of its skew part
     skew = rotation @ target[:3, :3].T
@@ -168,8 +166,7 @@ def measure(poses: int, *, far: bool) -> list[Solver]:
         goal = random.uniform(-math.pi, math.pi, 6)
         away = random.uniform(-math.pi, math.pi, 6)
         reference = away if far else goal + STREAM_STEP * np.sign(away)
-        transform = arm.forward(goal.tolist())
-        pose = Pose(np.array(transform.position), np.array(transform.quaternion()))
+        pose = arm.forward(goal)
         for solver in measured:
             if i >= poses * solver.share:
                 continue

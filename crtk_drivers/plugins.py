@@ -446,6 +446,6 @@ def commands_of(name: str) -> Mapping[str, Command]:
     try:
         plugin: DevicePlugin = entry.plugin
         config: Any = load(plugin.config, from_values(plugin.typical))
-        return offered(plugin.make(config).capabilities)
+        return offered(plugin.make(config))
     except Exception:  # of a stranger's `create`; whoever asks for the device is told
         return MappingProxyType({})

@@ -1,6 +1,7 @@
 """The contract between the core and a device, on one page each: what it can do, and what it is asked.
 
-`Device` is what a plugin implements; `crtk_drivers.device.interface` has the rules.
+`Device` is what a plugin implements, with `Kinematics` if it has them; `crtk_drivers.device.interface` has
+the rules.
 """
 
 from crtk_drivers.device.capabilities import (
@@ -23,6 +24,7 @@ from crtk_drivers.device.extras import (
     Steps,
 )
 from crtk_drivers.device.interface import Device
+from crtk_drivers.device.kinematics import Kinematics
 from crtk_drivers.device.values import FULL, Condition, Goal, MoveProgress, Ratios, Setpoint
 
 __all__ = [
@@ -37,6 +39,7 @@ __all__ = [
     "Goal",
     "Input",
     "JointLimits",
+    "Kinematics",
     "Mode",
     "MoveProgress",
     "Note",

@@ -162,7 +162,6 @@ class Capabilities:
         native_moves: those of ``move_jp`` and ``move_cp`` that the hardware plans itself.
         move_limits: of the joints in ``move_jp``, if they are lower than `limits`; one for each.
         line_limits: of the tool in ``move_cp``, if they are lower than `cartesian_limits`.
-        has_kinematics: `forward_kinematics`, `inverse_kinematics` and `jacobian` are implemented.
         has_free: `free` is implemented.
         has_gravity_compensation: `use_gravity_compensation` is implemented.
         needs_homing: the device says if it `is_homed`, and `home` and `unhome` change that; otherwise it
@@ -191,7 +190,6 @@ class Capabilities:
     native_moves: frozenset[str] = frozenset()
     move_limits: tuple[JointLimits, ...] = ()
     line_limits: CartesianLimits | None = None
-    has_kinematics: bool = False
     has_free: bool = False
     has_gravity_compensation: bool = False
     needs_homing: bool = False

@@ -7,7 +7,7 @@ setpoints that are already checked and limited. Three rules make that safe:
 * Only `read` may wait, and no longer than its deadline. Everything else returns at once.
 * Nothing moves because of `open`, `enable` or `resume`; only `write`, `move` and `home` move the hardware.
 * The I/O thread alone calls a device, with three exceptions: `stop` comes from the watchdog's thread too,
-  `abort_open` from whoever shuts down, and kinematics, which are pure functions of their arguments, from any.
+  `abort_open` from whoever shuts down, and `kinematics`, which are pure functions, from any.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from collections.abc import Mapping
 
 from crtk_drivers.device.capabilities import Capabilities
 from crtk_drivers.device.extras import Input, Note, Reading, Service, Steps
+from crtk_drivers.device.kinematics import Kinematics
 from crtk_drivers.device.values import Condition, Goal, MoveProgress, Setpoint
-from crtk_drivers.errors import KinematicsError
-from crtk_drivers.samples import Array, Pose, Sample, Vector
+from crtk_drivers.samples import Sample
 
 
 class Device(ABC):
@@ -135,6 +135,14 @@ class Device(ABC):
         return True
 
     @property
+    def kinematics(self) -> Kinematics | None:
+        """Those with the tool and the calibration that count now; from any thread.
+
+        Whether there are any is constant; the object is another one as soon as its answers would be.
+        """
+        return None
+
+    @property
     def counters(self) -> Mapping[str, float]:
         """Numbers of its own for diagnostics (lost packages, retries, temperatures)."""
         return {}
@@ -209,30 +217,4 @@ class Device(ABC):
 
     def move_progress(self) -> MoveProgress:
         """Say where the motion started last by `move` stands."""
-        raise NotImplementedError
-
-    def forward_kinematics(self, joints: Vector) -> Pose:
-        """Return the tool pose in the base frame."""
-        raise NotImplementedError
-
-    def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        """Return the joint position (n,) nearest to `reference` that reaches `pose`.
-
-        Raises:
-            KinematicsError: none within the limits.
-        """
-        raise KinematicsError("this device has no kinematics")
-
-    def nearby_inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        """As `inverse_kinematics`, for the poses of a stream: in a part of a cycle, also if there is none.
-
-        To be overridden where `inverse_kinematics` searches for longer. It need not find another branch.
-
-        Raises:
-            KinematicsError: none near `reference` and within the limits.
-        """
-        return self.inverse_kinematics(pose, reference)
-
-    def jacobian(self, joints: Vector) -> Array:
-        """Return the geometric Jacobian (6, n) at the tool point, in base axes, linear rows first."""
         raise NotImplementedError

@@ -1,4 +1,4 @@
-"""Which CRTK commands a device offers: derived from its declared capabilities, by table.
+"""Which CRTK commands a device offers: derived by table from its capabilities, and whether it has kinematics.
 
 A command that is not derived here does not exist on the device: its topic is not created, its method
 is absent, and asking for it says what would be needed (`missing_for`).
@@ -14,7 +14,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from crtk_drivers.commands import COMMANDS, Command, Direction, Kind, Level, Space, find, is_name
-from crtk_drivers.device.capabilities import Capabilities, Mode
+from crtk_drivers.device.capabilities import Mode
+from crtk_drivers.device.interface import Device
 
 KINEMATICS = "kinematics (the key kinematics of the configuration)"
 TOOL_LIMITS = "limits of the tool"
@@ -126,12 +127,13 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
 )
 
 
-def _features(capabilities: Capabilities) -> frozenset[str]:
+def _features(device: Device) -> frozenset[str]:
+    capabilities = device.capabilities
     features: set[str] = {*capabilities.modes}
     features.update(NATIVE + name for name in capabilities.native_moves)
     limits = capabilities.cartesian_limits
     has = {
-        KINEMATICS: capabilities.has_kinematics,
+        KINEMATICS: device.kinematics is not None,
         TOOL_LIMITS: limits is not None,
         FORCE_LIMITS: limits is not None and limits.force > 0.0 and limits.torque > 0.0,
         FREE: capabilities.has_free,
@@ -160,10 +162,10 @@ def _in_frames(command: Command) -> tuple[str, ...]:
     return ("body", "spatial", "local") if command.kind in _MOVING else ("local",)
 
 
-def offered(capabilities: Capabilities) -> Mapping[str, Command]:
-    """Return the CRTK names that a device with these capabilities offers, in the table's order."""
-    features = _features(capabilities)
-    names = dict.fromkeys(capabilities.measured, None)
+def offered(device: Device) -> Mapping[str, Command]:
+    """Return the CRTK names that a device offers, in the table's order."""
+    features = _features(device)
+    names = dict.fromkeys(device.capabilities.measured, None)
     for name, alternatives in _NEEDS.items():
         if any(needs <= features for needs in alternatives):
             names[name] = None
@@ -180,7 +182,7 @@ def offered(capabilities: Capabilities) -> Mapping[str, Command]:
     return MappingProxyType({name: find(name) for name in ranked})
 
 
-def missing_for(name: str, capabilities: Capabilities) -> str:
+def missing_for(name: str, device: Device) -> str:
     """Say in words what a device would need in order to offer `name`."""
     if not is_name(name):
         return "There is no such CRTK command."
@@ -188,7 +190,7 @@ def missing_for(name: str, capabilities: Capabilities) -> str:
     alternatives = _NEEDS.get(command.base_name)
     if alternatives is None:
         return "Its samples hold no such value."
-    features = _features(capabilities)
+    features = _features(device)
     extra = {BASE} if command.frame == "local" and command.base_name not in _IN_OWN_BASE else set()
     lacks = (" and ".join(sorted((needs | extra) - features)) for needs in alternatives)
     return f"It would need {', or '.join(lacks)}."

@@ -68,7 +68,7 @@ class Intake:
         self.name = name
         self.where = f"{name} {device.address}"
         self.capabilities = device.capabilities
-        self.commands = offered(self.capabilities)
+        self.commands = offered(device)
         self.options = options or EngineOptions()
         self.on_sample: Callable[[], None] | None = None
         """Called by the I/O thread at the end of each cycle that brought a sample; must return at once."""
@@ -90,7 +90,6 @@ class Intake:
         limits, axes = self.options.limits, self._feedback.axes
         self._check = CommandCheck(self.capabilities, limits, self.where, axes)
         self._stopping = Stopping(device, clock)
-        jacobian = device.jacobian if self.capabilities.has_kinematics else None
         self._context = context = MotionContext(
             device=device,
             where=self.where,
@@ -98,7 +97,9 @@ class Intake:
             feedback=self._feedback,
             told=self._told,
             check=self._check,
-            limiter=SetpointLimiter(self.capabilities, limits, self.where, jacobian),
+            limiter=SetpointLimiter(
+                self.capabilities, limits, self.where, lambda: device.kinematics
+            ),
             inverse=Reach(device, self.where, self._check, self._feedback),
             stopping=self._stopping,
             board=self._board,
@@ -188,7 +189,7 @@ class Intake:
             CommandRefused: no kinematics, wrong size or not finite.
         """
         command, base = self._require(name), self.capabilities.base_pose
-        pose = self.device.forward_kinematics(self._check.check_joints(command, joints))
+        pose = self._context.inverse.kinematics.forward(self._check.check_joints(command, joints))
         if command.frame == "local" and base is not None:
             return replace(relative(base, pose), frame_id="local")
         return pose
@@ -206,7 +207,7 @@ class Intake:
             reference = self._check.check_joints(command, reference)
         else:
             reference = self._feedback.reference_joints()
-        return self.device.inverse_kinematics(checked, reference)
+        return self._context.inverse.kinematics.inverse(checked, reference)
 
     def submit(
         self,
@@ -303,7 +304,6 @@ class Intake:
                 with self._board.lock:
                     self._require_rest(name)
                     taken.take(value)
-                    self._told.forget_pose()
             else:
                 taken.take(value)
         except CommandRefused as refusal:
@@ -326,7 +326,7 @@ class Intake:
                 Reason.UNSUPPORTED,
                 "this device does not offer it",
                 where=self.where,
-                remedy=missing_for(name, self.capabilities),
+                remedy=missing_for(name, self.device),
             ) from None
 
     def _require_connected(self, name: str, what: str = "") -> None:

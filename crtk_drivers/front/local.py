@@ -155,7 +155,7 @@ class LocalDevice(DeviceFront):
         others = [other for other in plugins.devices() if name in plugins.commands_of(other)]
         hint = f" Devices that offer it: {', '.join(others)}." if others else ""
         raise AttributeError(
-            f"{engine.name} does not offer {name}. {missing_for(name, engine.capabilities)}{hint}"
+            f"{engine.name} does not offer {name}. {missing_for(name, engine.device)}{hint}"
         )
 
     @property

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crtk_drivers.device import Capabilities, Mode, Setpoint
+from crtk_drivers.device import Capabilities, Kinematics, Mode, Setpoint
 from crtk_drivers.errors import REPORT, CommandRefused, Reason
 from crtk_drivers.gates.braking import NEGLIGIBLE, stoppable_speed
 from crtk_drivers.gates.resolved_rate import Damping
 from crtk_drivers.options import LimitPolicy
-from crtk_drivers.samples import Array, JointState, Pose, Vector, vector
+from crtk_drivers.samples import JointState, Pose, Vector, vector
 
 _VELOCITY_TOLERANCE = 0.01
 """By how much a stream of positions may exceed the velocity limits for ever: clocks and rounding differ."""
@@ -61,7 +61,7 @@ class SetpointLimiter:
         capabilities: of the device.
         policy: the user's choices.
         where: the device, for messages.
-        jacobian: (6, n) of a joint position, for twists that hardware carries out; None: unknown.
+        kinematics: those that count now, for twists that hardware carries out.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class SetpointLimiter:
         capabilities: Capabilities,
         policy: LimitPolicy,
         where: str,
-        jacobian: Callable[[Vector], Array] | None = None,
+        kinematics: Callable[[], Kinematics | None] = lambda: None,
     ) -> None:
         self._joints = capabilities.joints
         self._policy = policy
@@ -81,7 +81,7 @@ class SetpointLimiter:
         self._fastest = self._velocity.tolist()
         self._effort = vector([limit.effort for limit in capabilities.limits])
         self._cartesian = capabilities.cartesian_limits
-        self._jacobian = jacobian
+        self._kinematics = kinematics
         lag = 0.0 if capabilities.following is None else capabilities.following.lag
         delay = lag + _BRAKING_CYCLES / capabilities.rate
         self._braking = [(limit.acceleration, delay) for limit in capabilities.limits]
@@ -408,9 +408,10 @@ class SetpointLimiter:
         if self._cartesian is not None:
             limit = self._cartesian
             values = norms_into(values, limit.linear_velocity, limit.angular_velocity)
-        if not before.size or self._jacobian is None or not values.any():
+        kinematics = self._kinematics()
+        if not before.size or kinematics is None or not values.any():
             return values, ""
-        left, sizes, right = np.linalg.svd(self._jacobian(before), full_matrices=False)
+        left, sizes, right = np.linalg.svd(kinematics.jacobian(before), full_matrices=False)
         speeds = right.T @ (_DAMPING.gains(sizes) * (left.T @ values))
         share, slowest = 1.0, 0
         for index, (speed, (low, high)) in enumerate(

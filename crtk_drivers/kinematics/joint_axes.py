@@ -13,8 +13,9 @@ from typing import Final
 
 import numpy as np
 
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, Kinematics
 from crtk_drivers.errors import CrtkError
+from crtk_drivers.geometry.frames import inverse_pose
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.kinematics.chain import JointKind, placed, turn
 from crtk_drivers.samples import Array, Pose, Vector, vector
@@ -53,11 +54,11 @@ class RevoluteChain:
 
 def joint_kinds(device: Device) -> tuple[JointKind | None, ...]:
     """Return how each joint moves; None where the device's kinematics do not tell."""
-    count = len(device.capabilities.joints)
-    if not (count and device.capabilities.has_kinematics):
+    count, kinematics = len(device.capabilities.joints), device.kinematics
+    if not count or kinematics is None:
         return (None,) * count
     try:
-        jacobian = device.jacobian(_start(device))
+        jacobian = kinematics.jacobian(_start(device))
     except CrtkError:
         return (None,) * count
     return tuple(_kind(column) for column in jacobian.T)
@@ -68,13 +69,13 @@ def chain_of(device: Device) -> RevoluteChain | None:
 
     Only a chain that leads to the poses that the device itself computes is returned.
     """
-    kinds = joint_kinds(device)
-    if not kinds or any(kind is not JointKind.REVOLUTE for kind in kinds):
+    kinds, kinematics = joint_kinds(device), device.kinematics
+    if not kinds or any(kind is not JointKind.REVOLUTE for kind in kinds) or kinematics is None:
         return None
-    q = _start(device)
+    back = _into_base(device)
     try:
-        chain = _chain(device, q)
-        poses = [(probe, _tool(device, probe)) for probe in _probes(device)]
+        chain = _chain(kinematics, back, _start(device))
+        poses = [(probe, _tool(kinematics, back, probe)) for probe in _probes(device)]
     except CrtkError:
         return None
     lengths = [float(np.linalg.norm(each[:3, 3])) for each in (*chain.joints[2:], chain.tip)]
@@ -82,10 +83,9 @@ def chain_of(device: Device) -> RevoluteChain | None:
     return chain if agrees and sum(lengths) > SHORTEST else None
 
 
-def _chain(device: Device, q: Vector) -> RevoluteChain:
-    """Return the chain by the axes at `q`."""
-    back = np.linalg.inv(_base(device))
-    tool, jacobian = _tool(device, q), device.jacobian(q)
+def _chain(kinematics: Kinematics, back: Array, q: Vector) -> RevoluteChain:
+    """Return the chain by the axes at `q`; `back` is from `_into_base`."""
+    tool, jacobian = _tool(kinematics, back, q), kinematics.jacobian(q)
     linear, angular = back[:3, :3] @ jacobian[:3], back[:3, :3] @ jacobian[3:]
     joints: list[Array] = []
     before = np.eye(4)
@@ -139,14 +139,15 @@ def _kind(column: Vector) -> JointKind | None:
     return JointKind.PRISMATIC if angular < _UNIT and abs(linear - 1.0) < _UNIT else None
 
 
-def _base(device: Device) -> Array:
+def _into_base(device: Device) -> Array:
+    """Return the transform (4, 4) from the base frame into the device's own base."""
     pose = device.capabilities.base_pose
-    return np.eye(4) if pose is None else _matrix(pose)
+    return np.eye(4) if pose is None else _matrix(inverse_pose(pose))
 
 
-def _tool(device: Device, q: Vector) -> Array:
+def _tool(kinematics: Kinematics, back: Array, q: Vector) -> Array:
     """Return the tool point (4, 4) in the device's own base."""
-    tool: Array = np.linalg.inv(_base(device)) @ _matrix(device.forward_kinematics(q))
+    tool: Array = back @ _matrix(kinematics.forward(q))
     return tool
 
 

@@ -17,7 +17,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
+from crtk_drivers.device import Kinematics
 from crtk_drivers.errors import ConfigError, KinematicsError, MissingExtra
 from crtk_drivers.geometry.quaternions import QUATERNION_TOLERANCE
 from crtk_drivers.kinematics.chain import Chain, JointKind
@@ -114,8 +116,8 @@ class _Workspace(threading.local):
         self.data = model.createData()
 
 
-class SerialChain:
-    """A serial arm with a base placement and a tool. Every method may be called from any thread.
+class SerialChain(Kinematics):
+    """A serial arm with a base placement and a tool.
 
     Arms with more than six axes take the solution that changes their joints least from the reference.
     Arms with fewer reach only some poses exactly, and only those are solved; with `position_only` the
@@ -186,6 +188,7 @@ class SerialChain:
         self._solvable = LEAST_DAMPING * np.eye(6)
         self._workspace = _Workspace(self._model)
 
+    @override
     def forward(self, joints: Vector) -> Pose:
         """Return the pose of the tool point for joint positions (n,), limits or not.
 
@@ -195,6 +198,7 @@ class SerialChain:
         pose = self._pin.SE3ToXYZQUAT(self._place(self._workspace.data, self._to_chain(joints)))
         return Pose(vector(pose[:3]), vector(pose[3:]), self.frame_id)
 
+    @override
     def jacobian(self, joints: Vector) -> Array:
         """Return the geometric Jacobian (6, n) at the tool point, in base axes, linear rows first.
 
@@ -213,18 +217,19 @@ class SerialChain:
         jacobian[:, self._order] = columns
         return jacobian
 
+    @override
     def inverse(self, pose: Pose, reference: Vector, *, restarts: int | None = None) -> Vector:
         """Return a joint position (n,) within the limits that takes the tool point to `pose`.
 
         Newton's method where `reference` is near; else Levenberg-Marquardt from there, and from random
         positions about it, further out each time, if that fails. A descent from the reference follows a
         moving pose on its branch; after a restart the branch may be another, so who streams setpoints
-        passes ``restarts=0``. Whole turns of revolute joints are chosen to be nearest to the reference.
+        takes `nearby_inverse`. Whole turns of revolute joints are chosen to be nearest to the reference.
 
         Args:
             pose: in the base frame, with a unit quaternion.
             reference: joint position (n,) to start from, usually the latest setpoint.
-            restarts: instead of that of the constructor.
+            restarts: instead of that of the constructor; 0: as `nearby_inverse`.
 
         Raises:
             InverseKinematicsError: none was found; its `reason` says why.
@@ -257,6 +262,10 @@ class SerialChain:
                     break
                 raise self._not_converged(short, f"gave up after {self._time_limit} s")
         raise self._failure(outside, short)
+
+    @override
+    def nearby_inverse(self, pose: Pose, reference: Vector) -> Vector:
+        return self.inverse(pose, reference, restarts=0)
 
     def _to_chain(self, joints: Vector) -> Vector:
         """Return a joint vector in the order of the chain."""

@@ -264,9 +264,9 @@ class Feedback:
                 return own
         if pose.size:
             return Pose(pose[:3], pose[3:], self._capabilities.base_frame)
-        joints = self.reference_joints()
-        if joints.size and self._capabilities.has_kinematics:
-            return self.device.forward_kinematics(joints)
+        joints, kinematics = self.reference_joints(), self.device.kinematics
+        if joints.size and kinematics is not None:
+            return kinematics.forward(joints)
         return self.measured_pose()
 
     def reference_twist(self, now: float) -> Vector:
@@ -276,17 +276,19 @@ class Feedback:
         if self.active.mode is Mode.CARTESIAN_POSITION and self._drifts(now):
             return self.active.drift
         joints, velocity, _ = self.motion(now)
-        if not self._capabilities.has_kinematics or not velocity.any():
+        kinematics = self.device.kinematics
+        if kinematics is None or not velocity.any():
             return vector(np.zeros(6))
-        return vector(self.device.jacobian(joints) @ velocity)
+        return vector(kinematics.jacobian(joints) @ velocity)
 
     def reference_twist_change(self, now: float) -> Vector:
         """Return the derivative (6,) of `reference_twist`, as far as it is known."""
         joints, velocity, acceleration = self.motion(now)
-        if not self._capabilities.has_kinematics or not (velocity.any() or acceleration.any()):
+        kinematics = self.device.kinematics
+        if kinematics is None or not (velocity.any() or acceleration.any()):
             return vector(np.zeros(6))
-        jacobian = self.device.jacobian(joints)
-        ahead = self.device.jacobian(vector(joints + velocity * _SHORT))
+        jacobian = kinematics.jacobian(joints)
+        ahead = kinematics.jacobian(vector(joints + velocity * _SHORT))
         return vector(jacobian @ acceleration + (ahead - jacobian) @ velocity / _SHORT)
 
     def commanded_wrench(self) -> Vector:
@@ -339,9 +341,9 @@ class Feedback:
         value = sample.values.get("measured_cp") if sample is not None else None
         if isinstance(value, Pose):
             return value
-        joints = self.measured.position
-        if joints.size and self._capabilities.has_kinematics:
-            return self.device.forward_kinematics(joints)
+        joints, kinematics = self.measured.position, self.device.kinematics
+        if joints.size and kinematics is not None:
+            return kinematics.forward(joints)
         return None
 
     @property

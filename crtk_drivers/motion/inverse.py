@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from crtk_drivers.commands import Command
-from crtk_drivers.device import CartesianLimits, Device, Mode, Ratios, Setpoint
+from crtk_drivers.device import CartesianLimits, Device, Kinematics, Mode, Ratios, Setpoint
 from crtk_drivers.errors import CommandRefused, CrtkError, KinematicsError, MotionAborted, Reason
 from crtk_drivers.gates.command import CommandCheck
 from crtk_drivers.geometry.frames import moved
@@ -30,6 +30,18 @@ class Reach:
         self._check = check
         self._feedback = feedback
         self._takes_poses = Mode.CARTESIAN_POSITION in device.capabilities.modes
+
+    @property
+    def kinematics(self) -> Kinematics:
+        """Those of the device that count now.
+
+        Raises:
+            KinematicsError: it has none.
+        """
+        found = self._device.kinematics
+        if found is None:
+            raise KinematicsError("this device has no kinematics", where=self._where)
+        return found
 
     def frame_of(self, command: Command) -> str:
         """Return the frame in which a command's values are given; of wrenches the user may change it."""
@@ -57,12 +69,11 @@ class Reach:
         Raises:
             CommandRefused: there is none.
         """
-        device = self._device
         try:
             if near is None:
-                joints = vector(device.inverse_kinematics(pose, self.reference(command)))
+                joints = vector(self.kinematics.inverse(pose, self.reference(command)))
             else:
-                joints = vector(device.nearby_inverse_kinematics(pose, near))
+                joints = vector(self.kinematics.nearby_inverse(pose, near))
         except KinematicsError as error:
             raise self._unreachable(command, error) from error
         return self._check.check_target(command, joints)
@@ -123,12 +134,14 @@ class Reach:
         if now is not None and is_moving:
             twist, change = feedback.reference_twist(now), feedback.reference_twist_change(now)
             is_moving = bool(twist.any())
-        begin = self._device.forward_kinematics(start)
+        kinematics = self.kinematics
+        begin = kinematics.forward(start)
         try:
             line = LineProfile(begin, pose, limits, ratios, twist, change)
             capabilities = self._device.capabilities
-            ways = self._device.inverse_kinematics
-            return check_line(line, ways, start, capabilities.joints, capabilities.limits)
+            return check_line(
+                line, kinematics.inverse, start, capabilities.joints, capabilities.limits
+            )
         except (KinematicsError, MotionAborted) as error:
             raise self._unreachable(command, error, is_moving) from error
 

@@ -51,7 +51,6 @@ class OrderMaker:
         self._modes = capabilities.modes
         self._takes_poses = Mode.CARTESIAN_POSITION in capabilities.modes
         self._moves_poses = "move_cp" in capabilities.native_moves
-        self._has_kinematics = capabilities.has_kinematics
         self._inverse = context.inverse
         self._check = context.check
         self._limiter = context.limiter
@@ -164,9 +163,10 @@ class OrderMaker:
         wrench = wrench_in_base(vector(value.wrench.vector), "body", value.task)
         if Mode.CARTESIAN_EFFORT in self._modes:
             return self._direct(command, Setpoint(Mode.CARTESIAN_EFFORT, wrench))
-        if Mode.JOINT_EFFORT not in self._modes or not self._has_kinematics:
+        kinematics = self._device.kinematics
+        if Mode.JOINT_EFFORT not in self._modes or kinematics is None:
             raise self._unsupported(command, used)
-        jacobian = self._device.jacobian(self._feedback.measured.position)
+        jacobian = kinematics.jacobian(self._feedback.measured.position)
         return self._direct(command, Setpoint(Mode.JOINT_EFFORT, vector(jacobian.T @ wrench)))
 
     def _require_some(self, command: Command, used: set[AxisMode]) -> None:
@@ -230,7 +230,7 @@ class OrderMaker:
         if command.is_relative:
             value = self._inverse.moved(command, value, native=self._moves_poses)
         limits = self._capabilities.line_limits or self._capabilities.cartesian_limits
-        if not self._has_kinematics:
+        if self._device.kinematics is None:
             return self._order_to(command, Goal(pose=value, ratios=self.ratios), EMPTY, value)
         joints = self._inverse.joints(command, value)
         if self._by_joints or (limits is None and not self._moves_poses):
@@ -245,10 +245,11 @@ class OrderMaker:
         self, command: Command, goal: Goal, joints: Vector, pose: Pose | None = None
     ) -> Order:
         goals: dict[str, Value] = {}
+        kinematics = self._device.kinematics
         if joints.size:
             goals["goal_js"] = JointState(position=joints)
         if pose is not None:
             goals["goal_cp"] = pose
-        elif self._has_kinematics:
-            goals["goal_cp"] = self._device.forward_kinematics(joints)
+        elif kinematics is not None:
+            goals["goal_cp"] = kinematics.forward(joints)
         return Order(command.name, goal=goal, joints=joints, goals=goals, move=Move(command.name))

@@ -256,8 +256,9 @@ class JointStream(Stream):
     def goals(self) -> Mapping[str, Value]:
         state = joint_state(self._kind, self._interpolator.goal)
         goals: dict[str, Value] = {"goal_js": state}
-        if self._mode is Mode.JOINT_POSITION and self._context.capabilities.has_kinematics:
-            goals["goal_cp"] = self._context.device.forward_kinematics(state.position)
+        kinematics = self._context.device.kinematics
+        if self._mode is Mode.JOINT_POSITION and kinematics is not None:
+            goals["goal_cp"] = kinematics.forward(state.position)
         return goals
 
 

@@ -54,12 +54,8 @@ class Told:
         self._device = feedback.device
         self._capabilities = feedback.device.capabilities
         self._feedback = feedback
-        self._cached_pose: tuple[JointState, Pose] | None = None
+        self._cached_pose: tuple[object, object, Pose] | None = None  # of a position, by kinematics
         self._latched: dict[str, tuple[Value, Stamp]] = {}
-
-    def forget_pose(self) -> None:
-        """Forget the pose that was computed last: what the kinematics depend on has changed."""
-        self._cached_pose = None
 
     def latch(self, values: Mapping[str, Value], stamp_ns: int = 0) -> None:
         """Keep what ``goal_*`` or the settings say from now on, with the stamp of the command, if any."""
@@ -162,12 +158,13 @@ class Told:
         if not joints.position.size:
             joints = self._feedback.measured
             stamp = Stamp(0, stamp.monotonic)
-        if not joints.position.size:
+        position, kinematics = joints.position, self._device.kinematics
+        if not position.size or kinematics is None:
             return None
-        if self._cached_pose is None or self._cached_pose[0] is not joints:
-            pose = self._device.forward_kinematics(joints.position)
-            self._cached_pose = (joints, pose)
-        return self._cached_pose[1], stamp
+        cached = self._cached_pose
+        if cached is None or cached[0] is not position or cached[1] is not kinematics:
+            self._cached_pose = cached = position, kinematics, kinematics.forward(position)
+        return cached[2], stamp
 
     def _twist_setpoint(self, sample: Sample, stamp: Stamp) -> tuple[Value, Stamp]:
         is_effort = (
@@ -187,7 +184,7 @@ class Told:
         return Wrench(wrench[:3], wrench[3:], self._capabilities.base_frame), stamp
 
     def _jacobian(self, sample: Sample) -> Matrix | None:
-        value = sample.values.get("measured_js")
-        if not isinstance(value, JointState) or not self._capabilities.has_kinematics:
+        value, kinematics = sample.values.get("measured_js"), self._device.kinematics
+        if not isinstance(value, JointState) or kinematics is None:
             return None
-        return Matrix(self._device.jacobian(value.position))
+        return Matrix(kinematics.jacobian(value.position))

@@ -109,7 +109,7 @@ class TwistOutput:
 
     def __init__(self, context: MotionContext, now: float) -> None:
         capabilities = context.capabilities
-        self._device = context.device
+        self._inverse = context.inverse
         self._feedback = context.feedback
         self._cycle = context.cycle
         self._takes_twists = Mode.CARTESIAN_VELOCITY in capabilities.modes
@@ -124,7 +124,7 @@ class TwistOutput:
         if self._takes_twists:
             return Point(Setpoint(Mode.CARTESIAN_VELOCITY, twist))
         joints = self._feedback.reference_joints()
-        jacobian = self._device.jacobian(joints)
+        jacobian = self._inverse.kinematics.jacobian(joints)
         before = self._velocity
         rate = self._rates.follow_twist(joints, jacobian, twist, before)
         self._velocity = velocity = rate.velocity
@@ -154,7 +154,7 @@ class WrenchOutput:
     """
 
     def __init__(self, context: MotionContext) -> None:
-        self._device = context.device
+        self._inverse = context.inverse
         self._feedback = context.feedback
         self._takes_wrenches = Mode.CARTESIAN_EFFORT in context.capabilities.modes
         limits = context.capabilities.cartesian_limits
@@ -166,7 +166,7 @@ class WrenchOutput:
         if self._takes_wrenches:
             return Point(Setpoint(Mode.CARTESIAN_EFFORT, wrench))
         wrench = norms_into(wrench, *self._limits)
-        jacobian = self._device.jacobian(self._feedback.measured.position)
+        jacobian = self._inverse.kinematics.jacobian(self._feedback.measured.position)
         effort = vector(jacobian.T @ wrench)
         return Point(Setpoint(Mode.JOINT_EFFORT, effort), wrench=wrench)
 
@@ -193,7 +193,7 @@ class Pursuit:
     def __init__(self, context: MotionContext) -> None:
         capabilities = context.capabilities
         self.behind = empty()
-        self._device = context.device
+        self._inverse = context.inverse
         self._cycle = context.cycle
         self._rates = ResolvedRate(capabilities.limits, capabilities.cartesian_limits, self._cycle)
         self._limiter = context.limiter
@@ -218,8 +218,8 @@ class Pursuit:
         if needs <= min(credit, self._cycle * (1.0 + _TOLERANCE)):
             self._approaches = False
             return at_once
-        device = self._device
-        pose, jacobian = device.forward_kinematics(joints), device.jacobian(joints)
+        kinematics = self._inverse.kinematics
+        pose, jacobian = kinematics.forward(joints), kinematics.jacobian(joints)
         rate = self._rates.follow_pose(joints, pose, jacobian, goal, self._cycle)
         may_jump = may_jump and not self._approaches and not rate.is_damped
         if may_jump and needs <= credit:

@@ -68,7 +68,7 @@ class Interface:
 def interface(device: Device, namespace: str) -> Interface:
     """Return what a device has on ROS in a namespace, without the devices behind it."""
     space = namespace.rstrip("/")
-    commands = offered(device.capabilities)
+    commands = offered(device)
     by_direction = {
         direction: [name for name, row in commands.items() if row.direction is direction]
         for direction in Direction

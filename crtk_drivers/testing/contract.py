@@ -449,7 +449,9 @@ class DeviceContract:
         self.need(arm, "jacobian", "forward_kinematics")
         step = self.step_of(arm.engine.capabilities)
         joints = vector(arm.measured_js().position + 0.3 * step)
-        jacobian = arm.engine.device.jacobian(joints)
+        kinematics = arm.engine.device.kinematics
+        assert kinematics is not None
+        jacobian = kinematics.jacobian(joints)
         assert jacobian.shape == (6, joints.size)
         h = 1e-6
         for index in range(joints.size):

@@ -26,6 +26,7 @@ from crtk_drivers.device import (
     Device,
     Following,
     JointLimits,
+    Kinematics,
     Mode,
     Setpoint,
     Steps,
@@ -76,6 +77,40 @@ class LoopbackConfig(DeviceConfig):
     )
 
 
+class GantryKinematics(Kinematics):
+    """Exact, and without a solver.
+
+    Args:
+        where: the device, for messages.
+    """
+
+    def __init__(self, where: str) -> None:
+        self._where = where
+
+    @override
+    def forward(self, joints: Vector) -> Pose:
+        x, y, z, yaw = joints.tolist()
+        return Pose(vector((x, y, z)), quaternion_from_rotvec(vector((0.0, 0.0, yaw))), "base")
+
+    @override
+    def inverse(self, pose: Pose, reference: Vector) -> Vector:
+        tilt_x, tilt_y, yaw = rotvec_from_quaternion(pose.orientation).tolist()
+        if math.hypot(tilt_x, tilt_y) > TILT_TOLERANCE:
+            raise KinematicsError(
+                "the tool of the gantry turns about z only",
+                where=self._where,
+                remedy="Ask for an orientation with x = y = 0.",
+            )
+        return vector((*pose.position.tolist(), yaw))
+
+    @override
+    def jacobian(self, joints: Vector) -> Array:
+        jacobian = np.zeros((6, 4))
+        jacobian[:3, :3] = np.eye(3)
+        jacobian[5, 3] = 1.0
+        return jacobian
+
+
 class LoopbackDevice(Device):
     """The gantry.
 
@@ -95,6 +130,7 @@ class LoopbackDevice(Device):
         self.writes = 0
         self.last_setpoint: Setpoint | None = None
         self._address = config.address
+        self._kinematics = GantryKinematics(config.address)
         self._transition_time = config.transition_time
         self._homed = False
         self._position = np.zeros(len(JOINTS))
@@ -115,7 +151,6 @@ class LoopbackDevice(Device):
                 }
             ),
             measured=("measured_js", "measured_cp", "measured_cv", "measured_cf"),
-            has_kinematics=True,
             has_free=True,
             needs_homing=config.needs_homing,
             rate=config.rate,
@@ -152,6 +187,11 @@ class LoopbackDevice(Device):
 
     @property
     @override
+    def kinematics(self) -> Kinematics:
+        return self._kinematics
+
+    @property
+    @override
     def counters(self) -> Mapping[str, float]:
         return {"writes": float(self.writes)}
 
@@ -180,7 +220,7 @@ class LoopbackDevice(Device):
         position, velocity, effort = (
             vector(values) for values in (self._position, self._velocity, self._effort)
         )
-        pose = self.forward_kinematics(position)
+        pose = self._kinematics.forward(position)
         return Sample(
             stamp,
             {
@@ -223,29 +263,6 @@ class LoopbackDevice(Device):
     def free(self) -> Steps:
         self.stop()
         yield from ()
-
-    @override
-    def forward_kinematics(self, joints: Vector) -> Pose:
-        x, y, z, yaw = joints.tolist()
-        return Pose(vector((x, y, z)), quaternion_from_rotvec(vector((0.0, 0.0, yaw))), "base")
-
-    @override
-    def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        tilt_x, tilt_y, yaw = rotvec_from_quaternion(pose.orientation).tolist()
-        if math.hypot(tilt_x, tilt_y) > TILT_TOLERANCE:
-            raise KinematicsError(
-                "the tool of the gantry turns about z only",
-                where=self._address,
-                remedy="Ask for an orientation with x = y = 0.",
-            )
-        return vector((*pose.position.tolist(), yaw))
-
-    @override
-    def jacobian(self, joints: Vector) -> Array:
-        jacobian = np.zeros((6, 4))
-        jacobian[:3, :3] = np.eye(3)
-        jacobian[5, 3] = 1.0
-        return jacobian
 
     def _transition(self) -> Steps:
         end = time.monotonic() + self._transition_time

@@ -8,11 +8,38 @@ import numpy as np
 from typing_extensions import override
 
 from crtk_drivers.commands import Space
-from crtk_drivers.device import Capabilities, Device, Goal, Mode, Setpoint
-from crtk_drivers.geometry.frames import inverse_pose, product, twist_from_base, twist_in_base
+from crtk_drivers.device import Capabilities, Device, Goal, Kinematics, Mode, Setpoint
+from crtk_drivers.geometry.frames import product, relative, twist_from_base, twist_in_base
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.samples import Array, Pose, Sample, Twist, Value, Vector, Wrench, vector
 from crtk_drivers.wrappers.forwarding import WrappedDevice
+
+
+class _PlacedKinematics(Kinematics):
+    """The kinematics of a device, in the other frame."""
+
+    def __init__(self, inner: Kinematics, base: Pose, own_frame: str) -> None:
+        self.inner = inner
+        self._base = base
+        self._own_frame = own_frame
+        self._rotation = matrix_from_quaternion(base.orientation)
+
+    @override
+    def forward(self, joints: Vector) -> Pose:
+        return product(self._base, self.inner.forward(joints))
+
+    @override
+    def inverse(self, pose: Pose, reference: Vector) -> Vector:
+        return self.inner.inverse(_inwards(pose, self._base, self._own_frame), reference)
+
+    @override
+    def nearby_inverse(self, pose: Pose, reference: Vector) -> Vector:
+        return self.inner.nearby_inverse(_inwards(pose, self._base, self._own_frame), reference)
+
+    @override
+    def jacobian(self, joints: Vector) -> Array:
+        jacobian = self.inner.jacobian(joints)
+        return np.concatenate((self._rotation @ jacobian[:3], self._rotation @ jacobian[3:]))
 
 
 class PlacedDevice(WrappedDevice):
@@ -28,8 +55,7 @@ class PlacedDevice(WrappedDevice):
         own = inner.capabilities
         self._own_frame = own.base_frame
         self._base = base
-        self._inverse = inverse_pose(base)
-        self._rotation = matrix_from_quaternion(base.orientation)
+        self._kinematics: _PlacedKinematics | None = None
         local = [f"local/{name}" for name in own.measured if name.startswith("measured_c")]
         self._capabilities = replace(
             own,
@@ -42,6 +68,16 @@ class PlacedDevice(WrappedDevice):
     @override
     def capabilities(self) -> Capabilities:
         return self._capabilities
+
+    @property
+    @override
+    def kinematics(self) -> Kinematics | None:
+        inner, placed = self.inner.kinematics, self._kinematics
+        if inner is None:
+            return None
+        if placed is None or placed.inner is not inner:
+            self._kinematics = placed = _PlacedKinematics(inner, self._base, self._own_frame)
+        return placed
 
     @override
     def read(self, deadline: float) -> Sample | None:
@@ -62,52 +98,34 @@ class PlacedDevice(WrappedDevice):
     def write(self, setpoint: Setpoint) -> None:
         """Put a setpoint of the tool into the device's own base."""
         if setpoint.mode.space is Space.CARTESIAN:
-            setpoint = Setpoint(setpoint.mode, self._inwards(setpoint))
+            setpoint = Setpoint(setpoint.mode, self._to_send(setpoint))
         self.inner.write(setpoint)
 
     @override
     def move(self, goal: Goal) -> None:
         """Put a pose into the device's own base."""
         if goal.pose is not None:
-            goal = replace(goal, pose=self._pose_inwards(goal.pose))
+            goal = replace(goal, pose=_inwards(goal.pose, self._base, self._own_frame))
         self.inner.move(goal)
-
-    @override
-    def forward_kinematics(self, joints: Vector) -> Pose:
-        return self._pose_outwards(self.inner.forward_kinematics(joints))
-
-    @override
-    def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        return self.inner.inverse_kinematics(self._pose_inwards(pose), reference)
-
-    @override
-    def nearby_inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        return self.inner.nearby_inverse_kinematics(self._pose_inwards(pose), reference)
-
-    @override
-    def jacobian(self, joints: Vector) -> Array:
-        jacobian = self.inner.jacobian(joints)
-        return np.concatenate((self._rotation @ jacobian[:3], self._rotation @ jacobian[3:]))
-
-    def _pose_outwards(self, pose: Pose) -> Pose:
-        return product(self._base, pose)
-
-    def _pose_inwards(self, pose: Pose) -> Pose:
-        return replace(product(self._inverse, pose), frame_id=self._own_frame)
 
     def _outwards(self, value: Pose | Twist | Wrench) -> Value:
         """Return a value in the other frame; what is in the tool's axes stays there."""
         if value.frame_id not in ("", self._own_frame):
             return value
         if isinstance(value, Pose):
-            return self._pose_outwards(value)
+            return product(self._base, value)
         turned = twist_in_base(vector(value.vector), "local", self._base, self._base)
         return type(value)(turned[:3], turned[3:], self._base.frame_id)
 
-    def _inwards(self, setpoint: Setpoint) -> Vector:
+    def _to_send(self, setpoint: Setpoint) -> Vector:
         values = setpoint.values
         if setpoint.mode is Mode.CARTESIAN_POSITION:
-            pose = self._pose_inwards(Pose(values[:3], values[3:]))
+            pose = _inwards(Pose(values[:3], values[3:]), self._base, self._own_frame)
             return vector((*pose.position, *pose.orientation))
         # A wrench turns as a twist does: both are at the tool point.
         return twist_from_base(values, "local", self._base, self._base)
+
+
+def _inwards(pose: Pose, base: Pose, own_frame: str) -> Pose:
+    """Return a pose of the other frame in the device's own base."""
+    return replace(relative(base, pose), frame_id=own_frame)

@@ -12,6 +12,7 @@ from crtk_drivers.device import (
     Device,
     Goal,
     Input,
+    Kinematics,
     MoveProgress,
     Note,
     Reading,
@@ -19,7 +20,7 @@ from crtk_drivers.device import (
     Setpoint,
     Steps,
 )
-from crtk_drivers.samples import Array, Pose, Sample, Vector
+from crtk_drivers.samples import Sample
 
 
 class WrappedDevice(Device):
@@ -77,6 +78,11 @@ class WrappedDevice(Device):
     @override
     def is_homed(self) -> bool:
         return self.inner.is_homed
+
+    @property
+    @override
+    def kinematics(self) -> Kinematics | None:
+        return self.inner.kinematics
 
     @property
     @override
@@ -171,19 +177,3 @@ class WrappedDevice(Device):
     @override
     def move_progress(self) -> MoveProgress:
         return self.inner.move_progress()
-
-    @override
-    def forward_kinematics(self, joints: Vector) -> Pose:
-        return self.inner.forward_kinematics(joints)
-
-    @override
-    def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        return self.inner.inverse_kinematics(pose, reference)
-
-    @override
-    def nearby_inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        return self.inner.nearby_inverse_kinematics(pose, reference)
-
-    @override
-    def jacobian(self, joints: Vector) -> Array:
-        return self.inner.jacobian(joints)

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing_extensions import override
 
 from crtk_drivers.config import KinematicsConfig
-from crtk_drivers.device import Capabilities, CartesianLimits, Device
+from crtk_drivers.device import Capabilities, CartesianLimits, Device, Kinematics
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.kinematics.chain import Chain, DHConvention, DHJoint, JointKind, chain_from_dh
 from crtk_drivers.kinematics.serial import SerialChain
 from crtk_drivers.kinematics.urdf import read_urdf
-from crtk_drivers.samples import Array, JointState, Pose, Sample, Twist, Value, Vector, vector
+from crtk_drivers.samples import JointState, Sample, Twist, Value, vector
 from crtk_drivers.wrappers.forwarding import WrappedDevice
 
 
@@ -32,7 +32,7 @@ class ModelledDevice(WrappedDevice):
     def __init__(self, inner: Device, config: KinematicsConfig) -> None:
         super().__init__(inner)
         own = inner.capabilities
-        if own.has_kinematics:
+        if inner.kinematics is not None:
             raise ConfigError(
                 "this device has kinematics of its own",
                 where="kinematics",
@@ -51,7 +51,6 @@ class ModelledDevice(WrappedDevice):
         limits = config.limits
         self._capabilities = replace(
             own,
-            has_kinematics=True,
             cartesian_limits=CartesianLimits(
                 limits.linear_velocity,
                 limits.angular_velocity,
@@ -68,6 +67,11 @@ class ModelledDevice(WrappedDevice):
     def capabilities(self) -> Capabilities:
         return self._capabilities
 
+    @property
+    @override
+    def kinematics(self) -> Kinematics:
+        return self._chain
+
     @override
     def read(self, deadline: float) -> Sample | None:
         """Add the tool to what was read; the stamp is the same."""
@@ -78,27 +82,11 @@ class ModelledDevice(WrappedDevice):
         if sample.not_finite:
             return sample  # the core drops it
         values: dict[str, Value] = dict(sample.values)
-        values["measured_cp"] = self.forward_kinematics(state.position)
+        values["measured_cp"] = self._chain.forward(state.position)
         if state.velocity.size:
-            twist = vector(self.jacobian(state.position) @ state.velocity)
+            twist = vector(self._chain.jacobian(state.position) @ state.velocity)
             values["measured_cv"] = Twist(twist[:3], twist[3:], self._capabilities.base_frame)
         return replace(sample, values=values)
-
-    @override
-    def forward_kinematics(self, joints: Vector) -> Pose:
-        return self._chain.forward(joints)
-
-    @override
-    def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        return self._chain.inverse(pose, reference)
-
-    @override
-    def nearby_inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        return self._chain.inverse(pose, reference, restarts=0)
-
-    @override
-    def jacobian(self, joints: Vector) -> Array:
-        return self._chain.jacobian(joints)
 
 
 def _chain(config: KinematicsConfig, own: Capabilities) -> Chain:

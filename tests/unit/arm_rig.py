@@ -5,7 +5,15 @@ from typing import Any
 import numpy as np
 from engine_rig import LONG_STEPS, Recorder, Rig, ScriptedDevice
 
-from crtk_drivers.device import Capabilities, CartesianLimits, Goal, JointLimits, Mode, Setpoint
+from crtk_drivers.device import (
+    Capabilities,
+    CartesianLimits,
+    Goal,
+    JointLimits,
+    Kinematics,
+    Mode,
+    Setpoint,
+)
 from crtk_drivers.engine import Engine, EngineOptions
 from crtk_drivers.geometry.frames import moved
 from crtk_drivers.geometry.quaternions import quaternion_from_rotvec
@@ -62,10 +70,22 @@ def six_joints(*modes: Mode, **changes: Any) -> Capabilities:
         "cartesian_limits": TOOL,
         "modes": frozenset(modes or (Mode.JOINT_POSITION,)),
         "measured": ("measured_js", "measured_cp"),
-        "has_kinematics": True,
         "rate": RATE,
     }
     return Capabilities(**(values | changes))
+
+
+class ArmKinematics(Kinematics):
+    """Those of `ARM`, with one attempt at an inverse."""
+
+    def forward(self, joints: Vector) -> Pose:
+        return ARM.forward(joints)
+
+    def inverse(self, pose: Pose, reference: Vector) -> Vector:
+        return ARM.inverse(pose, reference, restarts=0)
+
+    def jacobian(self, joints: Vector) -> Any:
+        return ARM.jacobian(joints)
 
 
 class ArmDevice(ScriptedDevice):
@@ -81,8 +101,11 @@ class ArmDevice(ScriptedDevice):
         gravity: what `use_gravity_compensation` was told.
     """
 
-    def __init__(self, clock: FakeClock, capabilities: Capabilities, at: Vector) -> None:
-        super().__init__(clock, capabilities)
+    def __init__(
+        self, clock: FakeClock, capabilities: Capabilities, at: Vector, has_kinematics: bool
+    ) -> None:
+        super().__init__(clock, capabilities, has_kinematics)
+        self.solver = ArmKinematics()
         self.position = np.array(at)
         self.velocity = np.zeros(6)
         self.twist = np.zeros(6)
@@ -108,7 +131,7 @@ class ArmDevice(ScriptedDevice):
 
     @property
     def pose(self) -> Pose:
-        return self.forward_kinematics(vector(self.position))
+        return self.solver.forward(vector(self.position))
 
     def write(self, setpoint: Setpoint) -> None:
         assert setpoint.mode in self.declared.modes, "no such mode"
@@ -150,15 +173,6 @@ class ArmDevice(ScriptedDevice):
         self._called("use_gravity_compensation")
         self.gravity.append(on)
 
-    def forward_kinematics(self, joints: Vector) -> Pose:
-        return ARM.forward(joints)
-
-    def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        return ARM.inverse(pose, reference, restarts=0)
-
-    def jacobian(self, joints: Vector) -> Any:
-        return ARM.jacobian(joints)
-
 
 class ArmRig(Rig):
     """The rig, on the arm."""
@@ -170,10 +184,11 @@ class ArmRig(Rig):
         *modes: Mode,
         options: EngineOptions | None = None,
         at: Vector = BENT,
+        has_kinematics: bool = True,
         **changes: Any,
     ) -> None:
         self.clock = FakeClock()
-        self.device = ArmDevice(self.clock, six_joints(*modes, **changes), at)
+        self.device = ArmDevice(self.clock, six_joints(*modes, **changes), at, has_kinematics)
         self.engine = Engine(
             self.device, "rig", options or LONG_STEPS, self.clock, self.clock.advance
         )

@@ -13,6 +13,7 @@ from crtk_drivers.device import (
     Device,
     Goal,
     JointLimits,
+    Kinematics,
     Mode,
     MoveProgress,
     Setpoint,
@@ -47,7 +48,6 @@ def two_joints(**changes: Any) -> Capabilities:
             }
         ),
         "measured": ("measured_js", "measured_cp"),
-        "has_kinematics": True,
         "has_free": True,
         "rate": RATE,
         "transition_timeout": 1.0,
@@ -55,15 +55,42 @@ def two_joints(**changes: Any) -> Capabilities:
     return Capabilities(**(values | changes))
 
 
+class SlideAndTurn(Kinematics):
+    """A tool that slides along x and turns about z."""
+
+    def forward(self, joints: Vector) -> Pose:
+        if joints.size != 2:
+            return Pose(vector((0, 0, 0)), vector((0, 0, 0, 1)), "base")
+        x, angle = joints.tolist()
+        turn = quaternion_from_rotvec(vector((0.0, 0.0, angle)))
+        return Pose(vector((x, 0.0, 0.0)), turn, "base")
+
+    def inverse(self, pose: Pose, reference: Vector) -> Vector:
+        if abs(pose.position[1]) > 1e-9:
+            raise KinematicsError("y is out of reach", remedy="Keep y at 0.")
+        return vector((pose.position[0], rotvec_from_quaternion(pose.orientation)[2]))
+
+    def jacobian(self, joints: Vector) -> Any:
+        return np.eye(6)[:, [0, 5]]
+
+
 class ScriptedDevice(Device):
     """Positions that are written are measured in the next cycle; `calls` records what was asked for.
 
     `fail` maps the name of a method to what it raises, `procedures` the name of a state command to
-    what it does instead of ending at once.
+    what it does instead of ending at once. It measures poses by `solver`, which without
+    `has_kinematics` nobody else has.
     """
 
-    def __init__(self, clock: FakeClock, capabilities: Capabilities | None = None) -> None:
+    def __init__(
+        self,
+        clock: FakeClock,
+        capabilities: Capabilities | None = None,
+        has_kinematics: bool = True,
+    ) -> None:
         self.clock = clock
+        self.solver: Kinematics = SlideAndTurn()
+        self.has_kinematics = has_kinematics
         self.declared = capabilities or two_joints()
         self.position = np.zeros(len(self.declared.joints))
         self.silent = False
@@ -99,6 +126,10 @@ class ScriptedDevice(Device):
     def is_homed(self) -> bool:
         return self.homed
 
+    @property
+    def kinematics(self) -> Kinematics | None:
+        return self.solver if self.has_kinematics else None
+
     def open(self, deadline: float) -> None:
         self._called("open")
 
@@ -115,7 +146,7 @@ class ScriptedDevice(Device):
             "measured_js": JointState(position=joints, name=self.declared.joints),
         }
         if np.isfinite(joints).all():
-            values["measured_cp"] = self.forward_kinematics(joints)
+            values["measured_cp"] = self.solver.forward(joints)
         if self.native_setpoint is not None:
             values["setpoint_js"] = self.native_setpoint
         return Sample(self.stamp or self.clock.stamp(), values)
@@ -164,21 +195,6 @@ class ScriptedDevice(Device):
     def free(self) -> Steps:
         return self._procedure("free")
 
-    def forward_kinematics(self, joints: Vector) -> Pose:
-        if joints.size != 2:
-            return Pose(vector((0, 0, 0)), vector((0, 0, 0, 1)), "base")
-        x, angle = joints.tolist()
-        turn = quaternion_from_rotvec(vector((0.0, 0.0, angle)))
-        return Pose(vector((x, 0.0, 0.0)), turn, "base")
-
-    def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        if abs(pose.position[1]) > 1e-9:
-            raise KinematicsError("y is out of reach", remedy="Keep y at 0.")
-        return vector((pose.position[0], rotvec_from_quaternion(pose.orientation)[2]))
-
-    def jacobian(self, joints: Vector) -> Any:
-        return np.eye(6)[:, [0, 5]]
-
 
 class Recorder(Observer):
     """Everything that observers hear, in order."""
@@ -219,9 +235,10 @@ class Rig:
         self,
         options: EngineOptions | None = None,
         capabilities: Capabilities | None = None,
+        has_kinematics: bool = True,
     ) -> None:
         self.clock = FakeClock()
-        self.device = ScriptedDevice(self.clock, capabilities)
+        self.device = ScriptedDevice(self.clock, capabilities, has_kinematics)
         self.engine = Engine(
             self.device, "rig", options or LONG_STEPS, self.clock, self.clock.advance
         )

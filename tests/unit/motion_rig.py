@@ -29,7 +29,6 @@ from crtk_drivers.kinematics.chain import DHJoint, chain_from_dh
 from crtk_drivers.kinematics.serial import SerialChain
 from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import (
-    Array,
     AxisMode,
     CartesianServo,
     JointServo,
@@ -99,7 +98,6 @@ class Arm(Device):
             cartesian_limits=TOOL,
             modes=modes,
             measured=("measured_js", "measured_cp"),
-            has_kinematics=True,
             has_free=True,
             rate=RATE,
             writes_every_cycle=every_cycle,
@@ -112,6 +110,10 @@ class Arm(Device):
     @property
     def address(self) -> str:
         return "motion"
+
+    @property
+    def kinematics(self) -> SerialChain:
+        return CHAIN
 
     def open(self, deadline: float) -> None:
         pass
@@ -131,7 +133,7 @@ class Arm(Device):
         if mode not in (Mode.JOINT_POSITION, Mode.CARTESIAN_POSITION):
             self.position = self.position + dt * self.velocity
         joints = JointState(vector(self.position), vector(self.velocity), name=CHAIN.joints)
-        pose = self.forward_kinematics(joints.position)
+        pose = CHAIN.forward(joints.position)
         return Sample(self.clock.stamp(), {"measured_js": joints, "measured_cp": pose})
 
     def _follow_tool(self, mode: Mode, values: Vector, dt: float) -> None:
@@ -163,15 +165,6 @@ class Arm(Device):
     def free(self) -> Steps:
         while True:
             yield
-
-    def forward_kinematics(self, joints: Vector) -> Pose:
-        return CHAIN.forward(joints)
-
-    def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        return CHAIN.inverse(pose, reference)
-
-    def jacobian(self, joints: Vector) -> Array:
-        return CHAIN.jacobian(joints)
 
 
 @dataclass

@@ -4,12 +4,13 @@ import math
 from typing import Any
 
 import pytest
-from engine_rig import LIMIT, two_joints
+from engine_rig import LIMIT, ScriptedDevice, two_joints
 
 from crtk_drivers.commands import COMMANDS
 from crtk_drivers.device import Capabilities, CartesianLimits, JointLimits, Mode
 from crtk_drivers.device.offered import missing_for, offered
 from crtk_drivers.samples import Pose, vector
+from crtk_drivers.testing.clock import FakeClock
 
 STATE = {"operating_state", "state_command"}
 JOINT_STREAMS = {"servo_jp", "servo_jr", "interpolate_jp", "interpolate_jr"}
@@ -33,7 +34,6 @@ WITH_KINEMATICS = KINEMATICS | SLOW | framed("servo_cr", "servo_cv", "move_cr", 
 WITH_KINEMATICS |= {"servo_cp", "move_cp", "setpoint_cp", "local/setpoint_cp", "goal_cp"}
 BARE = {
     "modes": frozenset[Mode](),
-    "has_kinematics": False,
     "has_free": False,
     "measured": ("measured_js",),
 }
@@ -48,11 +48,11 @@ CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
     "an encoder": ({}, {"measured_js"}),
     "positions": ({"modes": POSITION}, {"measured_js"} | JOINT_MOTION),
     "positions and kinematics": (
-        {"modes": POSITION, "has_kinematics": True},
+        {"modes": POSITION, "kinematics": True},
         {"measured_js"} | JOINT_MOTION | WITH_KINEMATICS,
     ),
     "positions and kinematics of a tool without limits": (
-        {"modes": POSITION, "has_kinematics": True, "cartesian_limits": None},
+        {"modes": POSITION, "kinematics": True, "cartesian_limits": None},
         {"measured_js"} | JOINT_MOTION | WITH_KINEMATICS - SLOW,
     ),
     "poses and twists": (
@@ -76,7 +76,7 @@ CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
     "efforts and kinematics": (
         {
             "modes": frozenset({Mode.JOINT_EFFORT}),
-            "has_kinematics": True,
+            "kinematics": True,
             "has_gravity_compensation": True,
         },
         {"measured_js", "servo_jf", "interpolate_jf", "servo_js", "hold", "setpoint_js", "goal_js"}
@@ -109,10 +109,14 @@ CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
 }
 
 
+def device(kinematics: bool = False, **changes: Any) -> ScriptedDevice:
+    return ScriptedDevice(FakeClock(), two_joints(**changes), kinematics)
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_offered(case: str) -> None:
     changes, names = CASES[case]
-    found = offered(two_joints(**(BARE | changes)))
+    found = offered(device(**(BARE | changes)))
     assert set(found) == names | STATE
     order = list(COMMANDS)
     ranks = [order.index(command.base_name) for command in found.values()]
@@ -120,7 +124,7 @@ def test_offered(case: str) -> None:
 
 
 def test_what_is_missing_is_said_in_words() -> None:
-    encoder = two_joints(**BARE)
+    encoder = device(**BARE)
     assert missing_for("servo_jp", encoder) == "It would need joint position."
     assert "Cartesian position, or joint position and kinematics" in missing_for(
         "servo_cp", encoder
@@ -180,4 +184,4 @@ def test_limits_that_limit_nothing_are_refused(numbers: tuple[float, ...]) -> No
 
 
 def test_a_device_with_nothing_is_possible() -> None:
-    assert set(offered(Capabilities(measured=()))) == STATE
+    assert set(offered(ScriptedDevice(FakeClock(), Capabilities(measured=()), False))) == STATE

@@ -2,12 +2,21 @@
 
 import numpy as np
 import pytest
-from engine_rig import Rig, jp, pose
+from engine_rig import Rig, SlideAndTurn, jp, pose
 
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import Input, MoveProgress
 from crtk_drivers.errors import CommandRefused, Reason
-from crtk_drivers.samples import Number, Pose, vector
+from crtk_drivers.samples import Number, Pose, Twist, Vector, vector
+
+
+class LongTool(SlideAndTurn):
+    def __init__(self, length: float) -> None:
+        self.ahead = np.array((length, 0.0, 0.0))
+
+    def forward(self, joints: Vector) -> Pose:
+        found = super().forward(joints)
+        return Pose(vector(found.position + self.ahead), found.orientation, "base")
 
 
 class ToolRig(Rig):
@@ -18,18 +27,10 @@ class ToolRig(Rig):
     def __init__(self) -> None:
         super().__init__()
         self.engine.inputs = {"tool": Input("its length", Payload.NUMBER, self._take, at_rest=True)}
-        forward = self.device.forward_kinematics
-
-        def longer(joints):
-            found = forward(joints)
-            return Pose(
-                vector(found.position + np.array((self.length, 0, 0))), found.orientation, "base"
-            )
-
-        self.device.forward_kinematics = longer  # type: ignore[method-assign]
 
     def _take(self, value: Number) -> None:
         self.length = value.value
+        self.device.solver = LongTool(value.value)
 
     def refuses(self) -> None:
         before = len(self.told.refusals)
@@ -84,6 +85,25 @@ def test_the_pose_follows_it_at_once_and_the_joints_do_not_move(rig):
     assert rig.setpoint()["position"] == pytest.approx([0.05, 0.0])
     rig.cycle(10)
     assert len(rig.written) == writes
+
+
+def test_another_tool_counts_for_twists_that_the_hardware_carries_out_as_well(rig):
+    class Far(SlideAndTurn):
+        """Its tool goes a hundred times as far as the joint."""
+
+        def jacobian(self, joints):
+            return 100.0 * super().jacobian(joints)
+
+    twist = Twist(vector((0.2, 0, 0)), vector((0, 0, 0)))
+    rig.device.position = np.array((0.999, 0.0))
+    rig.cycle()
+    rig.engine.submit("servo_cv", twist)
+    rig.cycle()
+    assert 0.0 < rig.written[-1].values[0] < 0.2, "slowed before the end of the range"
+    rig.device.solver = Far()
+    rig.engine.submit("servo_cv", twist)
+    rig.cycle()
+    assert rig.written[-1].values[0] == 0.2
 
 
 def test_it_is_taken_in_any_state():

@@ -58,7 +58,7 @@ def test_increments_that_wait_together_are_summed_without_harm(rig: Rig) -> None
 def test_increments_of_poses_add_up_no_further_than_one_may_lead() -> None:
     """Hardware that takes poses has no inverse kinematics that would refuse the sum."""
     modes = frozenset({Mode.CARTESIAN_POSITION})
-    rig = Rig(capabilities=two_joints(modes=modes, has_kinematics=False)).enabled()
+    rig = Rig(capabilities=two_joints(modes=modes), has_kinematics=False).enabled()
     for _ in range(20):
         rig.engine.submit("interpolate_cr", step(60.0))
         rig.cycle()

@@ -10,7 +10,7 @@ import pytest
 
 from crtk_drivers import plugins
 from crtk_drivers.config import from_values, load
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, Kinematics
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.kinematics.chain import JointKind
 from crtk_drivers.kinematics.joint_axes import chain_of, joint_kinds
@@ -51,7 +51,7 @@ def test_the_chain_leads_where_the_devices_own_kinematics_do(name: str) -> None:
     random = np.random.default_rng(4)
     for _ in range(10):
         q = vector(random.uniform(-2.0, 2.0, len(device.capabilities.joints)))
-        assert chain.tool(q) == pytest.approx(matrix(device.forward_kinematics(q)), abs=1e-9)
+        assert chain.tool(q) == pytest.approx(matrix(device.kinematics.forward(q)), abs=1e-9)
 
 
 def test_the_axes_stand_where_links_meet() -> None:
@@ -85,10 +85,13 @@ def test_without_kinematics_nothing_is_known() -> None:
         def capabilities(self) -> Any:
             return replace(
                 self.inner.capabilities,
-                has_kinematics=False,
                 cartesian_limits=None,
                 modes=frozenset(),
             )
+
+        @property
+        def kinematics(self) -> None:
+            return None
 
     device = Bare(made("loopback"))
     assert joint_kinds(device) == (None,) * 4
@@ -96,11 +99,17 @@ def test_without_kinematics_nothing_is_known() -> None:
 
 
 def test_a_chain_that_would_lead_elsewhere_is_not_shown() -> None:
-    class Coupled(WrappedDevice):
-        """Its elbow turns with its shoulder."""
+    class Coupled(Kinematics):
+        """The elbow turns with the shoulder."""
 
-        def forward_kinematics(self, joints: Vector) -> Pose:
-            return self.inner.forward_kinematics(self._coupled(joints))
+        def __init__(self, inner: Kinematics) -> None:
+            self.inner = inner
+
+        def forward(self, joints: Vector) -> Pose:
+            return self.inner.forward(self._coupled(joints))
+
+        def inverse(self, pose: Pose, reference: Vector) -> Vector:
+            raise AssertionError("nobody asks")
 
         def jacobian(self, joints: Vector) -> Array:
             return self.inner.jacobian(self._coupled(joints))
@@ -111,4 +120,9 @@ def test_a_chain_that_would_lead_elsewhere_is_not_shown() -> None:
             bent[2] -= bent[1]
             return vector(bent)
 
-    assert chain_of(Coupled(made("virtual"))) is None
+    class Arm(WrappedDevice):
+        @property
+        def kinematics(self) -> Kinematics:
+            return Coupled(self.inner.kinematics)
+
+    assert chain_of(Arm(made("virtual"))) is None

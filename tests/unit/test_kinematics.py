@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from crtk_driver_ur.frames import Transform
+from crtk_driver_ur.frames import transform_of
 from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import JOINT_NAMES, MODELS, RobotModel
 from crtk_drivers.errors import ConfigError, CrtkError, KinematicsError
@@ -89,10 +89,6 @@ def distance(a: Pose, b: Pose) -> float:
     return max(np.linalg.norm(a.position - b.position), np.linalg.norm(turned))
 
 
-def as_pose(transform: Transform) -> Pose:
-    return Pose(vector(transform.position), vector(transform.quaternion()))
-
-
 def homogeneous(pose: Pose) -> np.ndarray:
     matrix = np.eye(4)
     matrix[:3, :3] = matrix_from_quaternion(pose.orientation)
@@ -112,7 +108,7 @@ def refused(arm: SerialChain, pose: Pose, reference=None, **options) -> InverseK
 
 @given(names, angles)
 def test_forward_is_that_of_the_closed_form_for_every_ur(name, q):
-    expected = as_pose(ArmKinematics(MODELS[name]).forward(q))
+    expected = ArmKinematics(MODELS[name]).forward(q)
     assert distance(UR[name].forward(q), expected) < ACCURACY
 
 
@@ -237,12 +233,11 @@ def test_a_solution_is_one_of_the_closed_form(name, seed):
     expected = within(UR[name], seed)
     pose = UR[name].forward(expected)
     q = UR[name].inverse(pose, within(UR[name], seed + 1))
-    transform = Transform.from_quaternion(pose.position, pose.orientation)
-    near = closed.inverse(transform, tuple(q))
+    near = closed.inverse(pose, q)
     # not the joints: close to a singularity those differ by the root of the error in the pose
-    assert distance(as_pose(closed.forward(near)), UR[name].forward(q)) < 2 * ACCURACY
+    assert distance(closed.forward(near), UR[name].forward(q)) < 2 * ACCURACY
     if min(abs(math.sin(expected[4])), abs(math.sin(expected[2]))) > 0.1:
-        assert np.abs(np.array(near) - q).max() < 1e-6
+        assert np.abs(near - q).max() < 1e-6
 
 
 @given(arms, seeds)
@@ -389,7 +384,7 @@ def test_reach_is_no_less_than_the_arm_has():
 def test_a_pose_that_no_joints_take_is_out_of_reach(position):
     pose = Pose(vector(position), vector((0, 0, 0, 1)))
     closed = ArmKinematics(MODELS["ur5e"])
-    assert not closed.inverse_all(Transform.from_quaternion(pose.position, pose.orientation))
+    assert not closed.inverse_all(transform_of(pose))
     arm = SerialChain(ur_chain(MODELS["ur5e"]), time_limit=20.0)
     error = refused(arm, pose)
     assert error.reason is IkFailure.OUT_OF_REACH

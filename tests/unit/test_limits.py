@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from engine_rig import JOINTS, Rig, jp, jv, two_joints
+from engine_rig import JOINTS, Rig, SlideAndTurn, jp, jv, two_joints
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,7 +16,7 @@ from crtk_drivers.gates.braking import braking_way, stoppable_speed
 from crtk_drivers.gates.command import LARGEST, CommandCheck
 from crtk_drivers.gates.setpoint import SetpointLimiter
 from crtk_drivers.options import LimitPolicy
-from crtk_drivers.samples import EMPTY, JointState, Pose, Vector, vector
+from crtk_drivers.samples import EMPTY, Array, JointState, Pose, Vector, vector
 
 POLICY = LimitPolicy(max_step=0.1)
 LOWER, UPPER, VELOCITY, EFFORT = -1.0, 1.0, 1.0, 5.0
@@ -192,8 +192,11 @@ def test_a_joint_that_is_slow_enough_stops_within_its_room(
 def test_a_joint_outside_its_range_that_has_no_part_in_a_twist_does_not_stop_it(
     outward: float,
 ) -> None:
-    jacobian = np.eye(6)[:, [0, 5]] - outward * np.eye(6)[:, [5, 0]]
-    gate = SetpointLimiter(two_joints(), POLICY, "here", lambda joints: jacobian)
+    class Turned(SlideAndTurn):
+        def jacobian(self, joints: Vector) -> Array:
+            return np.eye(6)[:, [0, 5]] - outward * np.eye(6)[:, [5, 0]]
+
+    gate = SetpointLimiter(two_joints(), POLICY, "here", Turned)
     at = vector((0.0, UPPER + 1e-6))
 
     def sent(*twist: float) -> list[float]:

@@ -67,7 +67,7 @@ def test_a_wrench_of_body_is_along_the_axes_that_were_asked_for(mode: Mode, name
         written = rig.written[-1].values
         if mode is Mode.CARTESIAN_EFFORT:
             return written
-        return np.linalg.solve(rig.device.jacobian(vector(rig.device.position)).T, written)
+        return np.linalg.solve(rig.device.solver.jacobian(vector(rig.device.position)).T, written)
 
     assert sent() == pytest.approx(turned @ PUSH, abs=1e-6)
     rig.engine.submit(ABSOLUTE, Flag(True))

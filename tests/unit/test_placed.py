@@ -23,7 +23,7 @@ from crtk_drivers.geometry.quaternions import quaternion_from_rpy
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.samples import JointState, Pose, Sample, Stamp, Twist, Vector, Wrench, vector
 from crtk_drivers.session import Session
-from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
+from crtk_drivers.testing.loopback import GantryKinematics, LoopbackConfig, LoopbackDevice
 from crtk_drivers.wrappers.base_frame import PlacedDevice
 from crtk_drivers.wrappers.forwarding import WrappedDevice
 from crtk_drivers.wrappers.kinematic_model import ModelledDevice
@@ -151,13 +151,32 @@ def test_every_value_goes_there_and_back(
 
 @given(poses, st.tuples(numbers, numbers, numbers, numbers).map(vector))
 def test_the_jacobian_is_the_derivative_of_the_pose(base: Pose, joints: Vector) -> None:
-    device = PlacedDevice(LoopbackDevice(), base)
-    jacobian = device.jacobian(joints)
+    kinematics = PlacedDevice(LoopbackDevice(), base).kinematics
+    jacobian = kinematics.jacobian(joints)
     for axis in range(3):
         step = 1e-6 * np.eye(4)[axis]
-        after = device.forward_kinematics(vector(joints + step)).position
-        found = (after - device.forward_kinematics(joints).position) / 1e-6
+        after = kinematics.forward(vector(joints + step)).position
+        found = (after - kinematics.forward(joints).position) / 1e-6
         assert jacobian[:3, axis] == pytest.approx(found, abs=1e-5)
+
+
+def test_kinematics_that_change_while_it_is_open_do_so_at_the_place_as_well() -> None:
+    class Longer(GantryKinematics):
+        def forward(self, joints: Vector) -> Pose:
+            found = super().forward(joints)
+            return replace(found, position=vector(found.position + np.array((0.0, 0.0, 0.1))))
+
+    class Changing(LoopbackDevice):
+        kinematics = GantryKinematics("here")
+
+    inner = Changing()
+    device = PlacedDevice(inner, Pose(vector((1.0, 0, 0)), vector((0, 0, 0, 1)), "world"))
+    joints = vector((0.2, 0.0, 0.0, 0.0))
+    before = device.kinematics
+    assert before is device.kinematics, "the same answers, the same object"
+    inner.kinematics = Longer("here")
+    assert before.forward(joints).position.tolist() == [1.2, 0.0, 0.0]
+    assert device.kinematics.forward(joints).position.tolist() == [1.2, 0.0, 0.1]
 
 
 # ---------------------------------------------------------------------------------------------- a model
@@ -174,7 +193,6 @@ class Joints(LoopbackDevice):
             self._capabilities,
             joints=names,
             limits=(limit,) * count,
-            has_kinematics=False,
             modes=frozenset({Mode.JOINT_POSITION}),
             measured=("measured_js",),
             cartesian_limits=None,
@@ -184,6 +202,10 @@ class Joints(LoopbackDevice):
             Stamp(7, 7.0),
             {"measured_js": JointState(vector([0.1] * count), vector([0.2] * count), name=names)},
         )
+
+    @property
+    def kinematics(self) -> None:
+        return None
 
     def read(self, deadline: float) -> Sample | None:
         return self.sample
@@ -196,16 +218,16 @@ def test_a_dh_table_gives_a_device_its_kinematics() -> None:
     config = KinematicsConfig.model_validate(
         {"dh": ROWS, "tool": {"position": [0.1, 0.0, 0.0]}, "position_only": True}
     )
-    device = ModelledDevice(Joints(3), config)
-    assert device.capabilities.has_kinematics
+    kinematics = ModelledDevice(Joints(3), config).kinematics
+    assert kinematics is not None
     joints = vector((0.3, 0.4, -0.6))
-    pose = device.forward_kinematics(joints)
+    pose = kinematics.forward(joints)
     reach = 0.3 * math.cos(0.4) + 0.4 * math.cos(0.4 - 0.6 + 0.5)
     height = 0.2 + 0.3 * math.sin(0.4) + 0.4 * math.sin(0.4 - 0.6 + 0.5)
     expected = [reach * math.cos(0.3), reach * math.sin(0.3), height]
     assert pose.position == pytest.approx(expected, abs=1e-12)
-    found = device.inverse_kinematics(pose, vector((0.2, 0.3, -0.5)))
-    assert device.forward_kinematics(found).position == pytest.approx(expected, abs=1e-9)
+    found = kinematics.inverse(pose, vector((0.2, 0.3, -0.5)))
+    assert kinematics.forward(found).position == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_urdf_gives_every_sample_its_pose_and_twist_with_the_same_stamp() -> None:
@@ -224,7 +246,7 @@ def test_a_urdf_gives_every_sample_its_pose_and_twist_with_the_same_stamp() -> N
     assert isinstance(pose, Pose)
     assert isinstance(twist, Twist)
     assert state.name[0] == "axis1"
-    ahead = device.forward_kinematics(vector(state.position + 1e-6 * state.velocity))
+    ahead = device.kinematics.forward(vector(state.position + 1e-6 * state.velocity))
     assert (ahead.position - pose.position) / 1e-6 == pytest.approx(twist.linear, abs=1e-5)
 
 

@@ -112,7 +112,7 @@ def test_a_policy_is_what_the_schema_asks_for(name: str, namespace: str) -> None
 def test_only_an_operator_commands(name: str) -> None:
     root, device = policy_of(name), device_of(name)
     takes = [
-        command for command, row in offered(device.capabilities).items()
+        command for command, row in offered(device).items()
         if row.direction is Direction.COMMANDED
     ]  # fmt: skip
     for command in [*takes, *device.inputs]:
@@ -134,7 +134,7 @@ def test_only_an_operator_commands(name: str) -> None:
 def test_only_the_driver_tells(name: str) -> None:
     root, device = policy_of(name), device_of(name)
     told = [
-        command for command, row in offered(device.capabilities).items()
+        command for command, row in offered(device).items()
         if row.direction is Direction.PUBLISHED
     ]  # fmt: skip
     told += ["refusals", "crtk_driver/crtk_capabilities", *(f"state/{r}" for r in device.readings)]

@@ -352,9 +352,9 @@ def test_no_stream_asks_for_a_search_that_may_take_long(name: str) -> None:
     def search(pose: Pose, reference: Vector) -> Vector:
         raise AssertionError(f"a search for {pose} from {reference}")
 
-    rig.device.inverse_kinematics = search  # type: ignore[method-assign]
+    rig.device.solver.inverse = search  # type: ignore[method-assign]
     nearby = ARM.inverse
-    rig.device.nearby_inverse_kinematics = nearby  # type: ignore[method-assign, assignment]
+    rig.device.solver.nearby_inverse = nearby  # type: ignore[method-assign, assignment]
     here = rig.device.pose
     values = {
         "servo_cp": moved(here, step(0, 0, 0.001, 0, 0, 0)),

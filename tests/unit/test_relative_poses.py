@@ -67,7 +67,7 @@ def test_a_relative_move_starts_from_the_setpoint_and_latches_its_goal() -> None
 
 def test_hardware_that_takes_poses_gets_poses() -> None:
     modes = frozenset({Mode.CARTESIAN_POSITION})
-    rig = Rig(capabilities=two_joints(modes=modes, has_kinematics=False)).enabled()
+    rig = Rig(capabilities=two_joints(modes=modes), has_kinematics=False).enabled()
     for _ in range(3):
         rig.engine.submit("servo_cr", pose(0.01, 0.05))
         rig.cycle()

@@ -158,12 +158,12 @@ def test_so_does_a_refusal_that_ends_a_stream_on_its_way() -> None:
     rig.cycle()
     rig.engine.submit("interpolate_cr", step(0.1, 0, 0, 0, 0, 0), stamp_ns=STAMP + 7)
     rig.cycle(2)
-    solve = rig.device.inverse_kinematics
+    solve = rig.device.solver.inverse
 
     def other_branch(pose: Pose, near: Vector) -> Vector:
         return vector(solve(pose, near) + 0.05)
 
-    rig.device.inverse_kinematics = other_branch  # type: ignore[method-assign]
+    rig.device.solver.inverse = other_branch  # type: ignore[method-assign]
     rig.cycle(3)
     assert [(told.command, told.stamp_ns) for told in rig.told.refusals] == [
         ("interpolate_cr", STAMP + 7)

@@ -233,7 +233,7 @@ def test_poses_are_followed_through_inverse_kinematics() -> None:
     assert goal[0].position.tolist() == goals[-1].position.tolist()
     rig.cycle(120)
     assert_smooth(np.vstack(([0.0, 0.0], written(rig))))
-    end = rig.device.inverse_kinematics(goals[-1], vector((0.0, 0.0)))
+    end = rig.device.solver.inverse(goals[-1], vector((0.0, 0.0)))
     assert rig.written[-1].values == pytest.approx(end, abs=1e-9)
     assert rig.engine.health().stream == ""
 
@@ -269,12 +269,12 @@ def test_poses_out_of_reach_are_refused_and_the_stream_goes_on() -> None:
 def test_a_joint_that_would_be_too_fast_on_the_way_stops_the_stream() -> None:
     rig = Rig().enabled()
     stream(rig, "interpolate_cp", [pose(0.1)])
-    straight = rig.device.inverse_kinematics
+    straight = rig.device.solver.inverse
 
     def other_branch(goal: Pose, reference: Vector) -> Vector:
         return vector(straight(goal, reference) + 0.05)
 
-    rig.device.inverse_kinematics = other_branch  # type: ignore[method-assign]
+    rig.device.solver.inverse = other_branch  # type: ignore[method-assign]
     rig.cycle(5)
     assert [refusal.reason for refusal in rig.told.refusals] == [Reason.STEP_TOO_LARGE]
     assert "stop" in rig.device.calls
@@ -285,7 +285,7 @@ def test_a_joint_that_would_be_too_fast_on_the_way_stops_the_stream() -> None:
 
 def test_hardware_that_takes_poses_gets_poses() -> None:
     modes = frozenset({Mode.CARTESIAN_POSITION})
-    rig = Rig(capabilities=two_joints(modes=modes, has_kinematics=False)).enabled()
+    rig = Rig(capabilities=two_joints(modes=modes), has_kinematics=False).enabled()
     stream(rig, "interpolate_cp", [pose(0.05 * index) for index in range(1, 9)])
     rig.cycle(300)
     path = written(rig)

@@ -11,6 +11,7 @@ from crtk_driver_ur.calibration import CalibratedKinematics, Calibration, displa
 from crtk_driver_ur.frames import Transform, compose
 from crtk_driver_ur.kinematics import ArmKinematics, InverseKinematicsError
 from crtk_driver_ur.models import MODELS, RobotModel
+from crtk_drivers.samples import vector
 
 TOOL = Transform.from_pose_vector((0.01, -0.02, 0.15, 0.1, -0.2, 0.3))
 TWISTS = (math.pi / 2, 0.0, 0.0, math.pi / 2, -math.pi / 2, 0.0)
@@ -34,8 +35,8 @@ def test_without_a_difference_it_is_the_model(name):
     nominal = ArmKinematics(model, TOOL)
     own = CalibratedKinematics(model, calibration(model), TOOL)
     q = (0.3, -1.2, 1.4, -0.8, 1.1, 0.5)
-    np.testing.assert_allclose(own.forward(q), nominal.forward(q), atol=1e-12)
-    np.testing.assert_allclose(own.jacobian(q), nominal.jacobian(q), atol=1e-12)
+    np.testing.assert_allclose(own.place(q), nominal.place(q), atol=1e-12)
+    np.testing.assert_allclose(own.jacobian(vector(q)), nominal.jacobian(vector(q)), atol=1e-12)
     assert max(displacements(model, calibration(model))) < 1e-12
 
 
@@ -44,12 +45,12 @@ def test_without_a_difference_it_is_the_model(name):
 def test_jacobian_is_the_derivative(q):
     model = MODELS["ur5e"]
     arm, step = CalibratedKinematics(model, calibration(model, 0.003), TOOL), 1e-6
-    jacobian = arm.jacobian(q)
+    jacobian = arm.jacobian(vector(q))
     for i in range(6):
         ahead, behind = list(q), list(q)
         ahead[i] += step
         behind[i] -= step
-        moved = np.subtract(arm.forward(ahead).position, arm.forward(behind).position)
+        moved = np.subtract(arm.place(ahead).position, arm.place(behind).position)
         np.testing.assert_allclose(jacobian[:3, i], moved / (2.0 * step), atol=1e-7)
 
 
@@ -60,8 +61,8 @@ def test_inverse_reaches_the_pose_from_nearby(q):
     model = MODELS["ur10e"]
     arm = CalibratedKinematics(model, calibration(model, 0.002), TOOL)
     assume(abs(math.sin(q[4])) > 0.15 and abs(math.sin(q[2])) > 0.15)
-    assume(np.linalg.cond(arm.jacobian(q)) < 100.0)
-    found = arm.inverse(arm.forward(q), q)
+    assume(np.linalg.cond(arm.jacobian(vector(q))) < 100.0)
+    found = arm.solve(arm.place(q), q)
     np.testing.assert_allclose(found, q, atol=1e-7)
 
 
@@ -72,12 +73,12 @@ def test_a_half_turn_of_the_tool_is_no_pose_that_is_there_already(axis):
     q = (0.3, -1.2, 1.4, -0.8, 1.1, 0.5)
     turn = [0.0] * 6
     turn[3 + axis] = math.pi
-    pose = compose(arm.forward(q), Transform.from_pose_vector(turn))
+    pose = compose(arm.place(q), Transform.from_pose_vector(turn))
     try:
-        found = arm.inverse(pose, q)
+        found = arm.solve(pose, q)
     except InverseKinematicsError:
         return  # out of reach is an answer, too
-    np.testing.assert_allclose(arm.forward(found), pose, atol=1e-8)
+    np.testing.assert_allclose(arm.place(found), pose, atol=1e-8)
 
 
 def test_a_pose_out_of_reach_is_refused():
@@ -85,7 +86,7 @@ def test_a_pose_out_of_reach_is_refused():
     arm = CalibratedKinematics(model, calibration(model, 0.002))
     far = Transform.from_pose_vector((2.0, 0.0, 0.3, 0.0, 0.0, 0.0))
     with pytest.raises(InverseKinematicsError):
-        arm.inverse(far, (0.0,) * 6)
+        arm.solve(far, (0.0,) * 6)
 
 
 def test_the_difference_is_told_in_metres():

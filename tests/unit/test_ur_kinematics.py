@@ -11,6 +11,7 @@ from crtk_driver_ur.frames import IDENTITY, Transform, compose, inverse
 from crtk_driver_ur.kinematics import ArmKinematics, IkFailure, InverseKinematicsError
 from crtk_driver_ur.models import MODELS, model_named
 from crtk_drivers.errors import KinematicsError
+from crtk_drivers.samples import vector
 
 ACCURACY = 1e-9
 TOOL = Transform.from_pose_vector((0.01, -0.02, 0.15, 0.3, -0.2, 0.5))
@@ -56,47 +57,47 @@ def regular(q) -> bool:
 
 @given(models, angles)
 def test_forward_equals_the_dh_chain(model, q):
-    found = matrix(ArmKinematics(model).forward(q))
+    found = matrix(ArmKinematics(model).place(q))
     assert np.abs(found - dh_chain(model, q)).max() < 1e-12
 
 
 def test_forward_known_answer():
     # The zero position follows from the DH table by hand: arm stretched along -x, flange to -y.
-    pose = ArmKinematics(UR5E).forward((0.0,) * 6)
+    pose = ArmKinematics(UR5E).place((0.0,) * 6)
     assert pose.position == pytest.approx((-0.425 - 0.3922, -0.1333 - 0.0996, 0.1625 - 0.0997))
     assert pose[:9] == pytest.approx((1, 0, 0, 0, 0, -1, 0, 1, 0))
 
 
 def test_tool_is_applied_in_flange_axes():
-    pose = ArmKinematics(UR5E, Transform.from_pose_vector((0, 0, 0.1, 0, 0, 0))).forward((0.0,) * 6)
+    pose = ArmKinematics(UR5E, Transform.from_pose_vector((0, 0, 0.1, 0, 0, 0))).place((0.0,) * 6)
     assert pose.y == pytest.approx(-0.1333 - 0.0996 - 0.1)
 
 
 @given(models, tools, angles)
 def test_every_inverse_solution_reaches_the_pose(model, tool, q):
     arm = ArmKinematics(model, tool)
-    pose = arm.forward(q)
+    pose = arm.place(q)
     for solution in arm.inverse_all(pose, wrist_3=q[5]):
-        assert difference(arm.forward(solution), pose) < ACCURACY
+        assert difference(arm.place(solution), pose) < ACCURACY
 
 
 @given(models, tools, angles)
 def test_inverse_is_nearest_to_its_reference(model, tool, q):
     arm = ArmKinematics(model, tool)
-    pose = arm.forward(q)
+    pose = arm.place(q)
     try:
-        found = arm.inverse(pose, q)
+        found = arm.solve(pose, q)
     except KinematicsError:
         assert not regular(q)
         return
-    assert difference(arm.forward(found), pose) < ACCURACY
+    assert difference(arm.place(found), pose) < ACCURACY
     if regular(q):
         assert math.dist(found, q) < 1e-6
 
 
 def test_regular_pose_has_eight_different_solutions():
     arm = ArmKinematics(UR5E, TOOL)
-    solutions = arm.inverse_all(arm.forward((0.1, -1.2, 1.3, -0.7, 0.9, 0.4)))
+    solutions = arm.inverse_all(arm.place((0.1, -1.2, 1.3, -0.7, 0.9, 0.4)))
     assert len({tuple(round(angle, 6) for angle in s) for s in solutions}) == 8
 
 
@@ -105,7 +106,7 @@ def test_regular_pose_has_eight_different_solutions():
 def test_wrist_singularity_keeps_joint_6_of_the_reference(name, wrist):
     arm = ArmKinematics(MODELS[name])
     q = (0.3, -1.1, 0.9, -0.6, wrist, 1.234)
-    found = arm.inverse(arm.forward(q), q)
+    found = arm.solve(arm.place(q), q)
     assert found[5] == pytest.approx(1.234, abs=1e-12)
     assert found == pytest.approx(q, abs=1e-9)
 
@@ -114,7 +115,7 @@ def test_wrist_singularity_keeps_joint_6_of_the_reference(name, wrist):
 def test_upright_pose_is_found_although_doubly_singular(name):
     arm = ArmKinematics(MODELS[name])
     q = (0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0)
-    assert difference(arm.forward(arm.inverse(arm.forward(q), q)), arm.forward(q)) < ACCURACY
+    assert difference(arm.place(arm.solve(arm.place(q), q)), arm.place(q)) < ACCURACY
 
 
 def test_path_through_the_wrist_singularity_does_not_jump():
@@ -122,7 +123,7 @@ def test_path_through_the_wrist_singularity_does_not_jump():
     q = (0.3, -1.1, 0.9, -0.6, 0.05, 1.0)
     for step in range(101):
         target = (0.3, -1.1, 0.9, -0.6, 0.05 - 0.001 * step, 1.0)
-        found = arm.inverse(arm.forward(target), q)
+        found = arm.solve(arm.place(target), q)
         assert max(abs(a - b) for a, b in zip(found, q, strict=True)) < 0.01
         q = found
 
@@ -131,7 +132,7 @@ def test_inverse_takes_the_turn_of_the_reference():
     arm = ArmKinematics(UR5E)
     q = (0.4, -1.2, 1.1, -0.8, 1.0, 0.5)
     reference = (0.4 - 2 * math.pi, -1.2, 1.1, -0.8, 1.0, 0.5 - 2 * math.pi)
-    found = arm.inverse(arm.forward(q), reference)
+    found = arm.solve(arm.place(q), reference)
     assert found[0] == pytest.approx(0.4 - 2 * math.pi)
     assert found[5] == pytest.approx(0.5 - 2 * math.pi)
 
@@ -141,7 +142,7 @@ def test_inverse_stays_within_the_limits(q, reference):
     arm = ArmKinematics(UR5E)
     limits = UR5E.position_limits
     try:
-        found = arm.inverse(arm.forward(q), reference)
+        found = arm.solve(arm.place(q), reference)
     except KinematicsError:
         return
     assert all(a <= x <= b for a, x, b in zip(limits.lower, found, limits.upper, strict=True))
@@ -153,13 +154,13 @@ def test_joint_on_its_limit_is_found(joint, limit):
     arm = ArmKinematics(MODELS["ur10e"])
     q = [0.3, -1.2, 1.1, -0.8, 1.0, 0.5]
     q[joint] = limit
-    assert arm.inverse(arm.forward(q), q) == pytest.approx(q, abs=1e-9)
+    assert arm.solve(arm.place(q), q) == pytest.approx(q, abs=1e-9)
 
 
 def test_endless_wrist_follows_any_turn():
     arm = ArmKinematics(MODELS["ur3e"])
     q = (0.4, -1.2, 1.1, -0.8, 1.0, 50.0)
-    assert arm.inverse(arm.forward(q), q)[5] == pytest.approx(50.0)
+    assert arm.solve(arm.place(q), q)[5] == pytest.approx(50.0)
 
 
 @pytest.mark.parametrize(
@@ -172,7 +173,7 @@ def test_endless_wrist_follows_any_turn():
 def test_impossible_pose_is_refused_with_reason_and_remedy(position, reason):
     pose = Transform.from_pose_vector((*position, 0.0, 0.0, 0.0))
     with pytest.raises(InverseKinematicsError) as caught:
-        ArmKinematics(UR5E).inverse(pose, (0.0,) * 6)
+        ArmKinematics(UR5E).solve(pose, (0.0,) * 6)
     assert caught.value.reason is reason
     assert caught.value.remedy
     assert "ur5e" in str(caught.value)
@@ -181,12 +182,12 @@ def test_impossible_pose_is_refused_with_reason_and_remedy(position, reason):
 @given(models, tools, angles)
 def test_jacobian_is_the_derivative_of_forward(model, tool, q):
     arm, h = ArmKinematics(model, tool), 1e-6
-    jacobian = arm.jacobian(q)
+    jacobian = arm.jacobian(vector(q))
     for joint in range(6):
         plus, minus = list(q), list(q)
         plus[joint] += h
         minus[joint] -= h
-        a, b = matrix(arm.forward(plus)), matrix(arm.forward(minus))
+        a, b = matrix(arm.place(plus)), matrix(arm.place(minus))
         turn = a[:3, :3] @ b[:3, :3].T
         axis = [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
         column = np.array([*(a[:3, 3] - b[:3, 3]), *(0.5 * x for x in axis)]) / (2 * h)

@@ -95,8 +95,8 @@ def test_a_built_in_arm_reaches_as_far_as_it_says_and_starts_pointing_down(
     device = VirtualDevice(VirtualConfig(model=model))
     joints = np.zeros(len(device.capabilities.joints))
     shoulder = {"six_axis": 0.18, "seven_axis": 0.34, "haptic": 0.12}[model]
-    assert device.forward_kinematics(joints).position[2] == pytest.approx(shoulder + reach)
-    pose = device.forward_kinematics(vector(BUILT_IN[model].start))
+    assert device.kinematics.forward(joints).position[2] == pytest.approx(shoulder + reach)
+    pose = device.kinematics.forward(vector(BUILT_IN[model].start))
     assert np.abs(pose.orientation) == pytest.approx((0.0, 1.0, 0.0, 0.0), abs=1e-4)
 
 

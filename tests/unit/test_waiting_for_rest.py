@@ -273,7 +273,7 @@ OURS = {"native_moves": frozenset({"move_jp"})}
 
 def test_a_line_of_ours_waits_for_a_move_of_the_hardware() -> None:
     rig, first = moving(**OURS)
-    goal = rig.device.forward_kinematics(vector(BENT + 0.05))
+    goal = rig.device.solver.forward(vector(BENT + 0.05))
     line = rig.engine.submit("move_cp", goal)
     assert line is not None
     rig.cycle(5)
@@ -295,7 +295,7 @@ def test_a_line_of_ours_waits_for_a_move_of_the_hardware() -> None:
 @pytest.mark.parametrize("what", ["servo_jp", "hold", "move_jp", "move_cp", "disable", "never"])
 def test_a_line_that_waits_ends_its_handle_however_it_ends(what: str) -> None:
     rig, _ = moving(**OURS)
-    goal = rig.device.forward_kinematics(vector(BENT + 0.05))
+    goal = rig.device.solver.forward(vector(BENT + 0.05))
     line = rig.engine.submit("move_cp", goal, stamp_ns=5)
     assert line is not None
     rig.cycle(2)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from engine_rig import Rig, ScriptedDevice, jp, jv, pose, two_joints
+from engine_rig import Rig, SlideAndTurn, jp, jv, pose, two_joints
 
 from crtk_drivers.device import Condition, Steps
 from crtk_drivers.engine import EngineOptions
@@ -153,14 +153,14 @@ def test_what_ends_it_while_its_way_is_looked_for_wins(
     rig.command("home")
     move = rig.engine.submit("move_cp", pose(0.3))
     assert move is not None
-    solve, asked, go_on = ScriptedDevice.inverse_kinematics, [], threading.Event()
+    solve, asked, go_on = SlideAndTurn.inverse, [], threading.Event()
 
-    def slowly(device: ScriptedDevice, *arguments: Any) -> Any:
+    def slowly(solver: SlideAndTurn, *arguments: Any) -> Any:
         asked.append(True)
         assert go_on.wait(10.0)
-        return solve(device, *arguments)
+        return solve(solver, *arguments)
 
-    monkeypatch.setattr(ScriptedDevice, "inverse_kinematics", slowly)
+    monkeypatch.setattr(SlideAndTurn, "inverse", slowly)
     until(rig, lambda: bool(asked))
     (thread,) = [t for t in threading.enumerate() if t.name.endswith("waiting move")]
     end(rig)

@@ -1,5 +1,6 @@
 """Tool centre point, gravity and payload of the UR driver at run time, in both ways of control."""
 
+import socket
 from collections.abc import Iterator
 
 import numpy as np
@@ -23,7 +24,7 @@ def transform(tool) -> Transform:
 
 
 def expected(q, tool) -> Transform:
-    return ArmKinematics(model_named("ur5e"), transform(tool)).forward(list(q))
+    return ArmKinematics(model_named("ur5e"), transform(tool)).place(list(q))
 
 
 def assert_at(pose: Pose, wanted: Transform, atol: float = 1e-6) -> None:
@@ -94,6 +95,27 @@ def test_a_held_joint_position_stays_and_its_pose_is_that_of_the_new_tool(bench)
         until_tool(bench, TOOL)
         np.testing.assert_allclose(bench.arm.setpoint_js().position, goal, atol=1e-6)
         assert_at(bench.arm.setpoint_cp(), expected(goal, TOOL), 1e-4)
+
+
+def test_the_pose_that_is_held_is_that_of_a_tool_which_somebody_gives_the_controller():
+    with ur_bench() as bench:
+        bench.enable()
+        goal = vector(bench.arm.setpoint_jp() + np.array((0.005, 0, 0, 0, 0, 0)))
+        bench.arm.servo_jp(goal)
+        eventually(lambda: abs(bench.q()[0] - goal[0]) < 1e-5, "it is there")
+        bench.until_still()
+        assert_at(bench.arm.setpoint_cp(), expected(goal, NONE), 1e-4)
+        tool = ", ".join(map(str, transform(TOOL).pose_vector()))
+        with socket.create_connection((bench.sim.host, 30002), LONG) as peer:
+            peer.sendall(f"sec somebody():\n set_tcp(p[{tool}])\nend\n".encode())
+            until_tool(bench, TOOL)
+            wanted = expected(goal, TOOL)
+            eventually(
+                lambda: np.allclose(bench.arm.setpoint_cp().position, wanted.position, atol=1e-4),
+                "the pose of that tool",
+            )
+        assert_at(bench.arm.setpoint_cp(), wanted, 1e-4)
+        np.testing.assert_allclose(bench.arm.setpoint_jp(), goal)
 
 
 def test_a_line_that_is_sent_with_the_tool_waits_for_the_controller_to_have_it(bench):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 from crtk_driver_ur.config import UrConfig
+from crtk_driver_ur.frames import BASE_FRAME
 from crtk_driver_ur.models import JOINT_NAMES, RobotModel
-from crtk_driver_ur.samples import BASE_FRAME, TOOL_FRAME
+from crtk_driver_ur.samples import TOOL_FRAME
 from crtk_drivers.device import (
     Capabilities,
     CartesianLimits,
@@ -63,7 +64,6 @@ def capabilities_of(config: UrConfig, model: RobotModel) -> Capabilities:
             servo.joint_acceleration,
         ),
         stops_between_modes=True,
-        has_kinematics=True,
         has_free=True,
         rate=config.frequency or model.frequency,
         paced_by_stream=True,

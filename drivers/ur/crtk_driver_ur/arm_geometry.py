@@ -96,7 +96,7 @@ class ArmGeometry:
         tool = Transform.from_pose_vector(state.tcp_offset)
         given = isinstance(self._config.calibration, Calibration)
         kinematics = self._with(tool) if given else ArmKinematics(self._model, tool)
-        expected = kinematics.forward(list(state.actual_q)).position
+        expected = kinematics.place(state.actual_q).position
         distance = math.dist(expected, state.actual_TCP_pose[:3])
         if distance > MODEL_TOLERANCE:
             raise TransitionFailed(

@@ -22,7 +22,7 @@ from crtk_driver_ur.frames import IDENTITY, Transform, compose
 from crtk_driver_ur.kinematics import ArmKinematics, IkFailure, InverseKinematicsError
 from crtk_driver_ur.models import RobotModel, Vector6
 from crtk_drivers.config import Settings
-from crtk_drivers.samples import Array
+from crtk_drivers.samples import Array, Vector
 
 __all__ = ["NOMINAL", "CalibratedKinematics", "Calibration", "displacements"]
 
@@ -91,11 +91,11 @@ class CalibratedKinematics(ArmKinematics):
         self._tool_or_none = None if tool == IDENTITY else tool
 
     @override
-    def forward(self, q: Sequence[float]) -> Transform:
+    def place(self, q: Sequence[float]) -> Transform:
         return self._tool_behind(self._calibration.flange(q))
 
     @override
-    def inverse(self, pose: Transform, reference: Sequence[float]) -> Vector6:
+    def solve(self, pose: Transform, reference: Sequence[float]) -> Vector6:
         with suppress(InverseKinematicsError):
             found = self._corrected(pose, reference)
             if _farthest(found, reference) < FOLLOWED:
@@ -106,7 +106,7 @@ class CalibratedKinematics(ArmKinematics):
         found: list[Vector6] = []
         failure: InverseKinematicsError | None = None
         try:
-            found.append(self._corrected(pose, super().inverse(pose, reference)))
+            found.append(self._corrected(pose, super().solve(pose, reference)))
         except InverseKinematicsError as error:
             failure = error
         if failure or _farthest(found[0], reference) > NEAR:
@@ -144,9 +144,9 @@ class CalibratedKinematics(ArmKinematics):
         return q1, q2, q3, q4, q5, q6
 
     @override
-    def jacobian(self, q: Sequence[float]) -> Array:
-        *joints, flange = self._calibration.frames(q)
-        return _jacobian(joints, self._tool_behind(flange))
+    def jacobian(self, joints: Vector) -> Array:
+        *frames, flange = self._calibration.frames(joints.tolist())
+        return _jacobian(frames, self._tool_behind(flange))
 
     def _tool_behind(self, flange: Transform) -> Transform:
         return flange if self._tool_or_none is None else compose(flange, self._tool_or_none)
@@ -200,6 +200,4 @@ def displacements(model: RobotModel, calibration: Calibration) -> list[float]:
     """Return how far, in m, the flange is from where the model has it, in postures spread at random."""
     nominal, random = ArmKinematics(model), Random(7)
     postures = [[random.uniform(-math.pi, math.pi) for _ in range(6)] for _ in range(POSTURES)]
-    return [
-        math.dist(nominal.forward(q).position, calibration.flange(q).position) for q in postures
-    ]
+    return [math.dist(nominal.place(q).position, calibration.flange(q).position) for q in postures]

@@ -23,7 +23,6 @@ from crtk_driver_ur.arm_geometry import ArmGeometry
 from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.control_link import PROGRAM_STOPPED, ControlLink
 from crtk_driver_ur.control_options import ControlOptions, MotionOptions
-from crtk_driver_ur.frames import Transform
 from crtk_driver_ur.inputs import UrInputs
 from crtk_driver_ur.io_settings import output_settings
 from crtk_driver_ur.models import CB3, RobotModel
@@ -40,7 +39,6 @@ from crtk_driver_ur.safety import (
     RobotMode,
     found_in,
 )
-from crtk_driver_ur.samples import pose_of
 from crtk_driver_ur.services import UrServices
 from crtk_driver_ur.servo_lag import ServoLag
 from crtk_drivers.device import (
@@ -49,6 +47,7 @@ from crtk_drivers.device import (
     Device,
     Goal,
     Input,
+    Kinematics,
     Mode,
     MoveProgress,
     Note,
@@ -68,7 +67,7 @@ from crtk_drivers.errors import (
     TransitionFailed,
 )
 from crtk_drivers.geometry.quaternions import rotvec_from_pose
-from crtk_drivers.samples import Array, Pose, Sample, Vector, vector
+from crtk_drivers.samples import Sample
 from crtk_drivers.state import OperatingState
 
 logger = logging.getLogger(__name__)
@@ -224,6 +223,11 @@ class UrDevice(Device):
             counters["safety mode"] = float(state.safety_mode)
             counters |= numbers_of(state)
         return counters
+
+    @property
+    @override
+    def kinematics(self) -> Kinematics:
+        return self._geometry.kinematics
 
     @property
     @override
@@ -539,21 +543,6 @@ class UrDevice(Device):
                 f"{command}: {found.reason}",
                 where=f"ur {self.address}",
             )
-
-    # -------------------------------------------------------------------------------------- kinematics
-
-    @override
-    def forward_kinematics(self, joints: Vector) -> Pose:
-        return pose_of(self._geometry.kinematics.forward(joints.tolist()))
-
-    @override
-    def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        target = Transform.from_quaternion(pose.position.tolist(), pose.orientation.tolist())
-        return vector(self._geometry.kinematics.inverse(target, reference.tolist()))
-
-    @override
-    def jacobian(self, joints: Vector) -> Array:
-        return self._geometry.kinematics.jacobian(joints.tolist())
 
 
 def _tells_who_has_control(version: tuple[int, int]) -> bool:

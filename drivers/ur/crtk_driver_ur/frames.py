@@ -9,7 +9,12 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
-__all__ = ["IDENTITY", "Transform", "compose", "inverse"]
+from crtk_drivers.samples import Pose, vector
+
+__all__ = ["BASE_FRAME", "IDENTITY", "Transform", "compose", "inverse", "pose_of", "transform_of"]
+
+BASE_FRAME = "base"
+"""The controller's base frame, in whose axes it reports poses, speeds and forces."""
 
 Quaternion: TypeAlias = tuple[float, float, float, float]
 PoseVector: TypeAlias = tuple[float, float, float, float, float, float]
@@ -157,3 +162,17 @@ def inverse(a: Transform) -> Transform:
         -(xy * x + yy * y + zy * z),
         -(xz * x + yz * y + zz * z),
     )
+
+
+def pose_of(transform: Transform) -> Pose:
+    """Return the pose in the base frame."""
+    return Pose(vector(transform.position), vector(transform.quaternion()), BASE_FRAME)
+
+
+def transform_of(pose: Pose) -> Transform:
+    """Return the transform of a pose.
+
+    Raises:
+        ValueError: the quaternion is zero.
+    """
+    return Transform.from_quaternion(pose.position.tolist(), pose.orientation.tolist())

@@ -13,11 +13,13 @@ from enum import Enum
 from math import atan2, cos, hypot, sin, sqrt
 
 import numpy as np
-import numpy.typing as npt
+from typing_extensions import override
 
-from crtk_driver_ur.frames import IDENTITY, Transform, compose, inverse
+from crtk_driver_ur.frames import IDENTITY, Transform, compose, inverse, pose_of, transform_of
 from crtk_driver_ur.models import RobotModel, Vector6
+from crtk_drivers.device import Kinematics
 from crtk_drivers.errors import KinematicsError
+from crtk_drivers.samples import Array, Pose, Vector, vector
 
 __all__ = ["ArmKinematics", "IkFailure", "InverseKinematicsError"]
 
@@ -46,8 +48,10 @@ class InverseKinematicsError(KinematicsError):
         self.reason = reason
 
 
-class ArmKinematics:
-    """Forward and inverse kinematics and Jacobian of one arm with one tool.
+class ArmKinematics(Kinematics):
+    """The kinematics of one arm with one tool.
+
+    `forward` and `inverse` are `place` and `solve`, in the core's types.
 
     Args:
         model: the arm.
@@ -61,7 +65,15 @@ class ArmKinematics:
         self._lower = model.position_limits.lower
         self._upper = model.position_limits.upper
 
-    def forward(self, q: Sequence[float]) -> Transform:
+    @override
+    def forward(self, joints: Vector) -> Pose:
+        return pose_of(self.place(joints.tolist()))
+
+    @override
+    def inverse(self, pose: Pose, reference: Vector) -> Vector:
+        return vector(self.solve(transform_of(pose), reference.tolist()))
+
+    def place(self, q: Sequence[float]) -> Transform:
         """Return the pose of the TCP in the base frame for joint angles `q` (6, rad)."""
         flange = self._flange(q)
         return flange if self._tool is None else compose(flange, self._tool)
@@ -101,7 +113,7 @@ class ArmKinematics:
         flange = pose if self._tool is None else compose(pose, self._tool_inverse)
         return list(self._solutions(flange, wrist_3))
 
-    def inverse(self, pose: Transform, reference: Sequence[float]) -> Vector6:
+    def solve(self, pose: Transform, reference: Sequence[float]) -> Vector6:
         """Return the joint angles for `pose` that are nearest to `reference`, within the limits.
 
         Nearest means the smallest sum of squared joint differences, over all solutions and all
@@ -130,12 +142,13 @@ class ArmKinematics:
             raise self._failure(flange, found)
         return best
 
-    def jacobian(self, q: Sequence[float]) -> npt.NDArray[np.float64]:
+    @override
+    def jacobian(self, joints: Vector) -> Array:
         """Return the geometric Jacobian of the TCP in base axes (6x6).
 
         Rows: linear velocity x, y, z (m/s per rad/s), then angular velocity x, y, z.
         """
-        m = self.model
+        m, q = self.model, joints.tolist()
         q1, q2, q3, q4, _, _ = q
         s1, c1 = sin(q1), cos(q1)
         q23 = q2 + q3
@@ -144,7 +157,7 @@ class ArmKinematics:
         if self._tool is None:
             px, py, pz = fx, fy, fz
         else:
-            px, py, pz = self.forward(q).position
+            px, py, pz = self.place(q).position
         # Joints 2, 3 and 4 turn about n = (s1, -c1, 0); an offset along n adds nothing.
         r2, h2 = m.a2 * cos(q2), m.d1 + m.a2 * sin(q2)
         r3, h3 = r2 + m.a3 * cos(q23), h2 + m.a3 * sin(q23)

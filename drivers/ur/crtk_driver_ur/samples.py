@@ -8,35 +8,17 @@ from typing import TypeAlias
 
 import numpy as np
 
-from crtk_driver_ur.frames import IDENTITY, Transform, compose, inverse
+from crtk_driver_ur.frames import BASE_FRAME, IDENTITY, Transform, compose, inverse, pose_of
 from crtk_driver_ur.models import JOINT_NAMES
 from crtk_driver_ur.rtde.stream import StateSample
-from crtk_drivers.samples import (
-    EMPTY,
-    JointState,
-    Pose,
-    Sample,
-    Stamp,
-    Twist,
-    Value,
-    Wrench,
-    vector,
-)
+from crtk_drivers.samples import EMPTY, JointState, Sample, Stamp, Twist, Value, Wrench, vector
 
 Vector3: TypeAlias = tuple[float, float, float]
-
-BASE_FRAME = "base"
-"""The controller's base frame, in whose axes it reports poses, speeds and forces."""
 
 TOOL_FRAME = "tool0"
 
 SAME_TOOL = 1e-4
 """m and rad by which a tool may differ from what the controller makes of it."""
-
-
-def pose_of(transform: Transform) -> Pose:
-    """Return the pose in the base frame."""
-    return Pose(vector(transform.position), vector(transform.quaternion()), BASE_FRAME)
 
 
 class SampleMaker:

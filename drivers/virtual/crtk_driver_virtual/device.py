@@ -20,6 +20,7 @@ from crtk_drivers.device import (
     Device,
     Following,
     Input,
+    Kinematics,
     Mode,
     Setpoint,
     Steps,
@@ -27,18 +28,7 @@ from crtk_drivers.device import (
 )
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, ConnectionLost, Reason
 from crtk_drivers.kinematics.serial import SerialChain
-from crtk_drivers.samples import (
-    Array,
-    JointState,
-    Pose,
-    Sample,
-    Stamp,
-    Twist,
-    Vector,
-    Wrench,
-    empty,
-    vector,
-)
+from crtk_drivers.samples import JointState, Sample, Stamp, Twist, Wrench, empty, vector
 
 BASE_FRAME: Final = "base"
 TOOL_FRAME: Final = "tool"
@@ -112,7 +102,6 @@ class VirtualDevice(Device):
             cartesian_limits=arm.tool,
             modes=frozenset(modes),
             measured=("measured_js", "measured_cp", "measured_cv", "measured_cf"),
-            has_kinematics=True,
             has_free=arm.has_masses,
             has_gravity_compensation=arm.has_masses,
             needs_homing=config.needs_homing,
@@ -145,6 +134,11 @@ class VirtualDevice(Device):
     @override
     def is_homed(self) -> bool:
         return self._homed
+
+    @property
+    @override
+    def kinematics(self) -> Kinematics:
+        return self._chain
 
     @property
     @override
@@ -284,24 +278,6 @@ class VirtualDevice(Device):
         end = time.monotonic() + self._config.transition_time
         while time.monotonic() < end:
             yield
-
-    # -------------------------------------------------------------------------------------- kinematics
-
-    @override
-    def forward_kinematics(self, joints: Vector) -> Pose:
-        return self._chain.forward(joints)
-
-    @override
-    def inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        return self._chain.inverse(pose, reference)
-
-    @override
-    def nearby_inverse_kinematics(self, pose: Pose, reference: Vector) -> Vector:
-        return self._chain.inverse(pose, reference, restarts=0)
-
-    @override
-    def jacobian(self, joints: Vector) -> Array:
-        return self._chain.jacobian(joints)
 
 
 def _wall(config: WallConfig) -> Wall:
