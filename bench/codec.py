@@ -25,10 +25,10 @@ def package() -> tuple[codec.RtdeDecoder, bytes]:
     decoder = codec.RtdeDecoder()
     decoder.protocol_version = 2
     decoder.add_recipe(recipe)
-    values = [
-        JOINTS if TYPES[kind].width == 6 else (1.0 if TYPES[kind].code == "d" else 1)
-        for kind in OUTPUTS.values()
-    ]
+    values: list[object] = []
+    for kind in map(TYPES.__getitem__, OUTPUTS.values()):
+        numbers = JOINTS if kind.code == "d" else (1,) * len(JOINTS)
+        values.append(numbers[: kind.width] if kind.width > 1 else numbers[0])
     return decoder, codec.encode_data(recipe, values)
 
 
