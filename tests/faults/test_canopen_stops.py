@@ -203,6 +203,52 @@ def test_a_drive_that_gets_no_pdos_any_more_is_stopped_by_another_way(
             np.testing.assert_allclose(after, before, atol=0.1)
 
 
+# ------------------------------------------------------------------------ drives that are not heard
+
+
+@pytest.mark.parametrize("command", SETPOINTS)
+def test_a_drive_that_is_not_heard_does_not_jump_back_to_where_it_was_heard_last(
+    command: str,
+) -> None:
+    """Its own mode for positions would take it there; the fault comes later than the stop here."""
+    with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT, missed_cycles=40)) as arm:
+        arm.enable(SOON)
+        sending = moves(sim, command, arm)
+        until(sending, "it moves")
+        sim.control.inject("no_tpdo", node=1)
+        farthest = -np.inf
+
+        def stands() -> bool:
+            nonlocal farthest
+            if arm.is_enabled() and device_of(arm).link.cycle.ages[0] < 20:
+                sending()
+            elif arm.is_enabled():
+                arm.hold()
+            here = told(sim)[0]["revolutions"]
+            farthest = max(farthest, here)
+            assert here > farthest - 0.1, "it goes back"
+            return not arm.is_enabled() and stand(sim)
+
+        until(stands, "it is in FAULT, and all stand")
+        sim.control.clear()
+        until(lambda: device_of(arm).has_stopped, "it is read back")
+
+
+def test_torques_end_with_the_first_sync_after_a_stop() -> None:
+    with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT)) as arm:
+        arm.enable(SOON)
+        until(moves(sim, "servo_jf", arm), "it moves")
+        device = device_of(arm)
+        sent: list[list[int]] = []
+
+        def stop() -> None:
+            device.stop()
+            sent.append(list(device.link.outputs.torque))
+
+        in_its_thread(arm, stop)
+        assert sent == [[0] * COUNT]
+
+
 # --------------------------------------------------------------------------------- a stuck I/O thread
 
 

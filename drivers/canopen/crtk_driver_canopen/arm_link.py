@@ -588,15 +588,20 @@ class ArmLink:
         self._sent = True
 
     def _positions_to_send(self) -> list[int]:
-        ages, unbegun = self.cycle.ages, self._unbegun
         return [
-            target.step(wanted, heard=ages[slot] + unbegun <= UNHEARD)
+            target.step(wanted, heard=heard)
             if axis.is_enabled and axis.mode in WAYS[Way.POSITIONS]
             else target.set(wanted)
-            for axis, target, wanted, slot in zip(
-                self.axes, self.targets, self.outputs.position, self._tells, strict=True
+            for axis, target, wanted, heard in zip(
+                self.axes, self.targets, self.outputs.position, self.heard, strict=True
             )
         ]
+
+    @property
+    def heard(self) -> list[bool]:
+        """Which axes (n,) tell where they are."""
+        ages, unbegun = self.cycle.ages, self._unbegun
+        return [ages[slot] + unbegun <= UNHEARD for slot in self._tells]
 
     def _picked(self, name: str, values: tuple[int, ...]) -> list[int]:
         return [0 if place is None else values[place] for place in self._places[name]]

@@ -328,6 +328,9 @@ class CanopenDevice(Device):
     @override
     def stop(self) -> None:
         """From another thread the drives are told to stop quickly, until `enable`."""
+        if self.link.is_live:
+            self._motion.stop_at_once(time.monotonic())
+            return
         self._motion.stop()
         if not self.link.link.owned:
             self.link.stop_quickly()

@@ -143,6 +143,7 @@ class Motion:
         self._wanted: list[ProfileRates] = []
         self._given: list[ProfileRates | None] = []
         self._giving: dict[int, ProfileRates] = {}
+        self._unasked: list[Axis] = []
 
     # ------------------------------------------------------------------------------------ told by others
 
@@ -256,8 +257,13 @@ class Motion:
             self._take(setpoint)
 
     def stop(self) -> None:
-        """Come to rest, and hold. From any thread."""
+        """Come to rest, and hold: from the next cycle on. From any thread."""
         self._stop.set()
+
+    def stop_at_once(self, now: float) -> None:
+        """Begin to come to rest: torques end with the next SYNC."""
+        self._stop.clear()
+        self._begin_to_stop(now)
 
     def move(self, goal: Goal, now: float) -> None:
         """Have the drives move to a goal by themselves, as soon as they are in the mode for it."""
@@ -292,8 +298,21 @@ class Motion:
         self.way, self._phase, self._began = way, _Phase.CHANGE, now
         self._wanted = self._full_rates()
         self._stood = 0
-        for axis in self._axes:
-            axis.use(axis.mode_for(way))
+        self._unasked = list(self._axes)
+        self._ask_for_modes()
+
+    def _ask_for_modes(self) -> None:
+        """Want the modes of the way of those axes that did not have to wait for it.
+
+        One that follows and is not heard has gone on: in a mode for positions it would jump back to where it
+        was. Until it is heard it is told no velocity and no torque.
+        """
+        heard = dict(zip(self._axes, self._link.heard, strict=True))
+        waiting = [axis for axis in self._unasked if axis.is_enabled and not heard[axis]]
+        for axis in self._unasked:
+            if axis not in waiting:
+                axis.use(axis.mode_for(self.way))
+        self._unasked = waiting
 
     def hold_here(self) -> None:
         """Have the drives stay where they are, in whatever mode they are."""
@@ -413,6 +432,7 @@ class Motion:
                 column[index] = counts[index]
 
     def _change(self, now: float) -> None:
+        self._ask_for_modes()
         outputs, positions = self._link.outputs, self._link.positions
         for index, axis in enumerate(self._axes):
             if not axis.shows_mode:
@@ -423,11 +443,12 @@ class Motion:
         except CrtkError as error:
             self._phase, self.fault = _Phase.HOLD, str(error)
             return
-        if given and all(axis.shows_mode for axis in self._axes):
+        late = [axis for axis in self._axes if axis in self._unasked or not axis.shows_mode]
+        if given and not late:
             self._end_change(now)
         elif now - self._began > MODE_TIME:
             self._phase = _Phase.HOLD
-            slow = ", ".join(axis.place for axis in self._axes if not axis.shows_mode)
+            slow = ", ".join(axis.place for axis in late)
             self.fault = f"the mode of operation did not change: {slow or 'an SDO is not answered'}"
 
     def _end_change(self, now: float) -> None:
