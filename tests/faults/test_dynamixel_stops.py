@@ -22,6 +22,7 @@ from dynamixel_bench import (
     sim_for,
 )
 
+from crtk_drivers.commands import Kind
 from crtk_drivers.errors import CommandRefused, Reason
 
 VALUES = arm_values(mode_switch_dwell=0.0, stream_timeout=0.1)
@@ -169,3 +170,22 @@ def test_an_effort_whose_way_nobody_sees_any_more_is_let_go(bench, begins_at):
     bench.place(joint_1=0.0)
     assert farthest < upper + 0.03
     assert bench.log.refusals[0].reason in (Reason.NOT_MEASURED, Reason.OUT_OF_RANGE)
+
+
+def test_a_servo_that_is_silent_during_a_stop_holds_by_position_as_the_others_when_it_is_back():
+    values = {**VALUES, "fast_read": False}
+    with sim_for(values, servos=WEIGHTLESS) as sim:
+        set_upright(sim)
+        with driver_at(sim, values) as bench:
+            part = bench.device.part
+            for name in MOVING:
+                turn(bench, name)
+                sim.control.inject("drop", id=1)
+                bench.engine.state_command("pause")
+                eventually(lambda: part.kind not in (Kind.VELOCITY, Kind.EFFORT), "modes change")
+                eventually(lambda: part.kind is Kind.POSITION, "the others hold by position")
+                sim.control.clear()
+                bench.until_state("PAUSED")
+                eventually(lambda: bench.device.has_stopped, "it is read back")
+                bench.arm.resume()
+                assert bench.arm.move_jp([0.5, 0, 0, 0, 0, 0]).wait(LONG)

@@ -294,18 +294,27 @@ class Part:
             if reason and not self._fault:
                 self._fault = reason
             yield
+        left_out: list[int] = []
         if may_switch and (self._is_free or self.kind in (Kind.VELOCITY, Kind.EFFORT)):
             places = self._answering()
+            left_out = [place for place in self.places if place not in places]
             if self.kind is Kind.EFFORT and not self._is_free and self._modes.near_the_end(places):
                 # It may be on its way over the seam: it is brought to rest in a mode that knows turns.
                 yield from self._rest_by_velocity(places)
-            beyond = self._modes.beyond(places)
-            if beyond:
-                raise DeviceFault(beyond, where=self._link.address, remedy=BY_HAND)
-            yield from self._switch(Kind.POSITION, places)
+            yield from self._hold_here(places)
             self._is_free = False
         for _ in stopping.until_confirmed(lambda: self.places, held, at_once=is_ours):
             yield
+        # Who was silent meanwhile may be heard again before anybody has taken it for a fault.
+        back = [place for place in self._answering() if place in left_out]
+        if back:
+            yield from self._hold_here(back)
+
+    def _hold_here(self, places: Sequence[int]) -> Steps:
+        beyond = self._modes.beyond(places)
+        if beyond:
+            raise DeviceFault(beyond, where=self._link.address, remedy=BY_HAND)
+        yield from self._switch(Kind.POSITION, places)
 
     def _rest_by_velocity(self, places: Sequence[int]) -> Steps:
         if not self._takes_velocities():
