@@ -55,6 +55,12 @@ class Damping:
         gains: Vector = singular_values / (singular_values**2 + (t / 2.0) ** 2 * (1.0 - shares**2))
         return gains
 
+    def rates(self, jacobian: Array, twist: Vector) -> Vector:
+        """Return the joint velocities (n,) of a twist (6,), by the Jacobian (6, n) in the same axes."""
+        left, sizes, right = np.linalg.svd(jacobian, full_matrices=False)
+        rates: Vector = right.T @ (self.gains(sizes) * (left.T @ twist))
+        return rates
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointRate:

@@ -411,8 +411,7 @@ class SetpointLimiter:
         kinematics = self._kinematics()
         if not before.size or kinematics is None or not values.any():
             return values, ""
-        left, sizes, right = np.linalg.svd(kinematics.jacobian(before), full_matrices=False)
-        speeds = right.T @ (_DAMPING.gains(sizes) * (left.T @ values))
+        speeds = _DAMPING.rates(kinematics.jacobian(before), values)
         share, slowest = 1.0, 0
         for index, (speed, (low, high)) in enumerate(
             zip(speeds.tolist(), self._stoppable(before, self._braking), strict=True)

@@ -13,6 +13,7 @@ import numpy as np
 
 from crtk_drivers.commands import Kind, Space
 from crtk_drivers.device import Device, Mode
+from crtk_drivers.gates.resolved_rate import Damping
 from crtk_drivers.geometry.frames import (
     WrenchAxes,
 )
@@ -47,6 +48,8 @@ _FURTHEST = 0.02
 
 _LATE = 2.0
 """Cycles after which a sample is late: the joints have gone on since."""
+
+_DAMPING = Damping()
 
 _SHORT = 1e-6
 """Seconds over which a derivative is taken of the Jacobian."""
@@ -329,11 +332,23 @@ class Feedback:
         return vector(here.position + way)
 
     def _way_told(self, now: float) -> Vector:
-        """Return how far (n,) the joints were told to go by velocities since the newest sample."""
-        velocity = self.active.joints.velocity
-        if velocity.size != self._told.size or self.active.mode is not Mode.JOINT_VELOCITY:
+        """Return how far (n,) the joints were told to go by velocities or twists since the newest sample."""
+        velocity = self._velocity_told(now)
+        if velocity.size != self._told.size:
             return self._told
-        return self._told + velocity * max(0.0, now - self._told_at)
+        return vector(self._told + velocity * max(0.0, now - self._told_at))
+
+    def _velocity_told(self, now: float) -> Vector:
+        """Return the joint velocity (n,) in force; empty if there is none, or nobody asks for it yet."""
+        active, here = self.active, self.measured.position
+        if active.mode is Mode.JOINT_VELOCITY:
+            return active.joints.velocity
+        is_late = self.sample_age(now) > _LATE / self._capabilities.rate
+        is_twist = active.mode is Mode.CARTESIAN_VELOCITY and here.size == self._told.size
+        kinematics = self.device.kinematics
+        if not (is_late and is_twist) or kinematics is None:
+            return EMPTY
+        return _DAMPING.rates(kinematics.jacobian(vector(here + self._told)), active.twist)
 
     def measured_pose(self) -> Pose | None:
         """Return the tool pose (base frame) as measured, or by kinematics; None if it is not known."""

@@ -6,6 +6,7 @@ import signal
 import socket
 import threading
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from ur_bench import HOME, LONG, WAYS, UrBench, driver_at, eventually, ur_bench
 
 from crtk_driver_ur.library.sequencer import LONGEST_STEP
 from crtk_driver_ur.models import JOINT_NAMES, model_named
-from crtk_drivers.errors import ConfigError, DeviceError
+from crtk_drivers.errors import CommandRefused, ConfigError, DeviceError
 from crtk_sim_backends.ur import SIM
 
 POWER_OFF, IDLE, RUNNING = 3, 5, 7
@@ -77,6 +78,30 @@ def test_a_stop_that_is_repeated_faster_than_it_is_answered_is_believed(bench, m
     bench.sim.control.clear()
     assert bench.status.state == "ENABLED"
     bench.until_still()
+
+
+def test_a_twist_that_grows_while_nothing_is_measured_does_not_take_a_joint_out_of_its_range(bench):
+    """States stay away, and commands arrive."""
+    near = [5.9, *HOME[1:]]
+    limit = bench.engine.capabilities.limits[0]
+    move = bench.arm.move_jp(near)
+    assert move.wait(LONG)
+    tool = bench.device.kinematics.jacobian(np.array(near))[:, 0]  # of the first joint alone
+
+    def at(begin: float, speed: float) -> bool:
+        bench.arm.servo_cv((speed * tool).tolist())
+        return bench.q()[0] > begin
+
+    eventually(lambda: at(5.98, 0.1), "it moves")
+    bench.inject("drop", port="rtde", direction="out", every=1)
+    farthest = 0.0
+    with suppress(CommandRefused):
+        while bench.status.state == "ENABLED":
+            at(0.0, 1.5)
+            farthest = max(farthest, bench.q()[0])
+    bench.sim.control.clear()
+    bench.until_connected()
+    assert near[0] < farthest < limit.upper - 0.02
 
 
 @pytest.mark.parametrize("shared", ["native"], indirect=True)
