@@ -206,6 +206,9 @@ class BusThread:
         return False
 
     def _close(self, member: _Member) -> None:
+        if not self._anyone_connected():
+            # Nobody is left alone, and the loss is what is told.
+            self._heartbeat.feed(time.monotonic() + member.engine.time_to_close)
         try:
             member.engine.device.close()
         except DeviceError as error:

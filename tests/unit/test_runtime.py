@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 
 from crtk_drivers.device import Capabilities, Setpoint
-from crtk_drivers.engine import Engine
+from crtk_drivers.engine import Engine, threads
 from crtk_drivers.engine.threads import SWITCH_INTERVAL, Runtime
 from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceError, MotionAborted
 from crtk_drivers.move import Outcome
@@ -338,6 +338,27 @@ def test_all_devices_of_a_lost_bus_are_stopped_before_the_first_is_waited_for() 
         broken.set()
         until(lambda: stopped_by_then)
     assert stopped_by_then[0]
+
+
+def test_what_a_lost_device_is_closed_with_is_not_taken_for_a_stuck_thread(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It may take as long as a stop takes to be read back; that the link was lost stays told."""
+    monkeypatch.setattr(threads, "STALL_LIMIT", 0.1)
+    device = Misbehaving()
+    told: list[str] = []
+    with running(device) as (engine,):
+        enable(engine)
+
+        def close() -> None:
+            threading.Event().wait(5.0 * threads.WATCHDOG_PERIOD)
+            told.append(engine.status.detail)
+
+        device.in_close = close
+        device.in_read = once(ConnectionLost("unplugged"))
+        until(lambda: told)
+        device.in_close = lambda: None
+    assert "unplugged" in told[0]
 
 
 def test_opening_one_device_again_does_not_leave_its_neighbour_on_the_bus_alone() -> None:
