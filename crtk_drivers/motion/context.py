@@ -90,7 +90,7 @@ class MotionContext:
             CommandRefused: with what is the matter.
         """
         feedback = self.feedback
-        age, longest = feedback.sample_age(now), max(feedback.stale_after, UNSEEN)
+        age, longest = feedback.joints_age(now), max(feedback.stale_after, UNSEEN)
         if age > longest:
             raise CommandRefused(
                 name,
@@ -100,7 +100,8 @@ class MotionContext:
                 remedy="Stopped. Efforts are sent as long as it is seen where they take the joints: "
                 "look at the link.",
             )
-        self.limiter.check_driven(name, replace(feedback.measured, position=feedback.moved_on(now)))
+        joints, _ = feedback.measured_state()
+        self.limiter.check_driven(name, replace(joints, position=feedback.moved_on(now)))
 
     def into_range(self, name: str, positions: Vector, before: Vector) -> Vector:
         """Return joint positions (n,) of a command, clamped to their range; that is told.

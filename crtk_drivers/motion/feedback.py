@@ -98,6 +98,7 @@ class Feedback:
         self._at_rest = vector(np.zeros(len(self._fastest)))
         self._told = self._at_rest
         self._told_at = -math.inf
+        self._measured = JointState(), -math.inf
         self.sample: Sample | None = None
         self.active = Active()
 
@@ -105,20 +106,25 @@ class Feedback:
 
     def take(self, sample: Sample) -> None:
         """Keep a new sample. One without values only shows that the link is alive: others go on ageing."""
-        if sample.values or self.sample is None:
-            self.sample = sample
-            self._told, self._told_at = self._at_rest, sample.stamp.monotonic
+        if not sample.values and self.sample is not None:
+            return
+        self.sample = sample
+        joints, stamp = sample.values.get("measured_js"), sample.stamp
+        if isinstance(joints, JointState) and stamp.wall_ns:
+            self._measured = joints, stamp.monotonic
+            self._told, self._told_at = self._at_rest, stamp.monotonic
 
     def invalidate(self) -> None:
         """The link is lost: what was read last is not valid any more."""
         if self.sample is not None:
             self.sample = replace(self.sample, stamp=Stamp(0, -math.inf))
+            self._measured = self._measured[0], -math.inf
 
     def seed(self, now: float) -> bool:
         """The device was enabled: the setpoint is where it is. Return False if that is not known now."""
-        if self.sample_age(now) > self.stale_after:
+        if self.joints_age(now) > self.stale_after:
             return False
-        self.active = Active(None, JointState(position=self.measured.position))
+        self.active = Active(None, JointState(position=self._measured[0].position))
         return True
 
     def sent(self, point: Point, now: float, stamp_ns: int = 0) -> None:
@@ -174,6 +180,11 @@ class Feedback:
         """Return the seconds since the newest sample was acquired; infinite without one."""
         return math.inf if self.sample is None else now - self.sample.stamp.monotonic
 
+    def joints_age(self, now: float) -> float:
+        """Return the seconds since the joints were measured; `sample_age` if they never were."""
+        joints, at = self._measured
+        return now - at if joints.position.size else self.sample_age(now)
+
     def joint_setpoint(self) -> JointState:
         """Return the joint setpoint in force, see the table in `crtk_drivers.motion.told`."""
         active, native = self.active, self._native("setpoint_js")
@@ -208,9 +219,11 @@ class Feedback:
         return vector([joint + step for joint, step in zip(here.tolist(), way, strict=True)])
 
     def measured_state(self) -> tuple[JointState, float]:
-        """Return the joints as measured last, and when that was, in monotonic seconds."""
-        sample = self.sample
-        return self.measured, -math.inf if sample is None else sample.stamp.monotonic
+        """Return the joints as measured last, and when that was, in monotonic seconds.
+
+        They may be older than the newest sample: not every one need have them, nor be valid.
+        """
+        return self._measured
 
     def motion(self, now: float) -> tuple[Vector, Vector, Vector]:
         """Return joint position, velocity and acceleration (n,) that a new motion starts from."""
@@ -320,7 +333,7 @@ class Feedback:
 
     def moved_on(self, now: float) -> Vector:
         """Return where the joints (n,) may be now: gone on as measured or as told, whichever is further."""
-        here, age = self.measured, self.sample_age(now)
+        here, age = self._measured[0], self.joints_age(now)
         if not _LATE / self._capabilities.rate < age < math.inf or self._told.size != len(
             here.position
         ):
@@ -340,10 +353,10 @@ class Feedback:
 
     def _velocity_told(self, now: float) -> Vector:
         """Return the joint velocity (n,) in force; empty if there is none, or nobody asks for it yet."""
-        active, here = self.active, self.measured.position
+        active, here = self.active, self._measured[0].position
         if active.mode is Mode.JOINT_VELOCITY:
             return active.joints.velocity
-        is_late = self.sample_age(now) > _LATE / self._capabilities.rate
+        is_late = self.joints_age(now) > _LATE / self._capabilities.rate
         is_twist = active.mode is Mode.CARTESIAN_VELOCITY and here.size == self._told.size
         kinematics = self.device.kinematics
         if not (is_late and is_twist) or kinematics is None:
@@ -363,7 +376,7 @@ class Feedback:
 
     @property
     def measured(self) -> JointState:
-        """The joints as measured last; empty before."""
+        """The joints of the newest sample; empty before, or if it has none."""
         sample = self.sample
         value = sample.values.get("measured_js") if sample is not None else None
         return value if isinstance(value, JointState) else JointState()

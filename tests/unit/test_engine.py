@@ -669,6 +669,28 @@ def test_an_effort_is_let_go_when_nobody_sees_any_more_where_it_takes_the_joints
     assert rig.device.written[-1].values.tolist() == [0.5, 0.0]
 
 
+@pytest.mark.parametrize("what", ["poses alone", "what was read last, as invalid"])
+def test_a_sample_without_new_joints_does_not_show_where_an_effort_takes_them(
+    monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    rig = Rig().enabled()
+    last = rig.device.read(0.0)
+    assert last is not None
+
+    def read(_: float) -> Sample:
+        now = rig.clock.stamp()
+        if what == "poses alone":
+            return Sample(now, {"measured_cp": last.values["measured_cp"]})
+        return Sample(Stamp(0, now.monotonic), last.values)
+
+    monkeypatch.setattr(rig.device, "read", read)
+    for _ in range(round(0.15 / PERIOD)):
+        rig.engine.submit("servo_jf", jf(1.0, 0.0))
+        rig.cycle()
+    assert "stop" in rig.device.calls
+    assert {told.reason for told in rig.told.refusals} == {Reason.NOT_MEASURED}
+
+
 def test_how_far_an_unseen_joint_may_have_gone_on_counts_towards_the_end_of_its_range(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
