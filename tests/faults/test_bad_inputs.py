@@ -16,6 +16,8 @@ from crtk_drivers.state import OperatingState
 
 DEVICES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     **{name: (name, {}) for name in RIGS},
+    # A client in a hurry keeps the I/O thread from its turn, and what the servos do then is not asked here.
+    "dynamixel": ("dynamixel", {"watchdog": 1.0}),
     "loopback": ("loopback", {"base": {"position": (0.1, 0.2, 0.3)}, "needs_homing": True}),
     "virtual": ("virtual", {"base": {"position": (0.1, 0.2, 0.3)}}),
     "haptic": ("virtual", {"model": "haptic"}),
