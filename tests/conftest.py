@@ -116,7 +116,7 @@ def pytest_report_header() -> Iterable[str]:
     return ["ROS 2: rclpy not found, the tests that need it are left out"]
 
 
-WORKERS_A_CORE = 2.0
+WORKERS_A_CORE = 1.5
 """Seven tenths of the time tests wait: for an arm that moves, for a time-out, for a process."""
 
 WAITING = {"docs": 3.0, "matlab": 1.5, "faults": 1.0, "ros": 0.7, "wire": 0.6, "contract": 0.3}
