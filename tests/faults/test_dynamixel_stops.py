@@ -167,8 +167,10 @@ def test_an_effort_whose_way_nobody_sees_any_more_is_let_go(bench, begins_at):
         time.sleep(0.005)
     bench.sim.control.clear()
     eventually(lambda: bench.status.state == "DISABLED", "the arm answers again")
+    eventually(lambda: bench.engine._stopping.confirmed, "it is seen to stand")
     bench.place(joint_1=0.0)
-    assert farthest < upper + 0.03
+    # Two cycles without an answer take up to 0.26 s; as long as `silent_timeout` it was 0.3 to 0.43 rad.
+    assert farthest < upper + 0.1
     assert bench.log.refusals[0].reason in (Reason.NOT_MEASURED, Reason.OUT_OF_RANGE)
 
 

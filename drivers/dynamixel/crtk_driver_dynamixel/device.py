@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import threading
+import time
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
@@ -151,12 +152,12 @@ class _ChainDevice(Device):
         if self._seen_cycle == link.cycles:
             link.exchange()
         self._seen_cycle = link.cycles
-        frame, now = link.frame, link.exchanged
+        frame = link.frame
         assert frame is not None
-        silent = self.part.silent(frame, now)
-        if len(silent) == len(self.part.places) and not self.part.has_company(frame, now):
-            raise lost(self.address)
+        self._silent(frame, link.exchanged)
         self.part.step()
+        now = time.monotonic()  # a stop may have waited long for answers
+        silent = self._silent(frame, now)
         self._judge(frame, now)
         stamp, usable, is_whole = self._acquired(frame)
         if stamp.monotonic > self._stamp:
@@ -168,6 +169,17 @@ class _ChainDevice(Device):
             return Sample(stamp, self._last)
         # The link is there, and the fault tells who is missing.
         return Sample(Stamp(0, frame.stamp.monotonic), self._last) if silent else None
+
+    def _silent(self, frame: Frame, now: float) -> list[int]:
+        """Return the places of the servos that have not answered for `silent_timeout`.
+
+        Raises:
+            ConnectionLost: none of the chain has.
+        """
+        silent = self.part.silent(frame, now)
+        if len(silent) == len(self.part.places) and not self.part.has_company(frame, now):
+            raise lost(self.address)
+        return silent
 
     def _acquired(self, frame: Frame) -> tuple[Stamp, NDArray[np.bool_], bool]:
         """Return when the oldest value of the joint vector was acquired, from which servos its positions are
