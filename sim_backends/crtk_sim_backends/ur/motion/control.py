@@ -72,7 +72,7 @@ class MotionControl:
         if self._claimed_tick == tick:
             if self._owner != caller:
                 raise ScriptRuntimeError("Another thread is already controlling the robot")
-        elif self._claimed_tick < tick - 1:
+        elif self._claimed_tick < tick - 1 or self.plant.compliance.coasts:
             self.arm.rebase()
         self._claimed_tick = tick
         self._owner = caller
@@ -93,15 +93,9 @@ class MotionControl:
         arm, compliance = self.arm, self.plant.compliance
         while any(arm.plan_qd) or compliance.coasts:
             self.claim()
-            self.follow_coasting()
             step = deceleration * arm.dt * arm.scale
             arm.command_velocity(approach(arm.plan_qd, (0.0,) * 6, step))
             yield
-
-    def follow_coasting(self) -> None:
-        """Plan from where the arm is, as long as it comes to rest after a compliant mode."""
-        if self.plant.compliance.coasts:
-            self.arm.rebase()
 
     def stop_protectively(self, code: int) -> Generator[None, None, NoReturn]:
         """Stop protectively and wait for the end of the program."""

@@ -68,7 +68,6 @@ class Streams:
         gain = max(GAIN_RANGE[0], min(GAIN_RANGE[1], gain))
         for _ in range(self._ticks(t)):
             self._control.claim()
-            self._control.follow_coasting()
             self._arm.servo(goal, lookahead, gain)
             yield
 
