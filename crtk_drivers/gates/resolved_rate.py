@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -55,11 +56,20 @@ class Damping:
         gains: Vector = singular_values / (singular_values**2 + (t / 2.0) ** 2 * (1.0 - shares**2))
         return gains
 
-    def rates(self, jacobian: Array, twist: Vector) -> Vector:
-        """Return the joint velocities (n,) of a twist (6,), by the Jacobian (6, n) in the same axes."""
+    def rates(self, jacobian: Array, twist: Vector) -> tuple[Vector, bool]:
+        """Return the joint velocities (n,) of a twist (6,), and whether they are damped.
+
+        Args:
+            jacobian: (6, n) in the axes of the twist.
+            twist: linear before angular.
+        """
         left, sizes, right = np.linalg.svd(jacobian, full_matrices=False)
         rates: Vector = right.T @ (self.gains(sizes) * (left.T @ twist))
-        return rates
+        return rates, bool(sizes[-1] < self.threshold)
+
+
+DAMPING: Final = Damping()
+"""That of whoever says nothing else."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +102,7 @@ class ResolvedRate:
         limits: Sequence[JointLimits],
         cartesian_limits: CartesianLimits | None,
         cycle: float,
-        damping: Damping = Damping(),
+        damping: Damping = DAMPING,
     ) -> None:
         self._bounds = [
             (
@@ -176,9 +186,7 @@ class ResolvedRate:
                 # The norm is at least the inverse of the smallest singular value: nothing is damped here.
                 if float(np.vdot(inverse, inverse)) * self._damping.threshold**2 <= 1.0:
                     return inverse @ twist, False
-        left, values, right = np.linalg.svd(jacobian, full_matrices=False)
-        wanted = right.T @ (self._damping.gains(values) * (left.T @ twist))
-        return wanted, bool(values[-1] < self._damping.threshold)
+        return self._damping.rates(jacobian, twist)
 
     def _slowed(self, twist: Vector) -> Vector:
         """Scale a twist as a whole into the tool's velocity limits."""

@@ -17,7 +17,7 @@ import numpy as np
 from crtk_drivers.device import Capabilities, Kinematics, Mode, Setpoint
 from crtk_drivers.errors import REPORT, CommandRefused, Reason
 from crtk_drivers.gates.braking import NEGLIGIBLE, stoppable_speed
-from crtk_drivers.gates.resolved_rate import Damping
+from crtk_drivers.gates.resolved_rate import DAMPING
 from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import JointState, Pose, Vector, vector
 
@@ -33,7 +33,6 @@ _BRAKING_CYCLES = 2.0
 _START = 2.0
 """Times `LimitPolicy.max_step` in which the arm must be able to be where a stream begins."""
 
-_DAMPING = Damping()
 
 _OVERSPEED = 1.1
 """By how much a joint that an effort drives may exceed its speed: what is measured is noisy."""
@@ -411,7 +410,7 @@ class SetpointLimiter:
         kinematics = self._kinematics()
         if not before.size or kinematics is None or not values.any():
             return values, ""
-        speeds = _DAMPING.rates(kinematics.jacobian(before), values)
+        speeds, _ = DAMPING.rates(kinematics.jacobian(before), values)
         share, slowest = 1.0, 0
         for index, (speed, (low, high)) in enumerate(
             zip(speeds.tolist(), self._stoppable(before, self._braking), strict=True)

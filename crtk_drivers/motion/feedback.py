@@ -13,7 +13,7 @@ import numpy as np
 
 from crtk_drivers.commands import Kind, Space
 from crtk_drivers.device import Device, Mode
-from crtk_drivers.gates.resolved_rate import Damping
+from crtk_drivers.gates.resolved_rate import DAMPING
 from crtk_drivers.geometry.frames import (
     WrenchAxes,
 )
@@ -48,8 +48,6 @@ _FURTHEST = 0.02
 
 _LATE = 2.0
 """Cycles after which a sample is late: the joints have gone on since."""
-
-_DAMPING = Damping()
 
 _SHORT = 1e-6
 """Seconds over which a derivative is taken of the Jacobian."""
@@ -361,7 +359,8 @@ class Feedback:
         kinematics = self.device.kinematics
         if not (is_late and is_twist) or kinematics is None:
             return EMPTY
-        return _DAMPING.rates(kinematics.jacobian(vector(here + self._told)), active.twist)
+        rates, _ = DAMPING.rates(kinematics.jacobian(vector(here + self._told)), active.twist)
+        return rates
 
     def measured_pose(self) -> Pose | None:
         """Return the tool pose (base frame) as measured, or by kinematics; None if it is not known."""
