@@ -1,7 +1,7 @@
 """The engine of one device: where the fronts, the hardware and the watchdog meet.
 
 Clients' threads call `submit` and `state_command`: everything is checked at once and nothing touches the
-bus. The I/O thread of the bus calls `connect`, `cycle` and `disconnect`; it alone talks to the device. The
+bus. The I/O thread of the bus calls `connect`, `cycle` and `lose`; it alone talks to the device. The
 watchdog's thread calls `alarm` when the I/O thread is late. What happens is told to observers, in order.
 """
 
@@ -100,7 +100,7 @@ class Engine(Intake):
         """Read, follow the hardware's condition, advance transition and motion. Once a period.
 
         Raises:
-            DeviceError: call `disconnect`, and `connect` after a while.
+            DeviceError: call `lose`, close the device, and `connect` after a while.
         """
         sample = self.device.read(deadline)
         now = self._clock()
@@ -148,13 +148,6 @@ class Engine(Intake):
             self._board.warned(f"a sample is dropped: {broken}")
         self._broken_sample = broken
         return None
-
-    def disconnect(self, reason: str, remedy: str = "") -> None:
-        """Close the device after the link was lost, see `lose`."""
-        try:
-            self.lose(reason, remedy)
-        finally:
-            self.device.close()
 
     def lose(self, reason: str, remedy: str = "") -> None:
         """Stop the device, whose link was lost; the state is FAULT until it is open again.

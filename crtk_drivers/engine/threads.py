@@ -171,11 +171,13 @@ class BusThread:
             elif time.monotonic() >= member.reconnect.next_try:
                 self._open(member)
         except DeviceError as error:
-            return self._lose(member, error.statement, error.remedy)
+            self._lose(member, error.statement, error.remedy)
         except Exception as error:
             logger.exception("%s: unexpected error in the I/O thread", engine.where)
-            return self._lose(member, unexpected(error), REPORT)
-        return True
+            self._lose(member, unexpected(error), REPORT)
+        else:
+            return True
+        return False
 
     def _open(self, member: _Member) -> None:
         # Those on the same bus that are connected must not be left alone for long.
@@ -197,13 +199,12 @@ class BusThread:
         else:
             logger.info("%s: connected", engine.where)
 
-    def _lose(self, member: _Member, reason: str, remedy: str) -> bool:
+    def _lose(self, member: _Member, reason: str, remedy: str) -> None:
         member.reconnect.failed(time.monotonic())
         try:
             member.engine.lose(reason, remedy)
         except Exception:
             logger.exception("%s: stopping failed", member.engine.where)
-        return False
 
     def _close(self, member: _Member) -> None:
         if not self._anyone_connected():

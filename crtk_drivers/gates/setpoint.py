@@ -33,7 +33,6 @@ _BRAKING_CYCLES = 2.0
 _START = 2.0
 """Times `LimitPolicy.max_step` in which the arm must be able to be where a stream begins."""
 
-
 _OVERSPEED = 1.1
 """By how much a joint that an effort drives may exceed its speed: what is measured is noisy."""
 

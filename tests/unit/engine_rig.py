@@ -261,6 +261,13 @@ class Rig:
         self.cycle()
         return self
 
+    def disconnect(self, reason: str, remedy: str = "") -> None:
+        """As the I/O thread does it when the link is lost."""
+        try:
+            self.engine.lose(reason, remedy)
+        finally:
+            self.device.close()
+
     def cycle(self, count: int = 1, period: float = PERIOD) -> None:
         for _ in range(count):
             self.clock.advance(period)

@@ -142,7 +142,7 @@ def test_gravity_compensation_is_not_switched_on_by_a_reconnection() -> None:
     """What was asked for while the link was lost was carried out whenever it came back."""
     rig = CarryingRig().enabled()
     rig.engine.submit("use_gravity_compensation", Flag(True))
-    rig.engine.disconnect("the link is gone")
+    rig.disconnect("the link is gone")
     with pytest.raises(CommandRefused) as caught:
         rig.engine.submit("use_gravity_compensation", Flag(True))
     assert caught.value.reason is Reason.NOT_CONNECTED
@@ -150,7 +150,7 @@ def test_gravity_compensation_is_not_switched_on_by_a_reconnection() -> None:
     rig.cycle(count=5)
     assert rig.carried == []
     rig.engine.submit("use_gravity_compensation", Flag(True))
-    rig.engine.disconnect("the link is gone")
+    rig.disconnect("the link is gone")
     rig.engine.submit("use_gravity_compensation", Flag(False))
     rig.connect()
     rig.cycle()

@@ -72,7 +72,7 @@ def test_a_reconnection_ends_disabled_with_nothing_written_and_enable_starts_fro
     rig.servo(0.05, 0.0)
     rig.cycle()
     writes = len(rig.written)
-    rig.engine.disconnect("cable pulled")
+    rig.disconnect("cable pulled")
     assert rig.state is S.FAULT
     assert rig.device.calls[-2:] == ["stop", "close"]
     assert rig.value("measured_js")[1] == 0
@@ -89,7 +89,7 @@ def test_a_reconnection_ends_disabled_with_nothing_written_and_enable_starts_fro
 
 def test_enable_waits_for_a_sample_of_this_connection() -> None:
     rig = Rig().enabled()
-    rig.engine.disconnect("cable pulled")
+    rig.disconnect("cable pulled")
     rig.device.position, rig.device.silent = np.array([0.5, 0.5]), True
     rig.engine.connect(rig.clock() + 1.0)
     rig.engine.state_command("enable")
@@ -134,7 +134,7 @@ def test_a_link_that_is_lost_in_the_midst_of_a_procedure_is_lost_and_no_mere_fau
     rig.engine.state_command("enable")
     with pytest.raises(ConnectionLost):
         rig.cycle()
-    rig.engine.disconnect("reset by peer")
+    rig.disconnect("reset by peer")
     assert rig.engine.transition_ended
     assert rig.state is S.FAULT
 
@@ -143,7 +143,7 @@ def test_a_device_that_fails_to_close_is_in_fault_all_the_same() -> None:
     rig = Rig().enabled()
     rig.device.fail |= {"stop": ConnectionLost("gone"), "close": OSError("bad descriptor")}
     with pytest.raises(OSError, match="bad descriptor"):
-        rig.engine.disconnect("cable pulled")
+        rig.disconnect("cable pulled")
     assert (rig.state, rig.engine.status.detail) == (S.FAULT, "cable pulled")
     assert not rig.engine.connected
 
@@ -797,7 +797,7 @@ def test_a_move_ends_however_enabled_is_left(way: str, cycles: int) -> None:
     elif way == "alarm":
         rig.engine.alarm("stuck")
     elif way == "disconnect":
-        rig.engine.disconnect("lost")
+        rig.disconnect("lost")
     elif way == "shut down":
         rig.engine.shut_down()
     else:
@@ -920,7 +920,7 @@ def test_hold_ends_homing_and_is_refused_only_where_nobody_is_there_to_obey() ->
     assert rig.engine.transition_ended
     assert not rig.engine.status.is_busy
     assert rig.state is S.ENABLED
-    rig.engine.disconnect("gone")
+    rig.disconnect("gone")
     with pytest.raises(CommandRefused, match="gone"):
         rig.engine.submit("hold")
 
@@ -1145,5 +1145,5 @@ def test_what_is_told_of_a_device_names_it_once_and_says_once_what_to_do(
         "Remove the cause, then send enable on state_command."
     )
     assert where not in rig.engine.health().last_refusal
-    rig.engine.disconnect(lost.statement, lost.remedy)
+    rig.disconnect(lost.statement, lost.remedy)
     assert rig.engine.status == status, "the same again is no news"

@@ -154,7 +154,7 @@ class Promises(RuleBasedStateMachine):
                 try:
                     self.rig.cycle()
                 except ConnectionLost as error:
-                    self.rig.engine.disconnect(str(error))
+                    self.rig.disconnect(str(error))
             if self.rig.state is OperatingState.ENABLED is not before:
                 self.commanded = False
 
@@ -168,7 +168,7 @@ class Promises(RuleBasedStateMachine):
     @rule(moved=st.booleans())
     def lose_the_link(self, moved: bool) -> None:
         if self.rig.engine.connected:
-            self.rig.engine.disconnect("cable pulled")
+            self.rig.disconnect("cable pulled")
             assert self.rig.state is OperatingState.FAULT
             if moved:
                 self.rig.device.position = np.array([0.5, -0.5])

@@ -417,7 +417,7 @@ def test_two_reasons_for_a_fault_do_not_take_turns_in_being_told() -> None:
 
 def test_closing_after_the_link_was_lost_in_motion_says_that_nobody_saw_it_stand() -> None:
     rig = Runaway(heeds=10_000).running()
-    rig.engine.disconnect("the link is gone")
+    rig.disconnect("the link is gone")
     with pytest.raises(StopUnconfirmed, match=r"slide at 0\.300 when it was last seen"):
         rig.engine.shut_down()
     assert rig.device.calls[-1] == "close"
@@ -425,5 +425,5 @@ def test_closing_after_the_link_was_lost_in_motion_says_that_nobody_saw_it_stand
 
 def test_closing_after_the_link_was_lost_at_rest_is_no_error() -> None:
     rig = Rig().enabled()
-    rig.engine.disconnect("the link is gone")
+    rig.disconnect("the link is gone")
     rig.engine.shut_down()

@@ -433,7 +433,7 @@ def test_a_procedure_that_is_ended_cleans_up_before_the_device_is_closed(way: st
     rig.device.procedures["enable"] = with_an_end
     rig.command("enable")
     if way == "disconnect":
-        rig.engine.disconnect("the link is gone")
+        rig.disconnect("the link is gone")
     else:
         rig.engine.shut_down()
     assert rig.device.calls[-2:] == ["cleaned up", "close"]
@@ -448,7 +448,7 @@ def test_what_was_asked_for_while_the_link_was_being_lost_is_not_done_after_it()
                 rig.engine._transitions.accept(StateCommand.ENABLE)
 
     rig.engine.add_observer(EnablesAtOnce())
-    rig.engine.disconnect("the link is gone")
+    rig.disconnect("the link is gone")
     rig.engine.connect(rig.clock() + 1.0)
     rig.cycle(10)
     assert rig.state is S.DISABLED

@@ -109,7 +109,7 @@ def alarm(rig: Rig) -> None:
 
 
 def lost_link(rig: Rig) -> None:
-    rig.engine.disconnect("gone")
+    rig.disconnect("gone")
 
 
 def shut_down(rig: Rig) -> None:
