@@ -124,14 +124,20 @@ def test_one_answer_on_the_way_to_a_stop(bench, code):
         bench.sim.control.clear()
 
 
-@pytest.mark.parametrize("begins_at", [2.9, 3.06, 3.12, 3.135])
-def test_an_effort_that_goes_on_and_on_does_not_drive_a_joint_out_of_its_range(bench, begins_at):
+def enable_at(bench: DynamixelBench, angle: float) -> float:
+    """Enable with the waist at an angle, and return the upper end of its range."""
     bench.arm.disable(timeout=LONG)
-    bench.place(joint_1=begins_at)
+    bench.place(joint_1=angle)
     bench.cycles()
     bench.enable()
     bench.log.refusals.clear()
-    upper = bench.engine.capabilities.limits[0].upper
+    upper: float = bench.engine.capabilities.limits[0].upper
+    return upper
+
+
+@pytest.mark.parametrize("begins_at", [2.9, 3.06, 3.12, 3.135])
+def test_an_effort_that_goes_on_and_on_does_not_drive_a_joint_out_of_its_range(bench, begins_at):
+    upper = enable_at(bench, begins_at)
     begin, farthest = time.monotonic(), 0.0
     while time.monotonic() < begin + 1.0:
         with suppress(CommandRefused):
@@ -149,12 +155,7 @@ def test_an_effort_that_goes_on_and_on_does_not_drive_a_joint_out_of_its_range(b
 @pytest.mark.parametrize("begins_at", [2.9, 3.04, 3.08])
 def test_an_effort_whose_way_nobody_sees_any_more_is_let_go(bench, begins_at):
     """Answers stay away, commands arrive, and the servos' watchdogs hear them: only the driver can end it."""
-    bench.arm.disable(timeout=LONG)
-    bench.place(joint_1=begins_at)
-    bench.cycles()
-    bench.enable()
-    bench.log.refusals.clear()
-    upper = bench.engine.capabilities.limits[0].upper
+    upper = enable_at(bench, begins_at)
     silent_since, farthest = math.inf, begins_at
     while time.monotonic() < silent_since + 1.0:
         with suppress(CommandRefused):

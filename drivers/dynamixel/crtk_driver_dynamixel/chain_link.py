@@ -90,7 +90,6 @@ class ChainLink:
 
     Attributes:
         calibrated: by bus and id.
-        exchanged: when the last cycle's exchange ended, in monotonic seconds.
         doubts: why it is not known which turn a servo is in, by its place.
     """
 
@@ -106,7 +105,6 @@ class ChainLink:
         self.health = [_health(servo) for servo in chain.servos]
         self.frame: Frame | None = None
         self.cycles = 0
-        self.exchanged = -math.inf
         self._users = 0
         self._buses: dict[str, Bus] = {}
         self._prepared: _Prepared | None = None
@@ -494,7 +492,6 @@ class ChainLink:
         seen = np.where(valid, middle, before.seen)
         self.frame = Frame(stamp, **columns, seen=seen, valid=valid)
         self.cycles += 1
-        self.exchanged = ended
         self._follow_turns(before, self.frame)
         # A servo that was without power says so by its registers, before it is sent anything.
         self.read_health(np.flatnonzero(valid & (before.seen < middle - GAP)).tolist())

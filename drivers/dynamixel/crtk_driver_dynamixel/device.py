@@ -145,8 +145,7 @@ class _ChainDevice(Device):
         """Arm and gripper share what a cycle reads.
 
         A joint vector has the stamp of the oldest value in it, and there is none as long as that does not get
-        newer. After `silent_timeout` a fault names the servo, and the last vector goes on as invalid. A chain
-        that is lost is lost for both at once.
+        newer. After `silent_timeout` a fault names the servo, and the last vector goes on as invalid.
         """
         link = self.link
         if self._seen_cycle == link.cycles:
@@ -154,7 +153,7 @@ class _ChainDevice(Device):
         self._seen_cycle = link.cycles
         frame = link.frame
         assert frame is not None
-        self._silent(frame, link.exchanged)
+        self._silent(frame, time.monotonic())
         self.part.step()
         now = time.monotonic()  # a stop may have waited long for answers
         silent = self._silent(frame, now)
