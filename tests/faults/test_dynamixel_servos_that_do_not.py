@@ -81,6 +81,18 @@ def test_a_servo_that_was_reset_is_a_fault(sim, watchdog):
         write(sim, 1, STARTUP, "00")
 
 
+def test_a_servo_that_was_reset_in_somebodys_hand_is_a_fault(sim):
+    with driver_at(sim, VALUES) as bench:
+        bench.enable()
+        bench.arm.free()
+        eventually(lambda: bench.servos()[1]["torque"] is False, "it is free")
+        write(sim, 1, STARTUP, "01")
+        sim.control.inject("power_off", id=1)
+        sim.control.clear()
+        bench.until_state("FAULT", f"{WAIST}: it was reset")
+        write(sim, 1, STARTUP, "00")
+
+
 # 16: goals that do not arrive, and joints that do not move.
 
 

@@ -187,11 +187,11 @@ class Part:
             health = self._link.health[place]
             if health.error_text:
                 found.append(f"{self._name(place)}: {health.error_text}")
-            elif self.kind is None or self._is_free or self._work is not None:
+            elif self.kind is None or self._work is not None:
                 continue
-            elif health.tripped:
+            elif health.tripped and not self._is_free:
                 found.append(f"{self._name(place)}: its bus watchdog has stopped it")
-            elif health.torque is False:
+            elif health.torque is False and not self._is_free:
                 found.append(
                     f"{self._name(place)}: its torque is off, perhaps it was without power"
                 )
