@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import queue
 import socket
 import struct
 import threading
@@ -27,11 +28,15 @@ class Proxy:
     Args:
         host: of this.
         controller: address of the controller.
+
+    Attributes:
+        lag: seconds that every message takes, to the controller (True) and from it (False).
     """
 
     def __init__(self, host: str, controller: str) -> None:
         self.host = host
         self._controller = controller
+        self.lag = {True: 0.0, False: 0.0}
         self._ended = threading.Event()
         self._lock = threading.Lock()
         self._chosen: Chosen | None = None
@@ -50,9 +55,10 @@ class Proxy:
             self._action, self._chosen = action, chosen
 
     def clear(self) -> None:
-        """Let every message pass."""
+        """Let every message pass at once."""
         with self._lock:
             self._chosen = None
+        self.lag = {True: 0.0, False: 0.0}
 
     def close(self) -> None:
         """Close everything."""
@@ -79,11 +85,30 @@ class Proxy:
                 ).start()
 
     def _pass(self, source: socket.socket, target: socket.socket, port: int, inward: bool) -> None:
-        try:
+        under_way: queue.Queue[tuple[float, bytes]] = queue.Queue()
+        threading.Thread(
+            target=self._hand_over, args=(under_way, source, target, port, inward), daemon=True
+        ).start()
+        with suppress(OSError):
             for message in _messages(source, port):
+                under_way.put((time.monotonic(), message))
+        under_way.put((0.0, b""))
+
+    def _hand_over(
+        self,
+        under_way: queue.Queue[tuple[float, bytes]],
+        source: socket.socket,
+        target: socket.socket,
+        port: int,
+        inward: bool,
+    ) -> None:
+        with suppress(OSError):
+            while True:
+                came, message = under_way.get()
+                if not message:
+                    break
+                time.sleep(max(0.0, came + self.lag[inward] - time.monotonic()))
                 self._deliver(message, target, self._action_for(port, inward, message))
-        except OSError:
-            pass
         for one in (source, target):
             with suppress(OSError):
                 one.shutdown(socket.SHUT_RDWR)

@@ -85,6 +85,7 @@ class ControlLink(ABC):
         has_local_control: the controller knows local and remote control, and is asked which it is.
         remote: whether it is in remote control; None if not known.
         arm: what the joints may do, for a control program of ours; None: as in the options.
+        lateness: how old the newest state may have been when it came, s; 0 where that is not known.
         loaded_program: name of the program that is loaded; empty if none is, None if that is not known.
     """
 
@@ -94,6 +95,7 @@ class ControlLink(ABC):
         self.complaint = ""
         self.program_runs = False
         self.replaced = False
+        self.lateness = 0.0
         self.has_local_control = False
         self.remote: bool | None = None
         self.loaded_program: str | None = None

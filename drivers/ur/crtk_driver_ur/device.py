@@ -81,6 +81,12 @@ FIRST_STATE = 0.5
 DEAD_AFTER = 0.1
 """Seconds without a sample after which the controller counts as silent."""
 
+LATE_AFTER = 0.1
+"""Seconds: a state that may be older when it comes is stamped as old as it may be."""
+
+LATE_PERIODS = 5.0
+"""The same in periods of the states, where they come seldom."""
+
 OTHER_PROGRAM_TIMEOUT = 1.0
 """Seconds in which a program that is not ours must end: the watchdog ends one of a driver that died."""
 
@@ -212,7 +218,11 @@ class UrDevice(Device):
     def counters(self) -> Mapping[str, float]:
         """Of the RTDE stream (packages) and of whoever carries commands out."""
         state = self._robot.state
-        counters = {**self._link.counters, "servo lag (s)": self._lag.seconds}
+        counters = {
+            **self._link.counters,
+            "servo lag (s)": self._lag.seconds,
+            "state age (s)": self._link.lateness,
+        }
         if self._stream is not None:
             stream = self._stream.counters
             counters["packages lost"] = float(stream.lost)
@@ -253,6 +263,8 @@ class UrDevice(Device):
         if nonsense:
             text = f"the controller sends {nonsense} as no finite number; samples are dropped"
             reports = (Note(Severity.ERROR, "samples", text), *reports)
+        if self._late:
+            reports = (Note(Severity.ERROR, "samples", _states_late(self._late)), *reports)
         calibration = (self._geometry.note,) if self._geometry.note else ()
         calibration = (*calibration, *self._geometry.limit_notes)
         waiting = () if self._controls() else self._settings.waiting()
@@ -262,6 +274,13 @@ class UrDevice(Device):
     def robot_state(self) -> StateSample | None:
         """The controller's newest state, with everything that it reports; None while not connected."""
         return self._robot.state
+
+    @property
+    def _late(self) -> float:
+        """How old the newest state may have been when it came, s; 0 as long as that is as usual."""
+        stream, late = self._stream, self._link.lateness
+        periods = 0.0 if stream is None else LATE_PERIODS / stream.frequency
+        return late if late > max(LATE_AFTER, periods) else 0.0
 
     def _controls(self) -> bool:
         return self._in_control and self._link.program_runs
@@ -364,7 +383,7 @@ class UrDevice(Device):
             self._why_stopped = PROGRAM_PAUSED
         self._geometry.follow_tool(state)
         self._inputs.step()
-        return self._geometry.samples.make(state)
+        return self._geometry.samples.make(state, self._late)
 
     # ----------------------------------------------------------------------------------------- motion
 
@@ -509,6 +528,13 @@ class UrDevice(Device):
                 where=f"ur {self.address}",
                 remedy="Look at the teach pendant, then send it again.",
             )
+        if self._late:
+            raise TransitionFailed(
+                f"{command}: {_states_late(self._late)}",
+                where=f"ur {self.address}",
+                remedy="Look at the network: something between holds packages back (a gateway, Wi-Fi, a "
+                "busy switch).",
+            )
         self._link.program_runs = self._in_control = True
         self._why_stopped = _PROGRAM_STOPPED
 
@@ -543,6 +569,10 @@ class UrDevice(Device):
                 f"{command}: {found.reason}",
                 where=f"ur {self.address}",
             )
+
+
+def _states_late(late: float) -> str:
+    return f"states of the controller may be {late:.2f} s old when they come"
 
 
 def _tells_who_has_control(version: tuple[int, int]) -> bool:

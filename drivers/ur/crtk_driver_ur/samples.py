@@ -33,14 +33,17 @@ class SampleMaker:
         self._reported: tuple[float, ...] | None = None
         self._shift: Transform | None = None
 
-    def make(self, state: StateSample) -> Sample:
+    def make(self, state: StateSample, late: float = 0.0) -> Sample:
         """Return measured_js, _cp, _cv, _cf and the controller's setpoint_js, _cp of one state.
+
+        It was made `late` seconds before it was received.
 
         Effort is in N·m and is the torque that the controller reports for the joints' motors; where
         the controller reports amperes only it is empty. The setpoint's effort is the controller's own
         target torque.
         """
-        wall = time.time_ns() - int((time.monotonic() - state.received) * 1e9)
+        made = state.received - late
+        wall = time.time_ns() - int((time.monotonic() - made) * 1e9)
         torque = state.actual_current_as_torque
         shift = self._shift_to_tool(state)
         values: dict[str, Value] = {
@@ -69,7 +72,7 @@ class SampleMaker:
             torques = _plus_cross(torques, forces, arm)
         values["measured_cv"] = Twist(vector(linear), vector(angular), BASE_FRAME)
         values["measured_cf"] = Wrench(vector(forces), vector(torques), BASE_FRAME)
-        return Sample(Stamp(wall, state.received), values)
+        return Sample(Stamp(wall, made), values)
 
     @property
     def has_tool_of_controller(self) -> bool:

@@ -261,6 +261,9 @@ class NativeLink(ControlLink):
         if found is not None and found[0] == self._program:
             self._follow_program(ProgramState(*found), state)
         ours = self._reported.program == self._program
+        self.lateness = 0.0
+        if ours and self._channel is not None:
+            self.lateness = self._channel.echoes.age(state.received, state.timestamp)
         self.replaced = ours and state.timestamp > self._cycled_at + REPLACED_AFTER
         if self.replaced or state.runtime_state in STANDING_PROGRAM:
             if self.program_runs:
@@ -273,6 +276,8 @@ class NativeLink(ControlLink):
         if found.cycle != self._reported.cycle or state.runtime_state != RuntimeState.PLAYING:
             self._cycled_at = state.timestamp
         self._reported = found
+        if self._channel is not None:
+            self._channel.echoes.take(found.echo, state.timestamp)
         standing = found.phase == Phase.STANDING
         self._taken = found.sequence >= self._stopping
         if self._stopping and found.sequence >= self._stopping and standing:
@@ -459,7 +464,7 @@ class NativeLink(ControlLink):
 
     def _until_started(self) -> Generator[None, None, None]:
         deadline = self._clock() + PROGRAM_START_TIMEOUT
-        while self._reported.program != self._program:
+        while not self._has_answered:
             if self.complaint or self._clock() > deadline:
                 raise TransitionFailed(
                     f"the control program does not start: {self.complaint or 'no reason is given'}",
@@ -468,6 +473,12 @@ class NativeLink(ControlLink):
                     "robot in remote control, then enable again.",
                 )
             yield
+
+    @property
+    def _has_answered(self) -> bool:
+        """Whether the program runs that is spoken to, and has seen a package."""
+        ours = self._reported.program == self._program
+        return ours and self._channel is not None and self._channel.echoes.began
 
     @property
     @override

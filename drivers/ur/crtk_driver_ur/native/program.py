@@ -7,6 +7,7 @@ Driver and program talk over RTDE registers, counted from the first of the range
 | 0        | number of the program that is meant         | 0 to 5: values of the motion                 |
 | 1, 2     | sequence number and `Kind` of the motion    | 6, 7: its parameters (see `Kind`)            |
 | 3, 4     | number and `Setting` of a setting           | 10 to 19: values of the setting              |
+| 5        | number of the package, see `Echoes`         |                                              |
 
 | Output   | int                                                                                        |
 |----------|--------------------------------------------------------------------------------------------|
@@ -14,6 +15,7 @@ Driver and program talk over RTDE registers, counted from the first of the range
 | 1, 2     | sequence number that it took last, and its `Phase`                                         |
 | 3        | number of the setting that it took last                                                    |
 | 4        | counts the cycles of the program                                                           |
+| 5        | number of the package that it saw last                                                     |
 
 A program obeys what is meant for its own number only: nothing that another one left in the registers is
 carried out. The number is written with every package, and feeds the watchdog.
@@ -134,8 +136,8 @@ class Registers(NamedTuple):
         )
 
 
-FEED: Final = Registers((0,))
-MOTION: Final = Registers((0, 1, 2), (*range(8),))
+FEED: Final = Registers((0, 5))
+MOTION: Final = Registers((0, 1, 2, 5), (*range(8),))
 SETTING: Final = Registers((0, 3, 4), (*range(10, 10 + SETTING_VALUES),))
 
 
@@ -147,6 +149,7 @@ class ProgramState(NamedTuple):
     phase: int = Phase.STANDING
     setting: int = 0
     cycle: int = 0
+    echo: int = 0
 
 
 @dataclass(frozen=True, slots=True)

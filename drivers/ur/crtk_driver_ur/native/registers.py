@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from crtk_driver_ur.native.echoes import Echoes
 from crtk_driver_ur.native.program import (
     FEED,
     MOTION,
@@ -40,6 +41,9 @@ class ControlChannel:
         first: first register of the range.
         clock: the monotonic clock.
 
+    Attributes:
+        echoes: when packages left.
+
     Raises:
         ConnectionFailed: unreachable, or the registers are in use.
         ConnectionLost: by the constructor, and by everything that sends: the connection is gone.
@@ -65,6 +69,7 @@ class ControlChannel:
                 if in_use
                 else error.remedy,
             ) from error
+        self.echoes = Echoes()
         self._program = 0
         self._sequence = 0
         self._settings = 0
@@ -84,6 +89,7 @@ class ControlChannel:
         """Speak to the program with this number from now on; of it nothing is wanted yet."""
         with self._lock:
             self._program, self._sequence, self._settings = program, 0, 0
+            self.echoes.begin()
             self._post_motion(Kind.REST, _NO_MOTION, 0.0, 0.0)
             self._post_setting(0, ())
 
@@ -124,16 +130,18 @@ class ControlChannel:
         """Feed the watchdog, if nothing else has lately."""
         with self._lock:
             if self._clock() - self._sent_at >= FEED_PERIOD:
-                self._sent_at = self._clock()
-                self._inputs.post(self._feed, (self._program,))
+                self._inputs.post(self._feed, (self._program, self._number()))
 
     def _post_motion(
         self, kind: Kind, values: Sequence[float], first: float, second: float
     ) -> None:
+        numbers = (self._program, self._sequence, kind, self._number())
+        self._inputs.post(self._motion, (*numbers, *values, first, second))
+
+    def _number(self) -> int:
+        """Return the number of a package that leaves now."""
         self._sent_at = self._clock()
-        self._inputs.post(
-            self._motion, (self._program, self._sequence, kind, *values, first, second)
-        )
+        return self.echoes.leaves(self._sent_at)
 
     def _post_setting(self, setting: int, values: Sequence[float]) -> None:
         padding = (0.0,) * (SETTING_VALUES - len(values))

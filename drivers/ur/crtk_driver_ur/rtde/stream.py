@@ -93,6 +93,7 @@ class StateSample(NamedTuple):
     output_int_register_2: int
     output_int_register_3: int
     output_int_register_4: int
+    output_int_register_5: int
     payload: float | None
     tcp_offset: Vector6 | None
     actual_current_as_torque: Vector6 | None
@@ -120,6 +121,7 @@ class StateSample(NamedTuple):
     output_int_register_26: int | None
     output_int_register_27: int | None
     output_int_register_28: int | None
+    output_int_register_29: int | None
 
     @property
     def combined_speed_scaling(self) -> float:
@@ -130,8 +132,8 @@ class StateSample(NamedTuple):
         """
         return min(1.0, max(0.0, self.speed_scaling * self.target_speed_fraction))
 
-    def control_registers(self, first: int) -> tuple[int, int, int, int, int] | None:
-        """Return the five integer output registers from `first` (0 or 24) on; None if there are none."""
+    def control_registers(self, first: int) -> tuple[int, int, int, int, int, int] | None:
+        """Return the six integer output registers from `first` (0 or 24) on; None if there are none."""
         if first == 0:
             return (
                 self.output_int_register_0,
@@ -139,6 +141,7 @@ class StateSample(NamedTuple):
                 self.output_int_register_2,
                 self.output_int_register_3,
                 self.output_int_register_4,
+                self.output_int_register_5,
             )
         upper = (
             self.output_int_register_24,
@@ -146,8 +149,9 @@ class StateSample(NamedTuple):
             self.output_int_register_26,
             self.output_int_register_27,
             self.output_int_register_28,
+            self.output_int_register_29,
         )
-        return None if None in upper else cast(tuple[int, int, int, int, int], upper)
+        return None if None in upper else cast(tuple[int, int, int, int, int, int], upper)
 
 
 @dataclass(frozen=True, slots=True)

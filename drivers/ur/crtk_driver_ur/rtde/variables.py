@@ -65,6 +65,7 @@ NEEDED_OUTPUTS: Mapping[str, str] = MappingProxyType(
         "output_int_register_2": "INT32",
         "output_int_register_3": "INT32",
         "output_int_register_4": "INT32",
+        "output_int_register_5": "INT32",
     }
 )
 """Type of each output variable that a state sample needs."""
@@ -98,6 +99,7 @@ OPTIONAL_OUTPUTS: Mapping[str, str] = MappingProxyType(
         "output_int_register_26": "INT32",
         "output_int_register_27": "INT32",
         "output_int_register_28": "INT32",
+        "output_int_register_29": "INT32",
     }
 )
 """Type of each that older controllers do not have, and that the driver can do without."""
