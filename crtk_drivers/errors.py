@@ -92,12 +92,28 @@ class PluginError(CrtkError, LookupError):
 
 
 class MissingExtra(CrtkError, ImportError):
-    """A library that belongs to an extra of this distribution is not installed."""
+    """A library that belongs to an extra is not installed.
 
-    def __init__(self, library: str, extra: str) -> None:
+    Args:
+        library: name of its distribution.
+        extra: that it belongs to.
+        owner: the distribution that has this extra.
+        because: why it may be missing.
+        remedy: instead of installing the extra.
+    """
+
+    def __init__(
+        self,
+        library: str,
+        extra: str,
+        owner: str = "crtk-drivers",
+        *,
+        because: str = "",
+        remedy: str = "",
+    ) -> None:
         super().__init__(
-            f"{library} is not installed",
-            remedy=f"Install it with: pip install 'crtk-drivers[{extra}]'",
+            f"{library} is not installed{because and ', and '}{because}",
+            remedy=remedy or f"Install it with: pip install '{owner}[{extra}]'",
         )
 
 
@@ -168,19 +184,36 @@ class CommandRefused(CrtkError, ValueError):
         reason: why, for programs.
         message: why, for people.
         remedy: what to send instead.
-
-    Attributes:
         stamp_ns: of the command, by its sender; 0 if it had none.
     """
 
     def __init__(
-        self, command: str, reason: Reason, message: str, *, where: str = "", remedy: str = ""
+        self,
+        command: str,
+        reason: Reason,
+        message: str,
+        *,
+        where: str = "",
+        remedy: str = "",
+        stamp_ns: int = 0,
     ) -> None:
         super().__init__(f"{command} refused ({reason}): {message}", where=where, remedy=remedy)
         self.command = command
         self.reason = reason
         self.detail = message
-        self.stamp_ns = 0
+        self.stamp_ns = stamp_ns
+
+    def of(self, stamp_ns: int, where: str = "") -> CommandRefused:
+        """Return the refusal of the command that has this stamp, by the device `where` if it names none."""
+        told = CommandRefused(
+            self.command,
+            self.reason,
+            self.detail,
+            where=self.where or where,
+            remedy=self.remedy,
+            stamp_ns=stamp_ns,
+        )
+        return told.with_traceback(self.__traceback__)
 
 
 class MotionAborted(CrtkError):

@@ -254,7 +254,7 @@ class PluginEntry:
             return error
         dist, extra = self.entry_point.dist, getattr(plugin, "extra", "")
         packages = ", ".join(_not_installed(dist, extra)) if dist and extra else ""
-        return _missing_extra(packages, dist.name, extra) if dist and packages else None
+        return MissingExtra(packages, extra, dist.name) if dist and packages else None
 
 
 def devices() -> Mapping[str, PluginEntry]:
@@ -421,14 +421,8 @@ def _as_missing_extra(error: BaseException, dist: Distribution | None) -> Missin
     module = _normal(error.name.partition(".")[0])
     for package, extra in _extras(dist):
         if _normal(package) == module:
-            return _missing_extra(package, dist.name, extra)
+            return MissingExtra(package, extra, dist.name)
     return None
-
-
-def _missing_extra(packages: str, owner: str, extra: str) -> MissingExtra:
-    error = MissingExtra(packages, extra)
-    error.remedy = f"Install it with: pip install '{owner}[{extra}]'"
-    return error
 
 
 def _normal(name: str) -> str:

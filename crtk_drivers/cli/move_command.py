@@ -64,9 +64,15 @@ def move(
     try:
         _go(device, goal)
     except CommandRefused as refusal:
-        if refusal.reason is Reason.OUT_OF_RANGE and not (pose or degrees):
-            refusal.remedy = f"{refusal.remedy} Values are in rad or m; --degrees takes degrees."
-        raise
+        if refusal.reason is not Reason.OUT_OF_RANGE or pose or degrees:
+            raise
+        raise CommandRefused(
+            refusal.command,
+            refusal.reason,
+            refusal.detail,
+            where=refusal.where,
+            remedy=f"{refusal.remedy} Values are in rad or m; --degrees takes degrees.",
+        ) from refusal
     print_position(device)
     return 0
 

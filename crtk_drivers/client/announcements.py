@@ -224,19 +224,18 @@ class StatusTracker:
     def _refusal_of(self, text: str) -> CommandRefused | None:
         try:
             content = json.loads(text)
-            refusal = CommandRefused(
+            stamp = content["stamp"]
+            return CommandRefused(
                 content["command"],
                 Reason(content["reason"]),
                 content["message"],
                 where=self._where,
                 remedy=content["remedy"],
+                stamp_ns=stamp["sec"] * 1_000_000_000 + stamp["nanosec"],
             )
-            stamp = content["stamp"]
-            refusal.stamp_ns = stamp["sec"] * 1_000_000_000 + stamp["nanosec"]
         except (ValueError, KeyError, TypeError) as error:
             logger.warning("%s: a refusal that cannot be read: %s", self._where, error)
             return None
-        return refusal
 
     def _attribute(self, refusal: CommandRefused) -> None:
         """Hand a refusal to the command of ours that it is about, if it is about one of ours.

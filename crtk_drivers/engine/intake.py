@@ -247,9 +247,9 @@ class Intake:
                     return waiting.move
             return self._carry_out(command, value, stamp_ns, client)
         except CommandRefused as refusal:
-            refusal.stamp_ns = stamp_ns
-            self._board.refused(refusal)
-            raise
+            told = refusal.of(stamp_ns)
+            self._board.refused(told)
+            raise told from refusal.__cause__
 
     def state_command(self, text: str, stamp_ns: int = 0) -> None:
         """Ask for ``enable``, ``disable``, ``pause``, ``resume``, ``home`` or ``unhome``.
@@ -274,11 +274,10 @@ class Intake:
                 if self._transitions.accept(command, stamp_ns):
                     self._waiting.end(f"by {command}", Outcome.PREEMPTED)
         except CommandRefused as refusal:
-            refusal.where = refusal.where or self.where
-            refusal.stamp_ns = stamp_ns
-            self._board.refused(refusal)
+            told = refusal.of(stamp_ns, self.where)
+            self._board.refused(told)
             self._board.announce()
-            raise
+            raise told from refusal.__cause__
 
     def request(self, name: str) -> Request:
         """Ask the device for one of its own `services`.
@@ -307,9 +306,9 @@ class Intake:
             else:
                 taken.take(value)
         except CommandRefused as refusal:
-            refusal.where = refusal.where or self.where
-            self._board.refused(refusal)
-            raise
+            told = refusal.of(0, self.where)
+            self._board.refused(told)
+            raise told from refusal.__cause__
 
     def report_refusal(self, refusal: CommandRefused) -> None:
         """Count and tell a refusal that a front made itself (a payload it could not convert)."""

@@ -269,12 +269,11 @@ class Transitions:
         return True
 
     def _refused(self, running: _Running, refusal: CommandRefused) -> None:
-        refusal.stamp_ns = running.stamp_ns
-        refusal.where = refusal.where or self._where
+        told = refusal.of(running.stamp_ns, self._where)
         with self._board.lock:
             self._ended(running)
             self._board.update(busy=False)
-            self._board.refused(refusal)
+            self._board.refused(told)
             self._board.announce()
 
     def _failed(self, running: _Running, reason: str, remedy: str = "") -> None:

@@ -96,14 +96,18 @@ class WaitingMove:
             self._begin(waiting)
             return
         except CommandRefused as error:
-            refusal = error
+            refusal = error.of(waiting.stamp_ns)
         except Exception as error:
             logger.exception("%s: %s", self._where, name)
             text = f"{type(error).__name__}: {error}"
             refusal = CommandRefused(
-                name, Reason.INTERNAL_ERROR, text, where=self._where, remedy=REPORT
+                name,
+                Reason.INTERNAL_ERROR,
+                text,
+                where=self._where,
+                remedy=REPORT,
+                stamp_ns=waiting.stamp_ns,
             )
-        refusal.stamp_ns = waiting.stamp_ns
         with self._board.lock:
             if self.holds(waiting):
                 self._board.refused(refusal)

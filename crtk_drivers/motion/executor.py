@@ -147,8 +147,7 @@ class MotionExecutor:
         return DeviceFault(f"unexpected {text} in {name}", remedy=REPORT)
 
     def _refuse(self, refusal: CommandRefused, of: Order | Activity | None) -> None:
-        refusal.stamp_ns = 0 if of is None else of.stamp_ns
-        self._board.refused(refusal)
+        self._board.refused(refusal.of(0 if of is None else of.stamp_ns))
 
     def end(self, reason: str) -> None:
         """End all motion of ours because the device leaves ENABLED; the hardware is not told."""

@@ -106,8 +106,8 @@ class CommandTopics:
                 str(error),
                 where=self._engine.where,
                 remedy="Let each vector be empty, or as long as the others.",
+                stamp_ns=stamp,
             )
-            refusal.stamp_ns = stamp
             self._engine.report_refusal(refusal)
             raise refusal from error
 

@@ -141,8 +141,9 @@ def ensure_abort_option(sdo: Sdo, option: int) -> None:
     try:
         sdo.ensure(entry, option, _REMEDY)
     except SdoAborted as error:
-        error.remedy = _REMEDY
-        raise
+        raise SdoAborted(
+            error.message, where=error.where, remedy=_REMEDY, code=error.code
+        ) from error
 
 
 @dataclass(slots=True)

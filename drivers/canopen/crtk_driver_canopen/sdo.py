@@ -72,11 +72,16 @@ def abort_text(code: int) -> str:
 class SdoAborted(DeviceError):
     """A node answered that it cannot read or write an object.
 
-    Attributes:
+    Args:
+        message: what happened.
+        where: the node and its bus.
+        remedy: what to do next.
         code: of the abort.
     """
 
-    code = 0
+    def __init__(self, message: str, *, where: str = "", remedy: str = "", code: int = 0) -> None:
+        super().__init__(message, where=where, remedy=remedy)
+        self.code = code
 
 
 class SdoSilent(DataTimeout):
@@ -113,13 +118,12 @@ def aborted(where: str, what: str, index: int, sub: int, code: int) -> SdoAborte
     Args:
         what: ``read`` or ``write``.
     """
-    error = SdoAborted(
+    return SdoAborted(
         f"{what} of {object_text(index, sub)} refused: {abort_text(code)} (abort 0x{code:08x})",
         where=where,
         remedy="Check the object against the manual of the drive and the state that it is in.",
+        code=code,
     )
-    error.code = code
-    return error
 
 
 def silent(where: str, what: str, index: int, sub: int) -> SdoSilent:

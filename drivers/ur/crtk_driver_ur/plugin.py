@@ -26,16 +26,17 @@ def _create(config: UrConfig) -> UrDevice:
 
 
 def _no_library() -> MissingExtra:
-    error = MissingExtra("ur-rtde", "ur")
     machine = platform.machine()
     if sys.version_info >= _FIRST_WITHOUT_WHEELS or machine != "x86_64":
         python = ".".join(map(str, sys.version_info[:2]))
-        error.message += f", and PyPI has no wheel of it for Python {python} on {machine}"
-        error.remedy = (
-            "Use control: native (the default), or Python 3.11 or 3.12 on x86_64, "
-            "where pip install 'crtk-drivers[ur]' brings it."
+        return MissingExtra(
+            "ur-rtde",
+            "ur",
+            because=f"PyPI has no wheel of it for Python {python} on {machine}",
+            remedy="Use control: native (the default), or Python 3.11 or 3.12 on x86_64, "
+            "where pip install 'crtk-drivers[ur]' brings it.",
         )
-    return error
+    return MissingExtra("ur-rtde", "ur")
 
 
 def _at_sim(config: UrConfig, sim: RunningSim) -> UrConfig:
