@@ -19,22 +19,19 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-from numpy.typing import ArrayLike
 from typing_extensions import override
 
 from crtk_drivers.client.goals import goal_test
 from crtk_drivers.client.move_handle import RemoteMove
-from crtk_drivers.client.space import PARTS, NotOffered, Space
+from crtk_drivers.client.space import NotOffered, Space
 from crtk_drivers.client.state_commands import Transition
-from crtk_drivers.commands import CHILDREN, Command, Direction, Level, Payload, find, is_name
+from crtk_drivers.commands import CHILDREN, Command, Level, Payload, find, is_name
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, ConnectionLost, DataTimeout
-from crtk_drivers.front.base import DEFAULT_AGE, DEFAULT_WAIT, DeviceFront
+from crtk_drivers.front.base import PARTS, DeviceFront, Reader
 from crtk_drivers.front.payloads import value_for
-from crtk_drivers.geometry.conversions import as_pose
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace
-from crtk_drivers.samples import EMPTY, Number, Pose, Value, Vector, vector
+from crtk_drivers.samples import Value
 from crtk_drivers.state import Status, parse_command, target_of
 
 if TYPE_CHECKING:
@@ -44,7 +41,7 @@ if TYPE_CHECKING:
 CONNECT_TIMEOUT = 10.0
 """Seconds in which a device, or the other end of a topic, must be found."""
 SERVICE_TIMEOUT = 5.0
-"""Seconds in which a kinematics service must answer, unless `timeout` says otherwise."""
+"""Seconds in which a service must answer, unless `timeout` says otherwise."""
 GRACE = 0.1
 """Seconds in which the refusal of `hold` or `free` arrives: there is no other answer to them."""
 
@@ -161,41 +158,29 @@ class RemoteDevice(DeviceFront):
     def _make(self, name: str) -> Callable[..., Any]:
         whole, field = PARTS.get(name, (name, ""))
         command = self._command(whole)
-        if command.direction is Direction.PUBLISHED:
-            method = self._getter(whole, field)
-        elif command.direction is Direction.SERVICE:
-            method = self._query(whole, command)
-        else:
-            method = self._sender(whole, command)
-        part = f"the {field} of {whole}: " if field else ""
+        method = self._method(whole, command, field)
         method.__name__ = name
-        method.__doc__ = f"{part}{command.summary} ({command.units})."
         return method
 
     # --------------------------------------------------------------------------------- feedback
 
-    def _getter(self, name: str, field: str) -> Callable[..., Any]:
+    @override
+    def _reader(self, name: str) -> Reader:
         inbox: Inbox = self._space.connected(name)
         is_latched = self._command(name).level in (Level.GOAL, Level.SETTING)
 
-        def getter(age: float | None = None, wait: float | None = None, extra: bool = False) -> Any:
-            oldest = DEFAULT_AGE if age is None else age
-            timeout = DEFAULT_WAIT if wait is None else wait
-
-            def fresh(received: Received) -> bool:
+        def read(oldest: float, timeout: float) -> tuple[Value, int]:
+            def is_fresh(received: Received) -> bool:
                 if is_latched or oldest == 0.0:
                     return True
                 return received.wall_ns != 0 and time.monotonic() - received.since <= oldest
 
-            found = inbox.wait_for(fresh, timeout)
+            found = inbox.wait_for(is_fresh, timeout)
             if found is None:
                 raise self._no_data(name, inbox, oldest)
-            value: Any = getattr(found.value, field) if field else found.value
-            if isinstance(value, Number):
-                value = value.value
-            return (value, found.wall_ns / 1e9) if extra else value
+            return found.value, found.wall_ns
 
-        return getter
+        return read
 
     def _no_data(self, name: str, inbox: Inbox, oldest: float) -> DataTimeout:
         latest = inbox.latest
@@ -270,9 +255,8 @@ class RemoteDevice(DeviceFront):
 
     # --------------------------------------------------------------------------------- commands
 
+    @override
     def _sender(self, name: str, command: Command) -> Callable[..., Any]:
-        if name == "state_command":
-            return self.state_command
         outbox: Outbox = self._space.connected(name)
         if command.level is Level.MOVE:
             return self._mover(name, command, outbox)
@@ -350,25 +334,12 @@ class RemoteDevice(DeviceFront):
 
         return move
 
+    @override
     def _query(self, name: str, command: Command) -> Callable[..., Any]:
         caller: Any = self._space.connected(name)
         if command.payload is Payload.FORWARD_KINEMATICS:
-
-            def forward(joints: ArrayLike, timeout: float = SERVICE_TIMEOUT) -> Pose:
-                numbers = vector(np.asarray(joints, dtype=float))
-                pose: Pose = caller.forward_kinematics(numbers, timeout)
-                return pose
-
-            return forward
-
-        def inverse(
-            pose: Any, reference: ArrayLike = EMPTY, timeout: float = SERVICE_TIMEOUT
-        ) -> Vector:
-            numbers = vector(np.asarray(reference, dtype=float))
-            joints: Vector = caller.inverse_kinematics(as_pose(pose), numbers, timeout)
-            return joints
-
-        return inverse
+            return caller.forward_kinematics  # type: ignore[no-any-return]
+        return caller.inverse_kinematics  # type: ignore[no-any-return]
 
     # ------------------------------------------------------------------------------ operating state
 
@@ -420,8 +391,7 @@ class RemoteDevice(DeviceFront):
                 transition = Transition(wanted, before, target)
                 transition.wait(watch, deadline, self.namespace, stamp)
         except CommandRefused as refusal:
-            refusal.where = refusal.where or self.namespace
-            raise
+            raise refusal.of(refusal.stamp_ns, self.namespace) from refusal.__cause__
         finally:
             tracker.unwatch(watch)
 

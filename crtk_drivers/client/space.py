@@ -7,26 +7,15 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from crtk_drivers.client.announcements import StatusTracker
 from crtk_drivers.client.discovery import POLL, SETTLE, Catalogue, Feature
-from crtk_drivers.commands import COMMANDS, Direction, Kind, Payload
+from crtk_drivers.commands import Direction, Payload
 from crtk_drivers.errors import ConnectionFailed
 
 if TYPE_CHECKING:
     from crtk_drivers.client.link import Caller, Endpoint, Inbox, Link
-
-PARTS: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {
-        f"{command.name[:-1]}{kind}": (command.name, field)
-        for command in COMMANDS.values()
-        if command.payload is Payload.JOINT_STATE and command.kind is Kind.STATE
-        for kind, field in (("p", "position"), ("v", "velocity"), ("f", "effort"))
-    }
-)
-"""``measured_jp`` is the position of ``measured_js``."""
 
 _OF_ANY_NODE = ("rcl_interfaces", "type_description_interfaces")
 

@@ -85,6 +85,7 @@ class Engine(Intake):
         except DeviceError as error:
             self._requests.end(error)
             self._board.update(OperatingState.FAULT, error.statement, remedy=error.remedy)
+            self._turns.turn()
             raise
         self._requests.begin()
         self._transitions.cancel()  # what was sent while the link was being lost
@@ -95,6 +96,7 @@ class Engine(Intake):
         self._stopping.begin_anew()
         self._sample_deadman.feed(self._clock())
         self._board.update(OperatingState.DISABLED, self.device.found)
+        self._turns.turn()
 
     def cycle(self, deadline: float) -> None:
         """Read, follow the hardware's condition, advance transition and motion. Once a period.
@@ -132,6 +134,7 @@ class Engine(Intake):
             logger.exception("%s: unexpected error in its motion", self.where)
             self._broken(unexpected(error), REPORT)
         self._health.cycle(now)
+        self._turns.turn()
         if sample is not None and self.on_sample is not None:
             self.on_sample()
 
@@ -166,6 +169,7 @@ class Engine(Intake):
         except DeviceError as error:
             told = without_name(str(error), self.where)
             logger.warning("%s: could not be told to stop: %s", self.where, told)
+        self._turns.turn()
 
     def shut_down(self) -> None:
         """Stop, wait until that is read back, leave the hardware as it is configured to be left, and close.

@@ -17,6 +17,7 @@ from crtk_drivers.device.offered import WRENCH_AXES, missing_for, offered
 from crtk_drivers.engine.services import Request, Requests
 from crtk_drivers.engine.tether import Tether
 from crtk_drivers.engine.transitions import Transitions
+from crtk_drivers.engine.turns import Turns
 from crtk_drivers.engine.waiting import Waiting, WaitingMove
 from crtk_drivers.errors import (
     CommandRefused,
@@ -75,6 +76,7 @@ class Intake:
         self.own_notes: tuple[Note, ...] = ()
         """What the front has to say of the device, beside its own notes; replaced as a whole."""
         self._clock = clock
+        self._turns = Turns()
         self._connected = False
         period = 1.0 / self.capabilities.rate
         stale_after = min(max(5.0 * period, 0.02), self.options.sample_timeout)
@@ -147,6 +149,10 @@ class Intake:
     def transition_outcome(self) -> Status:
         """The status in which the last state command ended."""
         return self._transitions.outcome
+
+    def wait_for(self, test: Callable[[], object], timeout: float) -> bool:
+        """Wait until `test` holds after a cycle; return whether it did within `timeout` s."""
+        return self._turns.wait_for(test, timeout)
 
     def add_observer(self, observer: Observer) -> None:
         """Tell `observer` from now on."""

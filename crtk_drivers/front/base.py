@@ -3,11 +3,27 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from types import TracebackType
-from typing import Self
+from collections.abc import Callable, Mapping
+from types import MappingProxyType, TracebackType
+from typing import Any, Self
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crtk_drivers.commands import COMMANDS, Command, Direction, Kind, Payload
+from crtk_drivers.geometry.conversions import as_pose
+from crtk_drivers.samples import EMPTY, Number, Pose, Vector, vector
 from crtk_drivers.state import OperatingState, StateCommand, Status
+
+PARTS: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        f"{command.name[:-1]}{kind}": (command.name, field)
+        for command in COMMANDS.values()
+        if command.payload is Payload.JOINT_STATE and command.kind is Kind.STATE
+        for kind, field in (("p", "position"), ("v", "velocity"), ("f", "effort"))
+    }
+)
+"""``measured_jp`` is the position of ``measured_js``."""
 
 DEFAULT_AGE = 0.1
 """Seconds that feedback may be old unless `age` says otherwise."""
@@ -15,9 +31,19 @@ DEFAULT_AGE = 0.1
 DEFAULT_WAIT = 1.0
 """Seconds to wait for fresh feedback unless `wait` says otherwise."""
 
+QUERY_TIMEOUT = 5.0
+"""Seconds in which a kinematics service must answer, unless `timeout` says otherwise."""
+
+Reader = Callable[[float, float], tuple[Any, int]]
+"""Reads a feedback at most so many seconds old, waiting at most so many: the value, and its stamp in ns."""
+
 
 class DeviceFront(ABC):
-    """The operating state as methods, and the life cycle. Closed at the end of a ``with`` statement."""
+    """CRTK names and the operating state as methods, and the life cycle.
+
+    Closed at the end of a ``with`` statement. `_reader`, `_sender` and `_query` carry values to the device
+    and back; the methods that users call are made of these.
+    """
 
     def __enter__(self) -> Self:
         return self
@@ -98,3 +124,57 @@ class DeviceFront(ABC):
     def unhome(self, timeout: float = 30.0) -> None:
         """Forget the reference positions. See `state_command`."""
         self.state_command(StateCommand.UNHOME, timeout)
+
+    # ------------------------------------------------------------------------------------ CRTK names
+
+    @abstractmethod
+    def _reader(self, name: str) -> Reader:
+        """Return what reads a feedback; it raises DataTimeout when there is none like that."""
+
+    @abstractmethod
+    def _sender(self, name: str, command: Command) -> Callable[..., Any]:
+        """Return what sends a command: of its value, or of nothing."""
+
+    @abstractmethod
+    def _query(self, name: str, command: Command) -> Callable[..., Any]:
+        """Return what asks for kinematics: of joints, or of a pose and a reference; and of seconds."""
+
+    def _method(self, name: str, command: Command, field: str = "") -> Callable[..., Any]:
+        """Return the method of a CRTK name; with `field`, of that part of its value."""
+        if command.direction is Direction.PUBLISHED:
+            method = _getter(self._reader(name), field)
+        elif command.direction is Direction.COMMANDED:
+            method = self._sender(name, command)
+        elif command.payload is Payload.FORWARD_KINEMATICS:
+            method = _forward(self._query(name, command))
+        else:
+            method = _inverse(self._query(name, command))
+        part = f"the {field} of {name}: " if field else ""
+        method.__doc__ = f"{part}{command.summary} ({command.units})."
+        return method
+
+
+def _getter(read: Reader, field: str) -> Callable[..., Any]:
+    def getter(age: float | None = None, wait: float | None = None, extra: bool = False) -> Any:
+        value, stamp_ns = read(
+            DEFAULT_AGE if age is None else age, DEFAULT_WAIT if wait is None else wait
+        )
+        told = value.value if isinstance(value, Number) else value
+        told = getattr(told, field) if field else told
+        return (told, stamp_ns / 1e9) if extra else told
+
+    return getter
+
+
+def _forward(ask: Callable[[Vector, float], Pose]) -> Callable[..., Pose]:
+    def forward(joints: ArrayLike, timeout: float = QUERY_TIMEOUT) -> Pose:
+        return ask(vector(np.asarray(joints, dtype=float)), timeout)
+
+    return forward
+
+
+def _inverse(ask: Callable[[Pose, Vector, float], Vector]) -> Callable[..., Vector]:
+    def inverse(pose: Any, reference: ArrayLike = EMPTY, timeout: float = QUERY_TIMEOUT) -> Vector:
+        return ask(as_pose(pose), vector(np.asarray(reference, dtype=float)), timeout)
+
+    return inverse

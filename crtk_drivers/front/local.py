@@ -18,32 +18,25 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
 from typing_extensions import override
 
 from crtk_drivers import plugins
-from crtk_drivers.commands import Command, Direction, Kind, Level, Payload, find, is_name
+from crtk_drivers.commands import Command, Level, Payload, find, is_name
 from crtk_drivers.config import from_values
 from crtk_drivers.device import READINGS, Reading
 from crtk_drivers.device.offered import missing_for
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, DataTimeout, TransitionFailed
-from crtk_drivers.front.base import DEFAULT_AGE, DEFAULT_WAIT, DeviceFront
+from crtk_drivers.front.base import PARTS, DeviceFront, Reader
 from crtk_drivers.front.payloads import converted, value_for
 from crtk_drivers.motion.arbiter import Client
-from crtk_drivers.move import Move
 from crtk_drivers.samples import (
-    EMPTY,
     Flag,
     Number,
     Numbers,
-    Pose,
     Stamp,
     Text,
     Value,
-    Vector,
-    vector,
 )
 from crtk_drivers.session import Session, open_session
 from crtk_drivers.sims import RunningSim
@@ -59,7 +52,8 @@ LOG_INTERVAL = 2.0
 SERVICE_TIMEOUT = 30.0
 """Seconds to wait for a device's own service."""
 
-_POLL = 0.001
+_OPERATING_STATE, _STATE_COMMAND = "operating_state", "state_command"
+"""Names whose methods every front has, see `DeviceFront`."""
 
 
 class _Wait:
@@ -207,13 +201,10 @@ class LocalDevice(DeviceFront):
             if timeout <= 0.0:
                 return
             target = target_of(before, StateCommand(command))
-            deadline = time.monotonic() + timeout
-            while not self._engine.transition_ended:
-                if time.monotonic() > deadline:
-                    raise TransitionFailed(
-                        f"{command} did not end in {timeout:g} s", where=self._engine.where
-                    )
-                time.sleep(_POLL)
+            if not self._engine.wait_for(lambda: self._engine.transition_ended, timeout):
+                raise TransitionFailed(
+                    f"{command} did not end in {timeout:g} s", where=self._engine.where
+                )
             if refusals:
                 raise refusals[-1]
             status = self._engine.transition_outcome
@@ -229,12 +220,12 @@ class LocalDevice(DeviceFront):
     # ------------------------------------------------------------------------------------ CRTK names
 
     def _add(self, name: str, command: Command) -> None:
-        makers: dict[Direction, Callable[[str, Command], None]] = {
-            Direction.PUBLISHED: self._add_feedback,
-            Direction.COMMANDED: self._add_command,
-            Direction.SERVICE: self._add_query,
-        }
-        makers[command.direction](name, command)
+        if name in (_OPERATING_STATE, _STATE_COMMAND):
+            return
+        self._attach(name, self._method(name, command))
+        for part, (whole, field) in PARTS.items():
+            if whole == name:
+                self._attach(part, self._method(name, command, field))
 
     def _request(self, name: str, timeout: float = SERVICE_TIMEOUT) -> str:
         return self._engine.request(name).wait(timeout)
@@ -258,61 +249,37 @@ class LocalDevice(DeviceFront):
                 return value.values
         return value
 
-    def _attach(self, name: str, method: Any, doc: str) -> None:
+    def _attach(self, name: str, method: Any, doc: str = "") -> None:
         method.__name__ = name
-        method.__doc__ = doc
+        method.__doc__ = doc or method.__doc__
         owner: Any = self
         *spaces, last = name.split("/")
         for space in spaces:
             owner = vars(owner).setdefault(space, _SubNamespace(self, space))
         setattr(owner, last, method)
 
-    def _add_feedback(self, name: str, command: Command) -> None:
-        if command.payload is Payload.OPERATING_STATE:
-            return
+    @override
+    def _reader(self, name: str) -> Reader:
+        is_latched = find(name).level in (Level.GOAL, Level.SETTING)
+        look = self._engine.latched if is_latched else self._engine.feedback
 
-        def getter(age: float | None = None, wait: float | None = None, extra: bool = False) -> Any:
-            value, stamp = self._fresh(name, age, wait)
-            told = value.value if isinstance(value, Number) else value
-            return (told, stamp.wall_ns / 1e9) if extra else told
+        def read(oldest: float, timeout: float) -> tuple[Value, int]:
+            found: tuple[Value, Stamp] | None = None
 
-        self._attach(name, getter, f"Return {command.summary} ({command.units}).")
-        if command.kind is not Kind.STATE:
-            return
-        for kind, field in (("p", "position"), ("v", "velocity"), ("f", "effort")):
-            self._attach(
-                f"{name[:-1]}{kind}",
-                self._part_getter(name, field),
-                f"Return the {field} of {name} (n,).",
-            )
+            def is_fresh() -> bool:
+                nonlocal found
+                found = look(name)
+                if found is None or is_latched or oldest == 0.0:
+                    return found is not None
+                stamp = found[1]
+                return stamp.wall_ns != 0 and time.monotonic() - stamp.monotonic <= oldest
 
-    def _part_getter(self, name: str, field: str) -> Callable[..., Any]:
-        def getter(age: float | None = None, wait: float | None = None, extra: bool = False) -> Any:
-            value, stamp = self._fresh(name, age, wait)
-            part = getattr(value, field)
-            return (part, stamp.wall_ns / 1e9) if extra else part
-
-        return getter
-
-    def _fresh(self, name: str, age: float | None, wait: float | None) -> tuple[Value, Stamp]:
-        """Return feedback at most `age` old, waiting at most `wait`; age 0 takes what there is."""
-        oldest = DEFAULT_AGE if age is None else age
-        deadline = time.monotonic() + (DEFAULT_WAIT if wait is None else wait)
-        latched = find(name).level in (Level.GOAL, Level.SETTING)
-        while True:
-            found = self._engine.latched(name) if latched else self._engine.feedback(name)
-            if found is not None:
-                _, stamp = found
-                valid = stamp.wall_ns != 0
-                if (
-                    oldest == 0.0
-                    or latched
-                    or (valid and time.monotonic() - stamp.monotonic <= oldest)
-                ):
-                    return found
-            if time.monotonic() >= deadline:
+            if not self._engine.wait_for(is_fresh, timeout) or found is None:
                 raise self._no_data(name, found, oldest)
-            time.sleep(_POLL)
+            value, stamp = found
+            return value, stamp.wall_ns
+
+        return read
 
     def _no_data(self, name: str, found: tuple[Value, Stamp] | None, oldest: float) -> DataTimeout:
         status = self._engine.status
@@ -324,21 +291,12 @@ class LocalDevice(DeviceFront):
             remedy="Pass age=0 to take the last value whatever its age.",
         )
 
-    def _add_command(self, name: str, command: Command) -> None:
-        if name == "state_command":
-            return
+    @override
+    def _sender(self, name: str, command: Command) -> Callable[..., Any]:
+        engine, client = self._engine, self._client
         if command.payload is Payload.EMPTY:
-
-            def plain() -> None:
-                self._engine.submit(name, client=self._client)
-
-            self._attach(name, plain, f"{command.summary[0].upper()}{command.summary[1:]}.")
-            return
-
-        def sender(value: Any) -> Move | None:
-            return self._engine.submit(name, self._payload(command, value), client=self._client)
-
-        self._attach(name, sender, f"{command.level}: {command.summary} ({command.units}).")
+            return lambda: engine.submit(name, client=client)
+        return lambda value: engine.submit(name, self._payload(command, value), client=client)
 
     def _payload(self, command: Command, value: Any) -> Value:
         return self._reported(lambda: value_for(command, value, self._engine.where))
@@ -350,20 +308,12 @@ class LocalDevice(DeviceFront):
             self._engine.report_refusal(refusal)
             raise
 
-    def _add_query(self, name: str, command: Command) -> None:
+    @override
+    def _query(self, name: str, command: Command) -> Callable[..., Any]:
         engine = self._engine
         if command.payload is Payload.FORWARD_KINEMATICS:
-
-            def forward(joints: ArrayLike) -> Pose:
-                return engine.forward_kinematics(vector(np.asarray(joints, dtype=float)), name)
-
-            self._attach(name, forward, "Return the tool pose of a joint position (n,).")
-        else:
-
-            def inverse(pose: Pose, reference: ArrayLike = EMPTY) -> Vector:
-                return engine.inverse_kinematics(pose, vector(np.asarray(reference, dtype=float)))
-
-            self._attach(name, inverse, "Return the joint position (n,) nearest to `reference`.")
+            return lambda joints, _: engine.forward_kinematics(joints, name)
+        return lambda pose, reference, _: engine.inverse_kinematics(pose, reference)
 
 
 class _RefusalWatch(Observer):
@@ -438,15 +388,18 @@ def connect(
         session.start()
         deadline = time.monotonic() + timeout
         for engine in session.engines:
-            while not (engine.connected and engine.has_sample):
-                if time.monotonic() > deadline:
-                    raise ConnectionFailed(
-                        f"{engine.status.cause or 'no sample arrived'}; it was tried for {timeout:g} s",
-                        where=engine.where,
-                        remedy=engine.status.remedy,
-                    )
-                time.sleep(_POLL)
+            left = max(0.0, deadline - time.monotonic())
+            if not engine.wait_for(partial(_is_measuring, engine), left):
+                raise ConnectionFailed(
+                    f"{engine.status.cause or 'no sample arrived'}; it was tried for {timeout:g} s",
+                    where=engine.where,
+                    remedy=engine.status.remedy,
+                )
     except BaseException:
         arm.close()
         raise
     return arm
+
+
+def _is_measuring(engine: Engine) -> bool:
+    return engine.connected and engine.has_sample

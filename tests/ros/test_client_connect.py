@@ -164,8 +164,8 @@ def test_a_device_without_a_manifest() -> None:
 
 def test_every_command_of_the_table_is_sent_and_received() -> None:
     """Also those that the official client lacks, and that no driver of ours offers yet."""
-    from crtk_drivers.client.space import PARTS
     from crtk_drivers.commands import COMMANDS, Direction, Payload
+    from crtk_drivers.front.base import PARTS
     from crtk_drivers.ros.messages import TYPES
 
     seen: list[str] = []

@@ -20,9 +20,9 @@ from crtk_drivers.client.goals import goal_test
 from crtk_drivers.client.link import Caller, Inbox, Outbox, Received
 from crtk_drivers.client.move_handle import RemoteMove
 from crtk_drivers.client.ral import Ral
-from crtk_drivers.client.space import PARTS
 from crtk_drivers.commands import COMMANDS, Command, Direction, Level, Payload
 from crtk_drivers.errors import CommandRefused, DataTimeout, KinematicsError
+from crtk_drivers.front.base import PARTS
 from crtk_drivers.front.payloads import value_for
 from crtk_drivers.geometry.conversions import as_pose, have_kdl, to_kdl
 from crtk_drivers.ros.messages import TYPES

@@ -17,9 +17,9 @@ import numpy as np
 from crtk_drivers.client.matlab.wire import Encoded, arguments_of, decoded, encoded, parts_of
 from crtk_drivers.client.move_handle import RemoteMove
 from crtk_drivers.client.remote import CONNECT_TIMEOUT, SERVICE_TIMEOUT, RemoteDevice, connect
-from crtk_drivers.client.space import PARTS
 from crtk_drivers.commands import COMMANDS, Command, Direction, find
 from crtk_drivers.errors import CommandRefused, ConfigError, CrtkError, DataTimeout
+from crtk_drivers.front.base import PARTS
 from crtk_drivers.ros import environment
 from crtk_drivers.state import Status
 
