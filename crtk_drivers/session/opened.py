@@ -12,14 +12,14 @@ from dataclasses import fields
 from types import TracebackType
 from typing import Any, Self
 
-from crtk_drivers import pages, plugins
+from crtk_drivers import plugins
 from crtk_drivers.config import DeviceConfig, from_values
 from crtk_drivers.engine import Engine, EngineOptions
 from crtk_drivers.engine.threads import Runtime
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.options import LimitPolicy
-from crtk_drivers.pages import RunningPage
 from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.plugins.page_plugin import RunningPage, start_page
 from crtk_drivers.session.scene import DeviceScene
 from crtk_drivers.sims import RunningSim, start
 
@@ -64,7 +64,7 @@ class Session:
         if self.config.web:
             detail = "simulated" if self.sim else "CRTK device"
             scene = DeviceScene(self.engine, self.children, detail)
-            self.page = pages.start(plugins.page(), scene, self.config.web_port)
+            self.page = start_page(plugins.page(), scene, self.config.web_port)
 
     def start(self) -> None:
         """Start the threads; the device is opened by them."""

@@ -1,4 +1,4 @@
-"""Devices, simulators and pages, found through entry points: a stranger's package counts as much as ours.
+"""Entry points, where devices, simulators and pages are found: a stranger's package counts as much as ours.
 
     [project.entry-points."crtk_drivers.devices"]
     ur = "crtk_driver_ur:PLUGIN"               # a `DevicePlugin`
@@ -7,7 +7,7 @@
     ur = "crtk_sim_backends.ur:SIM"            # a `crtk_drivers.sims.SimPlugin`
 
     [project.entry-points."crtk_drivers.pages"]
-    web = "crtk_sim_backends.page.device:PAGE"  # a `crtk_drivers.pages.PagePlugin`
+    web = "crtk_sim_backends.page.device:PAGE"  # a `crtk_drivers.plugins.page_plugin.PagePlugin`
 
 Finding imports nothing; a plugin is imported when it is asked for. One that cannot be loaded,
 whatever it does, is an entry with an `error` and leaves the others alone. The environment variable
@@ -21,163 +21,34 @@ import os
 import re
 import traceback
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import Distribution, EntryPoint, PackageNotFoundError, distribution
 from importlib.metadata import entry_points as installed_entry_points
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
 from crtk_drivers.commands import Command
-from crtk_drivers.config import DeviceConfig, Layer, Settings, from_file, from_values, load
-from crtk_drivers.device import Device
+from crtk_drivers.config import DeviceConfig, from_values, load
 from crtk_drivers.device.offered import offered
-from crtk_drivers.errors import ConfigError, MissingExtra, PluginError
-from crtk_drivers.pages import PagePlugin
-from crtk_drivers.sims import RunningSim, SimPlugin
-from crtk_drivers.wrappers.base_frame import PlacedDevice
+from crtk_drivers.errors import MissingExtra, PluginError
+from crtk_drivers.plugins.declared import DevicePlugin
+from crtk_drivers.plugins.page_plugin import PagePlugin
+from crtk_drivers.sims import SimPlugin
 
 DEVICES: Final = "crtk_drivers.devices"
 SIMS: Final = "crtk_drivers.sims"
 PAGES: Final = "crtk_drivers.pages"
 PAGE: Final = "web"
+"""Name of the page that shows a device."""
 
 FORMER: Final[Mapping[str, str]] = MappingProxyType({"netft": "ati-netft"})
 """Names that simulators had in the release before, and have now."""
-"""Name of the page that shows a device."""
+
 ONLY: Final = "CRTK_DRIVERS_ONLY"
 """Environment variable: the names of the plugins that may be loaded, with commas; all if unset."""
 
 OWN_DISTRIBUTION: Final = "crtk-drivers"
-
-
-def _same_config(config: Any, sim: RunningSim) -> Any:
-    return config
-
-
-def _nothing(config: Any) -> None:
-    pass
-
-
-def required(key: str, example: str) -> Callable[[DeviceConfig], None]:
-    """Return a `check_real` that asks for an address, such as ``required("host", "192.168.1.10")``."""
-
-    def check(config: DeviceConfig) -> None:
-        if not getattr(config, key):
-            raise ConfigError(
-                f"{key}: is required for real hardware",
-                remedy=f"Give its address (--{key.replace('_', '-')} {example}), or use --sim.",
-            )
-
-    return check
-
-
-def _no_options(config: Any) -> Mapping[str, Any]:
-    return MappingProxyType({})
-
-
-@dataclass(frozen=True)
-class Tool:
-    """A command for people beside the node: ``crtk-driver <device> <tool>``. It starts no node.
-
-    Attributes:
-        name: as it is typed.
-        summary: one line for the help.
-        run: does it with a configuration (with ``--sim`` one that points at a running simulator) and
-            options, writes what people want to know to the terminal, and returns the exit code.
-        options: the class of its own options, as for a configuration.
-        arguments: those of its options that are typed without their names, in this order.
-        check_real: instead of that of the plugin, for a tool that needs less or more.
-    """
-
-    name: str
-    summary: str
-    run: Callable[[Any, Any], int]
-    options: type[Settings] = Settings
-    arguments: tuple[str, ...] = ()
-    check_real: Callable[[Any], None] | None = None
-
-
-@dataclass(frozen=True)
-class DevicePlugin:
-    """All that the core needs to bring up one kind of device.
-
-    Attributes:
-        name: the same as that of the entry point: ``crtk-driver <name>``.
-        summary: one line for people.
-        config: the class of its configuration.
-        create: makes the device of a configuration; touches no hardware, may import libraries.
-        check_real: raises ConfigError if the configuration lacks what only real hardware needs, such
-            as an address; not called for a simulator.
-        sim: name of its simulator; None if it has none.
-        extra: the extra of its distribution that brings its libraries; empty if it needs none.
-        addresses: the keys that say where real hardware is: ``host``, ``bus.channel``; given beside a
-            simulator they are refused.
-        sim_config: the configuration that points at a running simulator.
-        sim_options: the options of the simulator that suit a configuration (model, ...).
-        tools: commands for people, to look at hardware, scan a bus, calibrate, ...
-        typical: values of a configuration whose CRTK commands are listed where the default has no joints.
-    """
-
-    name: str
-    summary: str
-    config: type[DeviceConfig]
-    create: Callable[[Any], Device]
-    sim: str | None = None
-    extra: str = ""
-    addresses: tuple[str, ...] = ()
-    check_real: Callable[[Any], None] = _nothing
-    sim_config: Callable[[Any, RunningSim], Any] = _same_config
-    sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
-    tools: tuple[Tool, ...] = ()
-    typical: Mapping[str, Any] = field(default_factory=dict)
-
-    def make(self, config: DeviceConfig) -> Device:
-        """Return the device of a configuration, with the kinematics and the place that it names.
-
-        Raises:
-            ConfigError, MissingExtra: it cannot be made.
-        """
-        device = self.create(config)
-        if config.kinematics is not None:
-            from crtk_drivers.wrappers.kinematic_model import (
-                ModelledDevice,  # pinocchio is not needed otherwise
-            )
-
-            device = ModelledDevice(device, config.kinematics)
-        if config.base is not None:
-            device = PlacedDevice(device, replace(config.base.pose, frame_id=config.base.frame_id))
-        return device
-
-    def check_simulated(self, layer: Layer) -> None:
-        """Make sure that nobody asks for a simulator and for real hardware in one breath.
-
-        A file is no such layer: what is written for the hardware may be rehearsed with a simulator.
-
-        Raises:
-            ConfigError: the layer has one of the `addresses`.
-        """
-        for address in self.addresses:
-            key = tuple(address.split("."))
-            if layer.says(key):
-                raise ConfigError(
-                    f"{address} is where real hardware is, and a simulator was asked for, which "
-                    "has an address of its own",
-                    where=layer.place(key),
-                    remedy="Leave out one of the two.",
-                )
-
-    def load_config(
-        self, config: Mapping[str, Any] | str | Path | None, values: Mapping[str, Any]
-    ) -> DeviceConfig:
-        """Return the configuration of a file or mapping, with single values over it.
-
-        Raises:
-            ConfigError: with every mistake in it.
-        """
-        below = from_file(config) if isinstance(config, str | Path) else from_values(config or {})
-        return load(self.config, below, from_values(values))
 
 
 @dataclass(frozen=True)

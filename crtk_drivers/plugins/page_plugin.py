@@ -57,7 +57,7 @@ class PagePlugin(Protocol):
         """
 
 
-def start(plugin: PagePlugin, shown: Shown, port: int) -> RunningPage:
+def start_page(plugin: PagePlugin, shown: Shown, port: int) -> RunningPage:
     """Serve a page.
 
     Raises:

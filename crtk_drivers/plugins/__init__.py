@@ -1,0 +1,39 @@
+"""Devices, simulators and pages of any package: what it says of them, and where they are found."""
+
+from crtk_drivers.plugins.declared import DevicePlugin, Tool, required
+from crtk_drivers.plugins.entries import (
+    DEVICES,
+    FORMER,
+    ONLY,
+    OWN_DISTRIBUTION,
+    PAGES,
+    SIMS,
+    PluginEntry,
+    commands_of,
+    device,
+    devices,
+    page,
+    pages,
+    sims,
+    simulator,
+)
+
+__all__ = [
+    "DEVICES",
+    "FORMER",
+    "ONLY",
+    "OWN_DISTRIBUTION",
+    "PAGES",
+    "SIMS",
+    "DevicePlugin",
+    "PluginEntry",
+    "Tool",
+    "commands_of",
+    "device",
+    "devices",
+    "page",
+    "pages",
+    "required",
+    "sims",
+    "simulator",
+]

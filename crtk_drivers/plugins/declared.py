@@ -1,0 +1,145 @@
+"""What a package says of a device that it brings: `DevicePlugin`, and tools for people beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from crtk_drivers.config import DeviceConfig, Layer, Settings, from_file, from_values, load
+from crtk_drivers.device import Device
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.sims import RunningSim
+from crtk_drivers.wrappers.base_frame import PlacedDevice
+
+__all__ = ["DevicePlugin", "Tool", "required"]
+
+
+def _same_config(config: Any, sim: RunningSim) -> Any:
+    return config
+
+
+def _nothing(config: Any) -> None:
+    pass
+
+
+def required(key: str, example: str) -> Callable[[DeviceConfig], None]:
+    """Return a `check_real` that asks for an address, such as ``required("host", "192.168.1.10")``."""
+
+    def check(config: DeviceConfig) -> None:
+        if not getattr(config, key):
+            raise ConfigError(
+                f"{key}: is required for real hardware",
+                remedy=f"Give its address (--{key.replace('_', '-')} {example}), or use --sim.",
+            )
+
+    return check
+
+
+def _no_options(config: Any) -> Mapping[str, Any]:
+    return MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A command for people beside the node: ``crtk-driver <device> <tool>``. It starts no node.
+
+    Attributes:
+        name: as it is typed.
+        summary: one line for the help.
+        run: does it with a configuration (with ``--sim`` one that points at a running simulator) and
+            options, writes what people want to know to the terminal, and returns the exit code.
+        options: the class of its own options, as for a configuration.
+        arguments: those of its options that are typed without their names, in this order.
+        check_real: instead of that of the plugin, for a tool that needs less or more.
+    """
+
+    name: str
+    summary: str
+    run: Callable[[Any, Any], int]
+    options: type[Settings] = Settings
+    arguments: tuple[str, ...] = ()
+    check_real: Callable[[Any], None] | None = None
+
+
+@dataclass(frozen=True)
+class DevicePlugin:
+    """All that the core needs to bring up one kind of device.
+
+    Attributes:
+        name: the same as that of the entry point: ``crtk-driver <name>``.
+        summary: one line for people.
+        config: the class of its configuration.
+        create: makes the device of a configuration; touches no hardware, may import libraries.
+        check_real: raises ConfigError if the configuration lacks what only real hardware needs, such
+            as an address; not called for a simulator.
+        sim: name of its simulator; None if it has none.
+        extra: the extra of its distribution that brings its libraries; empty if it needs none.
+        addresses: the keys that say where real hardware is: ``host``, ``bus.channel``; given beside a
+            simulator they are refused.
+        sim_config: the configuration that points at a running simulator.
+        sim_options: the options of the simulator that suit a configuration (model, ...).
+        tools: commands for people, to look at hardware, scan a bus, calibrate, ...
+        typical: values of a configuration whose CRTK commands are listed where the default has no joints.
+    """
+
+    name: str
+    summary: str
+    config: type[DeviceConfig]
+    create: Callable[[Any], Device]
+    sim: str | None = None
+    extra: str = ""
+    addresses: tuple[str, ...] = ()
+    check_real: Callable[[Any], None] = _nothing
+    sim_config: Callable[[Any, RunningSim], Any] = _same_config
+    sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
+    tools: tuple[Tool, ...] = ()
+    typical: Mapping[str, Any] = field(default_factory=dict)
+
+    def make(self, config: DeviceConfig) -> Device:
+        """Return the device of a configuration, with the kinematics and the place that it names.
+
+        Raises:
+            ConfigError, MissingExtra: it cannot be made.
+        """
+        device = self.create(config)
+        if config.kinematics is not None:
+            from crtk_drivers.wrappers.kinematic_model import (
+                ModelledDevice,  # pinocchio is not needed otherwise
+            )
+
+            device = ModelledDevice(device, config.kinematics)
+        if config.base is not None:
+            device = PlacedDevice(device, replace(config.base.pose, frame_id=config.base.frame_id))
+        return device
+
+    def check_simulated(self, layer: Layer) -> None:
+        """Make sure that nobody asks for a simulator and for real hardware in one breath.
+
+        A file is no such layer: what is written for the hardware may be rehearsed with a simulator.
+
+        Raises:
+            ConfigError: the layer has one of the `addresses`.
+        """
+        for address in self.addresses:
+            key = tuple(address.split("."))
+            if layer.says(key):
+                raise ConfigError(
+                    f"{address} is where real hardware is, and a simulator was asked for, which "
+                    "has an address of its own",
+                    where=layer.place(key),
+                    remedy="Leave out one of the two.",
+                )
+
+    def load_config(
+        self, config: Mapping[str, Any] | str | Path | None, values: Mapping[str, Any]
+    ) -> DeviceConfig:
+        """Return the configuration of a file or mapping, with single values over it.
+
+        Raises:
+            ConfigError: with every mistake in it.
+        """
+        below = from_file(config) if isinstance(config, str | Path) else from_values(config or {})
+        return load(self.config, below, from_values(values))
