@@ -76,9 +76,12 @@ def forbid_traffic_beyond_this_machine(event: str, args: tuple[object, ...]) -> 
 sys.addaudithook(forbid_traffic_beyond_this_machine)
 
 
+# Failures inside the contract explain themselves.
+pytest.register_assert_rewrite("crtk_drivers.testing.contract")
+
 HAVE_ROS = find_spec("rclpy") is not None
 if not HAVE_ROS:
-    collect_ignore_glob = ["ros/*", "*/test_message_hashes.py"]
+    collect_ignore_glob = ["ros/*/*"]
 
 
 HAVE_UR_RTDE = find_spec("rtde_control") is not None
@@ -119,8 +122,16 @@ def pytest_report_header() -> Iterable[str]:
 WORKERS_A_CORE = 1.5
 """Seven tenths of the time tests wait: for an arm that moves, for a time-out, for a process."""
 
-WAITING = {"docs": 3.0, "matlab": 1.5, "faults": 1.0, "ros": 0.7, "wire": 0.6, "contract": 0.3}
+WAITING = {"docs": 3.0, "matlab": 1.5, "all_devices": 1.0, "faults": 1.0, "ros": 0.7, "wire": 0.6}
 """Folders whose tests wait more than they compute, with about how many seconds one of them takes."""
+
+TESTS = Path(__file__).parent
+
+
+def waiting_folder(path: Path) -> str | None:
+    """The innermost of the folders below tests/ that a file is in and that `WAITING` has."""
+    folders = path.parent.parts[len(TESTS.parts) :]
+    return next((name for name in reversed(folders) if name in WAITING), None)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -142,14 +153,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if workers == 1:
         return
     waiting: dict[Path, list[pytest.Item]] = {}
+    seconds: dict[Path, float] = {}
     rest: list[pytest.Item] = []
     for path, group in groupby(items, key=lambda item: item.path):
         tests = list(group)
-        if path.parent.name in WAITING:
+        if folder := waiting_folder(path):
             waiting.setdefault(path, []).extend(tests)
+            seconds[path] = len(waiting[path]) * WAITING[folder]
         else:
             rest += tests
-    seconds = {path: len(tests) * WAITING[path.parent.name] for path, tests in waiting.items()}
     pieces: list[list[pytest.Item]] = [[] for _ in range(workers)]
     busy = [0.0] * workers
     for path in sorted(waiting, key=lambda path: -seconds[path]):

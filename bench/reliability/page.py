@@ -19,7 +19,7 @@ PAGE: Final = Path(__file__).parents[2] / "docs" / "reliability.md"
 INTRODUCTION: Final = """# Reliability
 
 Twenty faults, by every driver at its simulator, over the wire that the hardware has. This page is written
-by `python -m bench.faults --write` and by nothing else. `tests/faults/test_matrix.py` runs a part of the
+by `python -m bench.faults --write` and by nothing else. `tests/all_devices/test_matrix.py` runs a part of the
 same table in CI (each way in which a driver meets a fault, and each activity); the command runs all of it:
 at rest, in each kind of stream and of move.
 

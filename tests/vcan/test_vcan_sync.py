@@ -9,7 +9,6 @@ from contextlib import contextmanager
 
 import can
 import pytest
-from canopen_arm import SOON, arm_of, arm_on, device_of, drives, until
 
 from crtk_driver_canopen import PLUGIN
 from crtk_driver_canopen.config import CanopenConfig
@@ -18,6 +17,7 @@ from crtk_drivers.errors import CommandRefused, TransitionFailed
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_sim_backends.process import RunningSim
+from rigs.canopen_arm import SOON, arm_of, arm_on, device_of, drives, until
 
 COUNT = 2
 PERIOD = 0.02

@@ -1,0 +1,131 @@
+"""Drives that are not heard for a while: heard again, no joint jumps to where it should be by now."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import numpy as np
+import pytest
+from typing_extensions import override
+
+from crtk_drivers.engine import Observer
+from crtk_drivers.errors import CommandRefused
+from crtk_drivers.front import LocalDevice
+from crtk_drivers.samples import Stamp
+from crtk_drivers.state import Status
+from crtk_sim_backends.process import RunningSim
+from rigs.canopen_arm import JOINT, PERIOD, SOON, arm_of, arm_on, drives, until
+
+COUNT = 2
+SPEED = 0.5
+"""Of the stream, rad/s: in the time until FAULT it goes 0.1 rad."""
+STEPS = 0.02
+"""rad that a joint may still go to the last targets that it was sent, and by its own overshoot."""
+
+
+class WhenFault(Observer):
+    """Ends a fault of the simulator as FAULT is announced, in the I/O thread: nothing more was sent."""
+
+    def __init__(self, sim: RunningSim, kind: str) -> None:
+        self.sim, self.kind = sim, kind
+        self.before: np.ndarray | None = None
+        self.done = threading.Event()
+
+    @override
+    def status_changed(self, status: Status, stamp: Stamp) -> None:
+        if status.state == "FAULT" and not self.done.is_set():
+            self.before = joints(self.sim)
+            self.sim.control.clear(self.kind)
+            self.done.set()
+
+
+def told(sim: RunningSim, name: str) -> np.ndarray:
+    found = sim.control.status()["drives"]
+    return np.array([found[str(node)]["axes"][0][name] for node in range(1, COUNT + 1)])
+
+
+def joints(sim: RunningSim) -> np.ndarray:
+    """Where the joints really are, rad."""
+    return told(sim, "revolutions") * 2.0 * np.pi / JOINT["gear"]
+
+
+@contextmanager
+def streaming(sim: RunningSim, command: str, arm: LocalDevice) -> Iterator[None]:
+    """Have both joints move at `SPEED`."""
+    ended, position = threading.Event(), [0.0]
+
+    def stream() -> None:
+        while not ended.wait(PERIOD):
+            position[0] += SPEED * PERIOD
+            with suppress(CommandRefused):
+                getattr(arm, command)(position * COUNT)
+
+    def move() -> bool:
+        here = float(joints(sim).min())
+        if position[0] > here + 0.15:
+            position[0] = here  # a busy machine has stalled the stream: it begins again
+        return here > 0.2
+
+    if command == "move_jp":
+        arm.trajectory_j.set_ratio_v(SPEED / JOINT["velocity"])
+        arm.move_jp([2.5] * COUNT)
+    thread = threading.Thread(target=stream if command != "move_jp" else ended.wait)
+    thread.start()
+    try:
+        until(move, "both joints move")
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+@pytest.mark.parametrize("command", ["servo_jp", "interpolate_jp", "move_jp"])
+@pytest.mark.parametrize("which", [{}, {"node": 1}], ids=["all drives", "one drive"])
+def test_drives_that_are_heard_again_after_fault_stay_where_they_are(
+    command: str, which: dict[str, Any]
+) -> None:
+    with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT)) as arm:
+        arm.enable(SOON)
+        again = WhenFault(sim, "silent")
+        with streaming(sim, command, arm):
+            arm.engine.add_observer(again)
+            sim.control.inject("silent", **which)
+            until(again.done.is_set, "it is in FAULT")
+            assert again.before is not None
+            silent = slice(0, 1) if which else slice(None)
+            far, end = 0.0, time.monotonic() + 0.7  # longer than drives wait for our heartbeat
+            while time.monotonic() < end:
+                far = max(far, np.abs(joints(sim) - again.before)[silent].max())
+            assert far < STEPS
+
+
+@pytest.mark.parametrize("command", ["servo_jp", "interpolate_jp"])
+def test_a_drive_that_is_heard_again_before_fault_catches_up_within_its_limits(
+    command: str,
+) -> None:
+    limits: dict[str, Any] = {"velocity": 0.8, "following_error": 0.4, "drive_limits": "keep"}
+    patient: dict[str, Any] = {
+        "missed_cycles": 100,
+        "heartbeat": {"ours_timeout": 2.0, "drives_timeout": 2.0},
+    }
+    with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT, limits, **patient)) as arm:
+        arm.enable(SOON)
+        with streaming(sim, command, arm):
+            sim.control.inject("silent", node=1)
+            time.sleep(0.4)
+            sim.control.clear("silent")
+            looks: list[tuple[float, float]] = []
+            while not looks or looks[-1][0] < looks[0][0] + 1.5:
+                looks.append((time.monotonic(), joints(sim)[0]))
+            # Over so long that a busy machine does not count.
+            later = [next((n for n in looks if n[0] > look[0] + 0.1), None) for look in looks]
+            pairs = [(a, b) for a, b in zip(looks, later, strict=True) if b is not None]
+            fastest = max((there - here) / (end - at) for (at, here), (end, there) in pairs)
+            assert fastest < 1.5 * limits["velocity"]
+            assert arm.operating_state().state == "ENABLED", arm.operating_state().detail
+            here = joints(sim)
+            assert abs(here[0] - here[1]) < 0.05

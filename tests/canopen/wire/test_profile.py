@@ -1,0 +1,373 @@
+"""Drives that plan their own moves (profile position), and drives that have only some of the modes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from crtk_driver_canopen import PLUGIN
+from crtk_driver_canopen.modes import OpMode
+from crtk_drivers.errors import CommandRefused, ConfigError, MotionAborted
+from crtk_drivers.front import LocalDevice
+from crtk_drivers.session import Session
+from crtk_sim_backends.process import RunningSim
+from rigs.canopen_arm import SOON, arm_of, arm_on, device_of, drives, stream, until
+
+COUNT = 2
+PP: dict[str, Any] = {"modes": ("pp",)}
+BOTH: dict[str, Any] = {"modes": ("csp", "pp", "csv")}
+PROFILE_VELOCITY, PROFILE_ACCELERATION = 0x6081, 0x6083
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[RunningSim]:
+    """Drives with nothing but modes that make their own ramps, and interpolated position."""
+    with drives(COUNT, modes="pp,pv,tq,ip,hm") as sim:
+        yield sim
+
+
+@pytest.fixture
+def sim(shared: RunningSim) -> Iterator[RunningSim]:
+    yield shared
+    shared.control.clear()
+
+
+@pytest.fixture(scope="module")
+def whole() -> Iterator[RunningSim]:
+    """Drives with all modes."""
+    with drives(COUNT) as sim:
+        yield sim
+
+
+def near(arm: LocalDevice, goal: Any, within: float = 2e-3) -> bool:
+    return bool(np.abs(arm.measured_js().position - np.asarray(goal)).max() < within)
+
+
+def told(sim: RunningSim, index: int, node: int = 1) -> int:
+    value: int = sim.control.call("object", node=node, index=index)
+    return value
+
+
+def velocities(sim: RunningSim) -> list[float]:
+    status = sim.control.status()["drives"]
+    return [status[str(node)]["axes"][0]["velocity"] for node in range(1, COUNT + 1)]
+
+
+def moves(sim: RunningSim, least: float = 1e5) -> bool:
+    return min(map(abs, velocities(sim))) > least
+
+
+def stands(sim: RunningSim) -> bool:
+    return max(map(abs, velocities(sim))) < 100.0
+
+
+# ------------------------------------------------------------------------------------ moves of their own
+
+
+def test_a_move_is_made_by_the_drives_and_is_busy_until_they_are_there(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT, PP)) as arm:
+        assert "move_jp" in arm.engine.commands
+        assert "servo_jp" not in arm.engine.commands
+        arm.enable(SOON)
+        for goal in ([0.3, -0.2], [0.0, 0.0], [0.0, 0.0]):
+            move = arm.move_jp(goal)
+            assert arm.operating_state().is_busy
+            move.wait(SOON)
+            assert near(arm, goal)
+            until(lambda: not arm.operating_state().is_busy, "it is not busy")
+            goal_js = arm.goal_js()
+            assert goal_js.position.tolist() == goal
+            np.testing.assert_allclose(arm.setpoint_js().position, goal, atol=1e-3)
+        assert arm.operating_state().state == "ENABLED"
+
+
+def test_the_joints_go_straight_and_arrive_together(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT, PP)) as arm:
+        arm.enable(SOON)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        seen: list[np.ndarray] = []
+        arm.engine.on_sample = lambda: seen.append(arm.measured_js().position)
+        arm.move_jp([1.0, 0.25]).wait(SOON)
+        way = np.array(seen)
+        assert len(way) > 10
+        between = way[(way[:, 0] > 0.1) & (way[:, 0] < 0.9)]
+        np.testing.assert_allclose(between[:, 1], 0.25 * between[:, 0], atol=0.02)
+
+
+def test_a_move_takes_over_from_one_that_runs(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT, PP)) as arm:
+        arm.enable(SOON)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        first = arm.move_jp([2.0, 2.0])
+        until(lambda: moves(sim), "it moves")
+        second = arm.move_jp([-0.5, 0.5])
+        with pytest.raises(MotionAborted, match="move_jp"):
+            first.wait(SOON)
+        second.wait(SOON)
+        assert near(arm, [-0.5, 0.5])
+
+
+def test_joints_that_a_move_finds_in_motion_arrive_together(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT, PP)) as arm:
+        arm.enable(SOON)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        arm.move_jp([2.0, 2.0])
+        until(lambda: moves(sim), "it moves")
+        seen: list[np.ndarray] = []
+        arm.engine.on_sample = lambda: seen.append(arm.measured_js().position)
+        goal = np.array([-2.5, 1.2])
+        arm.move_jp(goal).wait(SOON)
+        left = np.abs(np.array(seen) - goal)
+        there = int(np.argmax(left[:, 1] < 0.02))
+        # With the velocity of its limit the second joint is there when the first has 1.7 rad to go.
+        assert left[there, 0] < 0.9
+
+
+def test_hold_stops_a_move_and_nothing_goes_on_after_it(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT, PP)) as arm:
+        arm.enable(SOON)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        move = arm.move_jp([2.5, 2.5])
+        until(lambda: moves(sim), "it moves")
+        arm.hold()
+        with pytest.raises(MotionAborted):
+            move.wait(SOON)
+        until(lambda: stands(sim), "it stands")
+        stood = arm.measured_js().position
+        assert (stood < 2.0).all()
+        samples = arm.engine.health().samples
+        until(lambda: arm.engine.health().samples > samples + 30, "samples come")
+        assert near(arm, stood)
+        arm.move_jp(stood - 0.1).wait(SOON)
+        assert near(arm, stood - 0.1)
+
+
+def test_disable_and_enable_in_a_move_leave_no_goal_behind(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT, PP)) as arm:
+        arm.enable(SOON)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        arm.move_jp([2.5, 2.5])
+        until(lambda: moves(sim), "it moves")
+        arm.disable(SOON)
+        until(lambda: stands(sim), "it stands")
+        stood = arm.measured_js().position
+        arm.enable(SOON)
+        samples = arm.engine.health().samples
+        until(lambda: arm.engine.health().samples > samples + 30, "samples come")
+        assert near(arm, stood, 0.02)
+
+
+def test_ratios_are_those_of_the_drives_profiles(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT, PP)) as arm:
+        arm.enable(SOON)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        arm.move_jp([0.2, 0.1]).wait(SOON)
+        fast = told(sim, PROFILE_VELOCITY), told(sim, PROFILE_ACCELERATION)
+        assert told(sim, PROFILE_VELOCITY, 2) == pytest.approx(fast[0] / 2, rel=0.05)
+        arm.engine.submit("trajectory_j/set_ratio_v", _number(0.5))
+        arm.engine.submit("trajectory_j/set_ratio_a", _number(0.25))
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        slow = told(sim, PROFILE_VELOCITY), told(sim, PROFILE_ACCELERATION)
+        assert slow[0] == pytest.approx(0.5 * fast[0], rel=0.01)
+        assert slow[1] == pytest.approx(0.25 * fast[1], rel=0.01)
+
+
+def _number(value: float) -> Any:
+    from crtk_drivers.samples import Number
+
+    return Number(value)
+
+
+def test_a_slow_move_is_not_taken_for_one_that_stands(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT, PP)) as arm:
+        arm.enable(SOON)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        arm.engine.submit("trajectory_j/set_ratio_v", _number(0.005))
+        arm.move_jp([0.04, 0.02]).wait(SOON)  # takes longer than a joint may stand
+        assert near(arm, [0.04, 0.02])
+
+
+def test_a_drive_that_refuses_its_profile_ends_the_move_with_the_reason(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT, PP)) as arm:
+        arm.enable(SOON)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        sim.control.inject("sdo_abort", node=2, index=PROFILE_VELOCITY, sub=0, code=0x06090031)
+        with pytest.raises(MotionAborted, match="value is too high"):
+            arm.move_jp([0.3, 0.1]).wait(SOON)
+        assert near(arm, [0.0, 0.0])
+        assert arm.operating_state().state == "ENABLED"
+        sim.control.clear()
+        arm.move_jp([0.3, 0.1]).wait(SOON)
+        assert near(arm, [0.3, 0.1])
+
+
+def test_a_drive_that_cannot_get_there_ends_the_move(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT, PP)) as arm:
+        arm.enable(SOON)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        highest = sim.control.call("object", node=2, index=0x607D, sub=2)
+        sim.control.call("object", node=2, index=0x607D, sub=2, value=1000)
+        sim.control.call("object", node=2, index=0x6067, value=1)
+        sim.control.call("object", node=2, index=0x6068, value=60000)
+        with pytest.raises(
+            MotionAborted, match=r"joint_2 \(node 2\): it stands, but does not tell"
+        ):
+            arm.move_jp([0.2, 0.2]).wait(SOON)
+        sim.control.call("object", node=2, index=0x607D, sub=2, value=highest)
+        sim.control.call("object", node=2, index=0x6067, value=100)
+        sim.control.call("object", node=2, index=0x6068, value=5)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+
+
+def test_a_fault_in_a_move_ends_it_and_its_end_moves_nothing(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT, PP)) as arm:
+        arm.enable(SOON)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        move = arm.move_jp([2.5, 2.5])
+        until(lambda: moves(sim), "it moves")
+        sim.control.inject("fault", node=2, error="over_current")
+        until(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
+        with pytest.raises(MotionAborted):
+            move.wait(SOON)
+        until(lambda: stands(sim), "it stands")
+        arm.enable(SOON)
+        stood = arm.measured_js().position
+        samples = arm.engine.health().samples
+        until(lambda: arm.engine.health().samples > samples + 30, "samples come")
+        assert near(arm, stood, 0.02)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+
+
+# ---------------------------------------------------------------------------- streams and moves in turn
+
+
+def test_streams_and_moves_of_the_drives_follow_each_other_without_a_jump(
+    whole: RunningSim,
+) -> None:
+    with arm_of(arm_on(whole, COUNT, BOTH, moves="drives")) as arm:
+        axes = device_of(arm).axes
+        arm.enable(SOON)
+        assert all(axis.mode is OpMode.CSP for axis in axes)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        until(lambda: device_of(arm).takes_setpoints, "it can be moved again")
+        assert all(axis.mode is OpMode.CSP for axis in axes)
+        position = arm.setpoint_js().position
+        for _ in range(20):
+            position = position + 0.004
+            arm.servo_jp(position)
+            samples = arm.engine.health().samples
+            until(lambda s=samples: arm.engine.health().samples > s, "a sample comes")
+        arm.move_jp([0.5, 0.5])
+        until(lambda: all(axis.mode is OpMode.PP for axis in axes), "the drives plan")
+        until(lambda: moves(whole), "the drives move")
+        stream(arm, "servo_jv", [0.2] * COUNT, 0.5)
+        until(lambda: all(axis.mode is OpMode.CSV for axis in axes), "it follows velocities")
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        assert near(arm, [0.0, 0.0])
+        assert arm.operating_state().state == "ENABLED"
+
+
+def test_the_arms_own_trajectory_is_used_unless_the_drives_are_to_plan(whole: RunningSim) -> None:
+    with arm_of(arm_on(whole, COUNT, BOTH)) as arm:
+        arm.enable(SOON)
+        move = arm.move_jp([0.3, 0.3])
+        until(lambda: moves(whole), "it moves")
+        assert all(axis.mode is OpMode.CSP for axis in device_of(arm).axes)
+        move.wait(SOON)
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+
+
+def test_hold_in_a_trajectory_slows_down_within_the_limits(whole: RunningSim) -> None:
+    with arm_of(arm_on(whole, COUNT, {"acceleration": 4.0})) as arm:
+        arm.enable(SOON)
+        arm.move_jp([-1.0, -1.0]).wait(SOON)
+        arm.move_jp([2.0, 2.0])
+        until(lambda: arm.measured_js().velocity.min() > 1.0, "it moves")
+        before = arm.measured_js().position
+        arm.hold()
+        until(lambda: stands(whole), "it stands")
+        # From 1 rad/s with 4 rad/s², a joint needs an eighth of a radian at least.
+        assert (arm.measured_js().position - before > 0.1).all()
+        np.testing.assert_allclose(
+            arm.setpoint_js().position, arm.measured_js().position, atol=0.01
+        )
+        arm.servo_jr([0.0, 0.0])
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+
+
+# ------------------------------------------------------------------------------ drives with fewer modes
+
+
+def test_positions_velocities_and_efforts_by_the_older_modes(sim: RunningSim) -> None:
+    joint = {"modes": ("ip", "pv", "tq")}
+    with arm_of(arm_on(sim, COUNT, joint)) as arm:
+        axes = device_of(arm).axes
+        arm.enable(SOON)
+        assert all(axis.mode is OpMode.IP for axis in axes)
+        arm.move_jp([0.2, 0.2]).wait(SOON)
+        until(lambda: near(arm, [0.2, 0.2]), "it is there")
+        stream(arm, "servo_jv", [0.3] * COUNT, 0.5)
+        until(lambda: (arm.measured_js().position > 0.25).all(), "it has moved")
+        until(lambda: stands(sim), "it stands")
+        until(lambda: all(axis.mode is OpMode.IP for axis in axes), "it holds its position")
+
+        def pushed() -> bool:
+            arm.servo_jf([6.0] * COUNT)
+            return (arm.measured_js().velocity > 0.1).all()
+
+        until(pushed, "it gives way to the effort")
+        until(lambda: stands(sim), "it stands again")
+        assert arm.operating_state().state == "ENABLED"
+
+
+@pytest.mark.parametrize(
+    ("modes", "command", "value"),
+    [(("pv",), "servo_jv", 0.3), (("pv", "tq"), "servo_jv", -0.3), (("tq",), "servo_jf", 6.0)],
+)
+def test_an_arm_without_positions_holds_in_what_it_has(
+    sim: RunningSim, modes: tuple[str, ...], command: str, value: float
+) -> None:
+    with arm_of(arm_on(sim, COUNT, {"modes": modes})) as arm:
+        assert "servo_jp" not in arm.engine.commands
+        arm.enable(SOON)
+        before = arm.measured_js().position
+
+        def gone() -> bool:
+            getattr(arm, command)([value] * COUNT)
+            return bool((np.abs(arm.measured_js().position - before) > 0.1).all())
+
+        until(gone, "it moves")
+        until(lambda: stands(sim), "it stands when the stream has ended")
+        assert arm.operating_state().state == "ENABLED"
+        arm.disable(SOON)
+        arm.enable(SOON)
+
+
+def test_a_drive_without_the_configured_mode_is_refused_with_those_it_has(sim: RunningSim) -> None:
+    arm = LocalDevice(Session(PLUGIN, arm_on(sim, COUNT)))
+    try:
+        arm._session.start()
+        until(lambda: "does not have" in arm.operating_state().detail, "it is refused")
+        detail = arm.operating_state().detail
+        assert "cyclic synchronous position" in detail
+        assert "Give `joints.joint_1.modes` of pp, pv, tq, ip" in detail
+    finally:
+        arm.close()
+
+
+def test_joints_without_a_kind_of_mode_in_common_are_refused(sim: RunningSim) -> None:
+    joints = arm_on(sim, COUNT).model_dump()["joints"]
+    joints["joint_1"]["modes"] = ("pp",)
+    joints["joint_2"]["modes"] = ("csv",)
+    with pytest.raises(ConfigError, match="nothing could be commanded"):
+        arm_on(sim, COUNT, joints=joints)
+
+
+def test_what_is_not_offered_says_which_mode_is_missing(sim: RunningSim) -> None:
+    with arm_of(arm_on(sim, COUNT, PP)) as arm:
+        arm.enable(SOON)
+        with pytest.raises(CommandRefused, match="does not offer"):
+            arm.engine.submit("servo_jp", arm.measured_js())

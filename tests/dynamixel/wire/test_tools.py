@@ -1,0 +1,240 @@
+"""crtk-driver dynamixel scan, info, calibrate and limits, against simulated servos."""
+
+import re
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+import yaml
+
+from crtk_driver_dynamixel import PLUGIN
+from crtk_driver_dynamixel.bus import Bus
+from crtk_driver_dynamixel.calibration import load_calibration
+from crtk_driver_dynamixel.config import DynamixelConfig
+from crtk_drivers.cli import main
+from crtk_drivers.config import from_file, from_values, load
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.kit.serial_port import SerialPort
+from crtk_sim_backends.dynamixel import SIM
+from crtk_sim_backends.process import RunningSim
+from rigs.dynamixel_bench import HARMLESS, LONG, driver_at
+
+
+@pytest.fixture(scope="module")
+def sim() -> Iterator[RunningSim]:
+    with SIM.spawn(servos="3:xm430-w350,5:xl330-m288@52,9:ax-12a", timing="none") as running:
+        yield running
+
+
+@pytest.fixture
+def tty(sim: RunningSim) -> str:
+    (path,) = sim.ttys.values()
+    return path
+
+
+def run(*arguments: str) -> int:
+    return main(["dynamixel", *arguments])
+
+
+def test_scan_finds_servos_of_both_protocols_and_writes_a_configuration_that_holds(
+    tty: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "arm.yaml"
+    arguments = ("--port", tty, "--ids", "1-10", "--bauds", "1000000", "--out", str(out))
+    assert run("scan", *arguments) == 0
+    told = capsys.readouterr().out
+    for part in ("xm430-w350", "xl330-m288", "ax-12a", f"written: {out}"):
+        assert part in told
+    config = load(DynamixelConfig, from_file(out))
+    assert [joint.id for joint in config.joints.values()] == [3, 5, 9]
+    assert config.bus("main").port == tty
+    PLUGIN.make(config)
+    assert run("scan", *arguments) == 2  # an existing file is left alone
+    assert "cannot be written: File exists" in capsys.readouterr().err
+
+
+def test_scan_tells_what_to_do_if_nobody_answers(
+    tty: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("scan", "--port", tty, "--ids", "20-22", "--bauds", "set", "--baud", "1000000") == 1
+    assert "Is the power of the servos on" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "reason"),
+    [
+        ("--ids", "1-300", "numbers from 0 to 252"),
+        ("--ids", "a", "neither a number nor a range"),
+        ("--bauds", "5", "numbers from 9600"),
+        ("--protocols", "3", "numbers from 1 to 2"),
+    ],
+)
+def test_wrong_options_are_refused(
+    option: str, value: str, reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("scan", "--port", "/dev/null", option, value) == 2
+    assert reason in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_scan_needs_a_port_and_no_joints(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("scan") == 2
+    assert "no serial port is given" in capsys.readouterr().err
+
+
+def test_info_tells_each_servo_and_writes_nothing(
+    sim: RunningSim, tty: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "arm.yaml"
+    joints = {"a": {"id": 3, "model": "xm430-w350"}, "b": {"id": 5, "model": "xl330-m288"}}
+    path.write_text(yaml.safe_dump({"port": tty, "joints": joints}))
+    assert run("info", "--config", str(path), "--cycles", "3") == 0
+    told = capsys.readouterr().out
+    assert "xm430-w350" in told
+    assert "readings a second of all 2" in told
+    assert "off" in told
+
+
+def test_calibrate_keeps_by_how_much_the_joints_are_off(tty: str, tmp_path: Path) -> None:
+    path, out = tmp_path / "arm.yaml", tmp_path / "calibration.yaml"
+    path.write_text(
+        yaml.safe_dump({"port": tty, "joints": {"a": {"id": 3, "model": "xm430-w350"}}})
+    )
+    arguments = ("--config", str(path), "--no-ask", "--out", str(out), "--at", "{a: 0.1}")
+    assert run("calibrate", *arguments) == 0
+    (servo,) = load_calibration(out).servos
+    assert servo.shift == -65  # 0.1 rad
+    assert run("calibrate", *arguments[:-1], "{b: 0.1}") == 2
+
+
+LIMITED = {
+    "id": 3,
+    "model": "xm430-w350",
+    "sign": -1,
+    "gear": 2.0,
+    "lower": -0.3,
+    "upper": 0.5,
+    "velocity": 1.0,
+    "current_limit": 1.0,
+}
+WANTED = {
+    "velocity_limit": 84,
+    "min_position_limit": 1396,
+    "max_position_limit": 2440,
+    "current_limit": 372,
+}
+"""1 rad/s with a gear of 2 is 83.4 times 0.229 rpm; -0.5 and 0.3 rad are 2048 - 651.9 and + 391.1 counts."""
+ADDRESSES = {
+    "current_limit": 38,
+    "velocity_limit": 44,
+    "max_position_limit": 48,
+    "min_position_limit": 52,
+}
+
+
+def registers(sim: RunningSim, id: int) -> dict[str, int]:
+    """What a servo says of its limits on the wire."""
+    with closing(Bus(SerialPort(sim.ttys["bus1"]), latency_budget=1.0)) as bus:
+        bus.open()
+        return {
+            name: int.from_bytes(bus.read(id, address, 2), "little")
+            for name, address in ADDRESSES.items()
+        }
+
+
+@pytest.fixture
+def limited(tty: str, tmp_path: Path) -> str:
+    path = tmp_path / "limited.yaml"
+    joints = {"a": LIMITED, "b": {"id": 9, "model": "ax-12a", "lower": -1.0, "upper": 1.0}}
+    path.write_text(yaml.safe_dump({"port": tty, "joints": joints}))
+    return str(path)
+
+
+def test_limits_of_the_configuration_go_into_the_servos_and_only_where_they_differ(
+    sim: RunningSim,
+    limited: str,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with (
+        caplog.at_level("INFO"),
+        driver_at(sim, yaml.safe_load(Path(limited).read_text())) as bench,
+    ):
+        for _ in range(2):
+            bench.enable()
+            bench.arm.disable(timeout=LONG)
+        told = [text for text in caplog.messages if "wider than the configuration" in text]
+        assert len(told) == 1
+        assert "joint a (servo 3 on main) velocity_limit 200 for 84 (1 rad/s)" in told[0]
+        assert re.search(r"; and \d+ more\. As a second line", told[0])
+    before = registers(sim, 3)
+    capsys.readouterr()
+    assert run("limits", "--config", limited, "--no-write") == 0
+    assert "differs: velocity_limit 200 to 84 (1 rad/s)" in capsys.readouterr().out
+    assert registers(sim, 3) == before
+    assert run("limits", "--config", limited) == 0
+    told = capsys.readouterr().out
+    for name, value in WANTED.items():
+        assert f"joint a (servo 3 on main): changed: {name} {before[name]} to {value}" in told
+    assert "joint b (servo 9 on main): changed: cw_angle_limit 0 to 316" in told
+    assert registers(sim, 3) == WANTED
+    mark = int(sim.control.status()["instructions"])
+    assert run("limits", "--config", limited) == 0
+    assert "have the limits of the configuration" in capsys.readouterr().out
+    assert {entry["code"] for entry in sim.control.trace(after=mark)} <= HARMLESS
+    caplog.clear()
+    with (
+        caplog.at_level("INFO"),
+        driver_at(sim, yaml.safe_load(Path(limited).read_text())) as bench,
+    ):
+        bench.enable()
+        assert bench.arm.move_jp([0.2, 0.1]).wait(LONG)
+        bench.arm.disable(timeout=LONG)
+    assert not any("wider than the configuration" in text for text in caplog.messages)
+
+
+def test_limits_are_not_written_to_a_servo_with_torque(
+    sim: RunningSim, tty: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "arm.yaml"
+    joints = {
+        "a": {**LIMITED, "velocity": 0.5},
+        "b": {"id": 5, "model": "xl330-m288", "velocity": 0.5},
+    }
+    path.write_text(yaml.safe_dump({"port": tty, "joints": joints}))
+    before = registers(sim, 3)
+    sim.control.call("write", id=5, address=64, data="01")
+    try:
+        assert run("limits", "--config", str(path)) == 1
+    finally:
+        sim.control.call("write", id=5, address=64, data="00")
+    assert "joint b (servo 5 on main) has torque" in capsys.readouterr().err.replace("\n", " ")
+    assert registers(sim, 3) == before
+
+
+def test_a_simulated_chain_is_that_of_the_configuration() -> None:
+    config = DynamixelConfig(arm="vx300s")
+    assert PLUGIN.sim_options(config)["servos"] == "vx300s"
+    changed = config.model_copy(update={"gripper": None})
+    assert PLUGIN.sim_options(changed)["servos"].startswith(
+        "1:xm540-w270,2:xm540-w270,3:xm540-w270&2"
+    )
+    assert PLUGIN.sim_options(DynamixelConfig())["servos"] == "arm6"
+
+
+def test_what_is_missing_is_said() -> None:
+    with pytest.raises(ConfigError, match="no joints are configured"):
+        PLUGIN.check_real(DynamixelConfig())
+    with pytest.raises(ConfigError, match=r"buses\.main\.port: is required"):
+        PLUGIN.check_real(DynamixelConfig(arm="arm6"))
+
+
+def test_no_figure_is_told_before_it_is_known(capsys: pytest.CaptureFixture[str]) -> None:
+    config = load(DynamixelConfig, from_values({"arm": "arm6", "slow_interval": 60.0}))
+    counters = PLUGIN.create(config).counters
+    assert counters["replies"] == 0.0
+    assert not {"voltage_min", "temperature_max"} & counters.keys()
+    assert main(["check", "dynamixel", "--sim", "--set", "slow_interval=60"]) == 0
+    told = capsys.readouterr().out
+    assert "replies" in told
+    assert "nan" not in told.lower()

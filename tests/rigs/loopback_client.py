@@ -1,0 +1,107 @@
+"""A served loopback device and `crtk_drivers.client` on the far side of it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from crtk_drivers.client import RemoteDevice, connect
+from crtk_drivers.device import Condition
+from crtk_drivers.engine import Engine
+from crtk_drivers.state import Status
+from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
+from rigs.loopback_node import serve, until
+from rigs.ros_client import TIMEOUT
+
+SCRIPT = Path(__file__).with_name("serve_loopback.py")
+
+
+@dataclass
+class Far:
+    """A device in this process, and a client that reaches it over DDS only."""
+
+    namespace: str
+    engine: Engine
+    arm: RemoteDevice
+
+    @property
+    def device(self) -> LoopbackDevice:
+        device = self.engine.device
+        assert isinstance(device, LoopbackDevice)
+        return device
+
+    def reset(self) -> None:
+        self.device.reachable, self.device.silent = True, False
+        self.device.reported = Condition()
+        until(lambda: self.engine.connected and self.engine.transition_ended, "it is back")
+        self.engine.state_command("disable")
+        until(lambda: self.engine.transition_ended, "disable has ended")
+        until(lambda: self.engine.status == Status(is_homed=True), "it is disabled, and well")
+        until(lambda: self.engine.health().stream == "", "no stream is left")
+        self.device.go_to_zero()
+
+
+@contextmanager
+def far_device(namespace: str, **config: Any) -> Iterator[Far]:
+    with (
+        serve(LoopbackConfig(**config), namespace, []) as (session, _),
+        connect(namespace, timeout=TIMEOUT) as arm,
+    ):
+        yield Far(namespace, session.engine, arm)
+
+
+class Node:
+    """A bare node of another maker: spun in a thread, with nothing but what the test gives it."""
+
+    def __init__(self, name: str) -> None:
+        self._context = Context()
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node(name, context=self._context)
+        self.executor = SingleThreadedExecutor(context=self._context)
+        self.executor.add_node(self.node)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name=name)
+
+    def _spin(self) -> None:
+        while not self._stop.is_set():
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *details: object) -> None:
+        self._stop.set()
+        self._thread.join()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+
+@contextmanager
+def driver_process(namespace: str) -> Iterator[Callable[[], subprocess.Popen[str]]]:
+    """Give what starts a driver in a process of its own; the last one is ended."""
+    running: list[subprocess.Popen[str]] = []
+
+    def start() -> subprocess.Popen[str]:
+        command = [sys.executable, str(SCRIPT), namespace]
+        running.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        return running[-1]
+
+    try:
+        yield start
+    finally:
+        for process in running:
+            process.terminate()
+            process.communicate(timeout=TIMEOUT)

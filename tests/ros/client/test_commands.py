@@ -1,0 +1,281 @@
+"""`crtk-driver state`, `enable`, `move`, `echo`, `call`: what they print, do, and end with."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from geometry_msgs.msg import TwistStamped
+
+from crtk_drivers.cli import reaching
+from crtk_drivers.cli.echo_command import as_yaml
+from crtk_drivers.client import RemoteDevice
+from crtk_drivers.device import Condition
+from crtk_drivers.errors import CommandRefused
+from crtk_drivers.samples import Pose
+from crtk_drivers.state import OperatingState
+from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
+from rigs.loopback_client import Far, far_device
+from rigs.loopback_node import serve, until
+from rigs.ros_client import TIMEOUT
+
+pytestmark = pytest.mark.ros
+NAMESPACE = "/client_commands"
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[Far]:
+    with far_device(NAMESPACE) as far:
+        far.arm.add("operating_state")
+        yield far
+
+
+@pytest.fixture
+def far(shared: Far) -> Far:
+    shared.reset()
+    return shared
+
+
+class Kept(RemoteDevice):
+    """A client that stays connected for the next command: to find a device may take three seconds."""
+
+    def close(self) -> None:
+        """Leave it to the fixture that opened it."""
+
+
+@pytest.fixture
+def run(run_far: Run, far: Far, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """As `run_far`, with the client that is connected already."""
+    device = Kept(far.arm._space)
+    monkeypatch.setattr(reaching, "connect", lambda namespace, timeout: device)
+    return run_far
+
+
+def test_state_tells_who_is_there_and_how_one_is(far: Far, run_far: Run) -> None:
+    code, out, _ = run_far("state")
+    assert code == 0
+    assert re.search(rf"^{NAMESPACE} +DISABLED  homed", out, re.MULTILINE)
+    code, out, _ = run_far("state", NAMESPACE)
+    assert code == 0
+    assert "DISABLED  homed\nnext: crtk-driver enable /client_commands\n" in out
+    assert re.search(r"^joint_x +0\.0000 +-1 \.\. 1$|^x +0\.0000", out, re.MULTILINE)
+    assert "tool  0.0000 0.0000 0.0000 m  0.0000 0.0000 0.0000 1.0000" in out
+    assert "move_jp/jr" in out
+
+
+def test_state_tells_the_reason_of_a_fault(far: Far, run: Run) -> None:
+    far.device.reported = Condition(OperatingState.FAULT, "the door is open")
+    until(lambda: far.engine.status.state is OperatingState.FAULT, "the fault is seen")
+    code, out, _ = run("state", NAMESPACE)
+    assert code == 0
+    assert re.search(r"^FAULT  homed\nreason: .*the door is open", out, re.MULTILINE)
+
+
+def test_state_tells_that_a_driver_is_connecting(run_far: Run) -> None:
+    opens = threading.Event()
+
+    class Slow(LoopbackDevice):
+        def open(self, deadline: float) -> None:
+            opens.wait(max(0.0, deadline - time.monotonic()))
+            super().open(deadline)
+
+    namespace, settings = "/client_connecting", LoopbackConfig(open_timeout=60.0)
+    with serve(settings, namespace, [], plugin=replace(PLUGIN, create=Slow)):
+        try:
+            code, out, _ = run_far("state", namespace)
+            _, everybody, _ = run_far("state")
+            _, _, refusal = run_far("enable", namespace)
+        finally:
+            opens.set()
+    assert code == 0
+    assert re.search(r"^connecting to loopback since \d\d:\d\d:\d\d\nnext: wait", out, re.MULTILINE)
+    assert "FAULT" not in out
+    assert re.search(rf"^{namespace} +connecting to loopback since", everybody, re.MULTILINE)
+    assert "connecting to loopback since" in refusal
+
+
+def test_nothing_moves_that_is_not_enabled(far: Far, run: Run) -> None:
+    code, out, err = run("move", NAMESPACE, "0.1", "0", "0", "0")
+    assert (code, out) == (1, "")
+    assert "the device is DISABLED" in err
+    assert "crtk-driver enable /client_commands" in err
+    far.arm.enable()
+    far.arm.pause()
+    code, _, err = run("move", NAMESPACE, "0.1", "0", "0", "0")
+    assert code == 1
+    assert "the device is PAUSED" in err
+    assert "crtk-driver resume /client_commands" in err
+    assert np.allclose(far.arm.measured_jp(), 0.0, atol=1e-6)
+
+
+def test_the_operating_state_is_commanded(far: Far, run: Run) -> None:
+    for command, state in (
+        ("enable", "ENABLED"),
+        ("pause", "PAUSED"),
+        ("resume", "ENABLED"),
+        ("home", "ENABLED"),
+        ("disable", "DISABLED"),
+    ):
+        assert run(command, NAMESPACE)[:2] == (0, f"{NAMESPACE}  {state}  homed\n")
+    code, _, err = run("resume", NAMESPACE)
+    assert code == 1
+    assert "resume is invalid in DISABLED" in err
+    assert run("hold", NAMESPACE)[0] == 0
+
+
+def test_moves(far: Far, run: Run) -> None:
+    far.arm.enable()
+    names = far.arm.measured_js().name
+
+    def arrives(goal: list[float], *arguments: str) -> None:
+        code, out, err = run("move", NAMESPACE, *arguments)
+        assert (code, err) == (0, "")
+        assert re.match(r"reached in \d+\.\d s\n", out)
+        assert np.allclose(far.arm.setpoint_jp(), goal, atol=1e-3)
+
+    arrives([0.02, -0.03, 0.0, 0.1], "0.02", "-0.03", "-0e-3", ".1")
+    arrives([0.02, -0.03, 0.01, 0.1], f"{names[2]}=0.01")
+    arrives([0.0, -0.03, 0.01, 0.1], "--relative", f"{names[0]}=-0.02")
+    arrives([0.0, -0.03, 0.01, np.radians(3.0)], "--degrees", f"{names[3]}=3")
+    arrives([0.01, 0.0, 0.0, np.radians(3.0)], "--pose", "0.01", "0", "0")
+    arrives([0.0, 0.0, 0.0, np.radians(3.0)], "--pose", "--relative", "-0.01", "0", "0")
+    arrives([0.0, 0.0, 0.0, 0.0], "--pose", "0", "0", "0", "0", "0", "0", "1")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["0.1", "0.2"], 2, "2 values for 4 joints"),
+        (["0.1"], 2, "1 value for 4 joints"),
+        (["17", "0", "0", "0"], 1, "Values are in rad or m; --degrees takes degrees."),
+        (["elbow=1"], 2, "elbow: no such joint"),
+        (["0.1", "0", "0", "fast"], 2, "fast: not a number"),
+        (["0.1", "0", "0", "--fast"], 2, "--fast: no such option"),
+        (["--pose", "1", "2"], 2, "2 numbers are no pose"),
+        (["--pose", "0", "0", "0", "1", "1", "1", "1"], 2, "no unit quaternion"),
+        (["9", "0", "0", "0"], 1, "move_jp refused (out_of_range)"),
+    ],
+)
+def test_a_move_that_cannot_be_is_refused(
+    far: Far, run: Run, arguments: list[str], code: int, message: str
+) -> None:
+    far.arm.enable()
+    got, out, err = run("move", NAMESPACE, *arguments)
+    assert (got, out) == (code, "")
+    assert message in err
+    assert np.allclose(far.arm.measured_jp(), 0.0, atol=1e-6)
+
+
+def test_an_interrupt_holds_the_arm(far: Far, run: Run) -> None:
+    far.arm.enable()
+
+    def interrupt() -> None:
+        until(lambda: far.arm.measured_jp()[0] > 0.01, "it is on its way")
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    code, _, err = run("move", NAMESPACE, "0.95", "0", "0", "0")
+    thread.join()
+    assert code == 130
+    assert "was told to hold, and stands" in err
+    assert far.engine.status.state is OperatingState.ENABLED
+    assert 0.01 < far.arm.setpoint_jp()[0] < 0.9
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_echo_tells_what_was_said_before(far: Far, run_far: Run) -> None:
+    with pytest.raises(CommandRefused):
+        far.arm.move_jp([0.0] * 4)
+    _, out, _ = run_far("echo", NAMESPACE, "refusals", "--once")
+    assert "move_jp" in yaml.safe_load(out)["data"]
+
+
+def test_echo(far: Far, run: Run) -> None:
+    code, out, _ = run("echo", NAMESPACE, "measured_js", "--once")
+    assert code == 0
+    assert yaml.safe_load(out)["name"] == list(far.arm.measured_js().name)
+    code, out, _ = run("echo", NAMESPACE, "operating_state", "--once")
+    assert yaml.safe_load(out)["state"] == "DISABLED"
+    code, out, err = run("echo", NAMESPACE, "mesured_js", "--once")
+    assert (code, out) == (1, "")
+    assert "Did you mean measured_js?" in err
+
+
+def test_echo_ends_with_ctrl_c_and_tells_the_rate(far: Far, run: Run) -> None:
+    far.arm.add("measured_cv")
+
+    def interrupt() -> None:
+        inbox = far.arm._space.link.inbox(f"{NAMESPACE}/measured_cv", TwistStamped)
+        until(lambda: bool(inbox._listeners), "echo listens")
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    code, _, err = run("echo", NAMESPACE, "measured_cv", "--rate", "1")
+    thread.join()
+    assert code == 0
+    assert re.search(r"\d+ values of measured_cv in [\d.]+ s: [\d.]+ Hz", err)
+
+
+def test_call(far: Far, run: Run) -> None:
+    joints = [0.1, 0.2, 0.3, 0.4]
+    code, out, _ = run("call", NAMESPACE, "forward_kinematics", *map(str, joints))
+    assert code == 0
+    position = yaml.safe_load(out)["cp"]["position"]
+    assert position == {"x": 0.1, "y": 0.2, "z": 0.3}
+    where = ["cp.position.x=0.1", "cp.orientation={x: 0, y: 0, z: 0, w: 1}", "jp=[0, 0, 0, 0]"]
+    code, out, _ = run("call", NAMESPACE, "inverse_kinematics", *where)
+    assert (code, yaml.safe_load(out)["jp"]) == (0, [0.1, 0.0, 0.0, 0.0])
+    tilted = ["0.1", "0", "0", "0.7071", "0", "0", "0.7071"]
+    code, out, _ = run("call", NAMESPACE, "inverse_kinematics", *tilted)
+    assert (code, yaml.safe_load(out)["result"]) == (1, False)
+    assert yaml.safe_load(run("call", NAMESPACE, "crtk_version")[1])["success"] is True
+    for arguments, message in (
+        (["inverse_kinematics", "cp.position.x=high"], "cp.position.x: 'high' is no double"),
+        (["forward_kinematics", "joints=[1]"], "joints: there is no such field"),
+        (["crtk_version", "3"], "takes no bare numbers"),
+    ):
+        code, _, err = run("call", NAMESPACE, *arguments)
+        assert code == 2
+        assert message in err
+
+
+def test_a_frame_is_named_as_on_its_topic(far: Far) -> None:
+    far.arm.enable()
+    pose = far.arm.measured_cp()
+    # A refused move to where the tool is already may count as reached.
+    elsewhere = Pose(pose.position + 0.01, pose.orientation, "world")
+    with pytest.raises(CommandRefused, match=f"Give it in '{pose.frame_id}'"):
+        far.arm.move_cp(elsewhere).wait(TIMEOUT)
+
+
+def test_a_namespace_may_end_with_a_slash_and_a_wrong_one_is_named_as_it_was_given(
+    far: Far, run_far: Run
+) -> None:
+    assert run_far("hold", f"{NAMESPACE}/")[0] == 0
+    code, _, err = run_far("hold", "/client commands")
+    assert code == 2
+    assert "error: '/client commands' is not a namespace" in err
+    assert "Try: /client_commands" in err
+
+
+def test_yaml_is_written_in_the_characters_of_the_text() -> None:
+    assert as_yaml({"message": "0 N·m"}) == "{message: 0 N·m}\n"
+
+
+def test_nobody_there_says_who_is(far: Far, run_far: Run) -> None:
+    code, out, err = run_far("enable", "/nobody", "--timeout", "3.5")
+    assert (code, out) == (1, "")
+    assert f"CRTK devices are at: {NAMESPACE}" in err
+    assert far.engine.status.state is OperatingState.DISABLED

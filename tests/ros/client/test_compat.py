@@ -1,0 +1,270 @@
+"""Scripts written for the official CRTK Python client, over DDS against the node."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Empty
+
+import crtk_drivers.client.compat as crtk
+import crtk_drivers.client.compat.v1_4 as crtk14
+from crtk_drivers.commands import COMMANDS
+from crtk_drivers.geometry.conversions import as_pose, have_kdl, to_kdl
+from crtk_drivers.samples import Pose
+from crtk_drivers.testing.loopback import LoopbackConfig
+from rigs.loopback_client import Node
+from rigs.loopback_node import serve, until
+from rigs.ros_client import TIMEOUT
+
+NAMESPACE = "client_compat"
+FEATURES = [
+    "measured_js",
+    "measured_cp",
+    "measured_cv",
+    "measured_cf",
+    "setpoint_js",
+    "setpoint_cp",
+    "jacobian",
+    "goal_js",
+    "servo_jp",
+    "servo_jr",
+    "servo_jv",
+    "servo_jf",
+    "servo_cp",
+    "servo_cv",
+    "move_jp",
+    "move_jr",
+    "move_cp",
+    "hold",
+    "free",
+    "forward_kinematics",
+    "inverse_kinematics",
+]
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[None]:
+    with serve(LoopbackConfig(), f"/{NAMESPACE}", []):
+        yield
+
+
+@pytest.fixture
+def ral(served: None) -> Iterator[crtk.ral]:
+    ral = crtk.ral("compat_test", NAMESPACE)
+    yield ral
+    ral.shutdown()
+    assert not rclpy.ok()
+
+
+class Arm:
+    """As the official documentation populates a class."""
+
+    class Local:
+        def __init__(self, ral: Any, module: Any) -> None:
+            self.crtk_utils = module.utils(self, ral)
+            self.crtk_utils.add_measured_cp()
+
+    def __init__(self, ral: Any, module: Any = crtk) -> None:
+        self.ral = ral
+        self.crtk_utils = module.utils(self, ral)
+        self.crtk_utils.add_operating_state()
+        for name in FEATURES:
+            getattr(self.crtk_utils, f"add_{name}")()
+        self.local = self.Local(ral.create_child("local"), module)
+        ral.check_connections(TIMEOUT)
+        ral.spin()
+
+
+def z_plus(pose: Any, dz: float) -> Any:
+    """A frame above another, of whichever type poses are here."""
+    plain = as_pose(pose)
+    higher = Pose(plain.position + np.array([0.0, 0.0, dz]), plain.orientation)
+    return to_kdl(higher) if have_kdl() else higher
+
+
+def test_a_script_of_before_1_4(ral: crtk.ral) -> None:
+    arm: Any = Arm(ral)
+    assert arm.enable(TIMEOUT)
+    assert arm.is_enabled()
+    assert not arm.is_disabled()
+    assert arm.operating_state() == "ENABLED"
+    assert arm.home(TIMEOUT)
+    assert arm.is_homed()
+
+    position, velocity, effort, stamp = arm.measured_js()
+    assert position.shape == velocity.shape == effort.shape == (4,)
+    assert abs(stamp - ral.to_sec(ral.now())) < 5.0
+    jp, stamp = arm.measured_jp(extra=True)
+    assert stamp > 0.0
+    goal = np.copy(jp)
+    goal[:] = [0.05, 0.02, 0.0, 0.1]
+    handle = arm.move_jp(goal)
+    assert handle.wait(is_busy=True)
+    assert handle.wait(timeout=TIMEOUT)
+    assert not handle.is_busy()
+    assert np.allclose(arm.setpoint_jp(), goal, atol=1e-3)
+    assert np.allclose(arm.goal_jp(age=0.0), goal)
+    assert arm.move_jr(np.array([0.0, 0.01, 0.0, 0.0])).wait()
+    assert arm.move_cp(z_plus(arm.setpoint_cp(), 0.05)).wait()
+    assert abs(as_pose(arm.measured_cp(age=0.05)).position[2] - 0.05) < 5e-3
+    assert as_pose(arm.local.measured_cp()).position.shape == (3,)
+    assert arm.measured_cv().shape == arm.measured_cf().shape == (6,)
+    assert arm.jacobian().shape == (6, 4)
+
+    begin = arm.setpoint_jp()
+    rate = ral.create_rate(200.0)
+    for step in range(20):
+        arm.servo_jp(begin + 0.0005 * step)
+        rate.sleep()
+    pose = arm.forward_kinematics(jp)
+    assert np.allclose(arm.inverse_kinematics(jp, pose), jp, atol=1e-9)
+    assert arm.inverse_kinematics(jp, pose, extra=True)[1] is True
+    arm.hold()
+    assert arm.pause(TIMEOUT)
+    assert arm.resume(TIMEOUT)
+    assert arm.disable(TIMEOUT)
+
+
+def test_a_script_of_1_4(ral: crtk.ral) -> None:
+    arm: Any = Arm(ral, crtk14)
+    assert arm.enable(TIMEOUT)
+    pose, stamp = arm.setpoint_cp(wait_timeout=1.0)
+    assert as_pose(pose).position.shape == (3,)
+    assert isinstance(stamp, float)
+    until(lambda: arm.setpoint_cp()[1] > 0.0, "the setpoint is valid")
+    assert arm.measured_jp()[0].shape == (4,)
+    *parts, stamp = arm.measured_js()
+    assert [part.shape for part in parts] == [(4,)] * 3
+    for goal in (0.02, 0.0):
+        assert arm.enable(TIMEOUT)
+        assert arm.home(TIMEOUT)
+        assert arm.move_jp(np.full(4, goal)).wait()
+        assert abs(arm.measured_jp()[0] - goal).max() < 5e-3
+    arm.servo_jp(np.zeros(4), np.zeros(4))
+    assert arm.jacobian().shape == (6, 4)
+    assert arm.disable(TIMEOUT)
+
+
+def test_waiting_for_a_refused_move_ends_at_once(ral: crtk.ral) -> None:
+    arm: Any = Arm(ral)
+    assert arm.disable(TIMEOUT)
+    begin = time.monotonic()
+    assert not arm.move_jp(np.zeros(4)).wait(timeout=30.0)
+    assert time.monotonic() - begin < TIMEOUT
+    assert not arm.resume(TIMEOUT)
+
+
+def test_what_the_official_client_lacks(ral: crtk.ral) -> None:
+    utils = crtk.utils(object.__new__(Arm), ral)
+    for name in COMMANDS:
+        assert callable(getattr(utils, f"add_{name}")), name
+    with pytest.raises(AttributeError, match="no such CRTK command"):
+        utils.add_teleport()
+
+
+def test_what_is_missing_is_named(ral: crtk.ral) -> None:
+    class Holder:
+        pass
+
+    utils = crtk.utils(Holder(), ral)
+    utils.add_measured_js()
+    utils.add_use_gravity_compensation()
+    with pytest.raises(
+        TimeoutError, match=f"nobody listens to /{NAMESPACE}/use_gravity_compensation"
+    ):
+        ral.check_connections(4.0)
+    with pytest.raises(RuntimeWarning, match="measured_js already exists"):
+        utils.add_measured_js()
+
+
+def test_no_data(ral: crtk.ral) -> None:
+    class Holder:
+        measured_cp: Any
+        move_jp: Any
+
+    holder = Holder()
+    utils = crtk.utils(holder, ral)
+    utils.add_measured_cp()
+    utils.add_move_jp()
+    for kind in (RuntimeWarning, TimeoutError):
+        with pytest.raises(kind, match=r"no data on .*ral\.spin"):
+            holder.measured_cp(wait=0.1)
+    with pytest.raises(RuntimeWarning, match="no CRTK operating state"):
+        holder.move_jp(np.zeros(4)).wait()
+
+
+def test_two_handles_on_one_namespace(ral: crtk.ral) -> None:
+    class Holder:
+        def __init__(self) -> None:
+            self.layer = ral.create_child("local")
+            crtk.utils(self, self.layer).add_measured_cp()
+
+    one, other = Holder(), Holder()
+    assert len({id(endpoint) for endpoint in ral.all_endpoints()}) == 1
+    ral.check_connections(TIMEOUT)
+    ral.spin()
+    for holder in (one, other):
+        arm: Any = holder
+        assert as_pose(arm.measured_cp()).position.shape == (3,)
+
+
+def test_the_rest_of_the_layer(ral: crtk.ral) -> None:
+    assert ral.ros_version() == 2
+    assert ral.node_name() == "compat_test"
+    assert ral.namespace() == NAMESPACE
+    assert ral.create_child("jaw").namespace() == f"{NAMESPACE}/jaw"
+    before = ral.now()
+    elapsed = ral.now() - before
+    assert elapsed < ral.create_duration(5.0)
+    assert 0.0 <= ral.to_sec(elapsed) < 5.0
+    assert ral.to_sec(ral.create_time()) == 0.0
+    message = Joy(buttons=[0, 1])
+    message.header.stamp = before.to_msg()
+    assert ral.get_timestamp(message).nanoseconds == before.nanoseconds
+    ended: list[str] = []
+    ral.on_shutdown(lambda: ended.append("now"))
+
+    heard: list[Any] = []
+    subscriber = ral.subscriber("note", Empty, heard.append)
+    publisher = ral.publisher("note", Empty)
+    assert ral.get_topic_name(publisher) == subscriber.topic_name == f"/{NAMESPACE}/note"
+    ral.check_connections(TIMEOUT)
+
+    def run(word: str) -> None:
+        publisher.publish(Empty())
+        until(lambda: bool(heard), "the note arrives")
+        ended.append(word)
+
+    ral.spin_and_execute(run, "done")
+    assert ended == ["done", "now"]
+    assert ral.is_shutdown()
+
+
+def test_a_pedal(ral: crtk.ral) -> None:
+    pedal = crtk.joystick_button(ral, "pedal", index=1)
+    values: list[int] = []
+    pedal.set_callback(values.append)
+    assert pedal.value() is None
+    with Node("feet") as feet:
+        publisher = feet.node.create_publisher(Joy, f"/{NAMESPACE}/pedal", 10)
+        ral.check_connections(TIMEOUT)
+        ral.spin()
+        feet.node.create_timer(0.05, lambda: publisher.publish(Joy(buttons=[0, 1])))
+        assert pedal.wait(timeout=TIMEOUT, value=1)
+    until(lambda: pedal.value() == 1, "it is kept")
+    assert values
+    assert not pedal.wait(timeout=0.1)
+
+
+def test_arguments_of_ros_are_taken_off(served: None) -> None:
+    rest = crtk.ral.parse_argv(["left", "--ros-args", "-r", "__ns:=/lab"])
+    assert rest == ["left"]
+    ral = crtk.ral("argued", rest[0])
+    assert ral.add_namespace("measured_js") == "/lab/left/measured_js"
+    ral.shutdown()

@@ -1,0 +1,313 @@
+"""The client's feedback, state, commands and errors, over DDS against the node."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from crtk_drivers.commands import COMMANDS, Direction
+from crtk_drivers.errors import (
+    CommandRefused,
+    ConnectionFailed,
+    CrtkError,
+    DataTimeout,
+    KinematicsError,
+    Reason,
+)
+from crtk_drivers.samples import JointState, Matrix, Pose, Twist, Wrench
+from crtk_drivers.state import OperatingState, Status
+from rigs.loopback_client import Far, far_device
+from rigs.loopback_node import until
+
+
+@pytest.fixture(scope="module")
+def shared_far() -> Iterator[Far]:
+    with far_device("/client_device") as far:
+        yield far
+
+
+@pytest.fixture
+def far(shared_far: Far) -> Far:
+    shared_far.reset()
+    return shared_far
+
+
+def test_it_offers_what_the_device_offers(far: Far) -> None:
+    assert dict(far.arm.crtk_commands) == dict(far.engine.commands)
+
+
+def test_every_name_that_is_offered_can_be_used(far: Far) -> None:
+    for name, command in far.engine.commands.items():
+        space, _, last = name.rpartition("/")
+        method = getattr(getattr(far.arm, space) if space else far.arm, last)
+        assert callable(method), name
+        if name == "operating_state" or name.startswith("goal_"):
+            continue
+        if command.direction is Direction.PUBLISHED:
+            assert method(age=0) is not None
+    far.arm.check_connections()
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("measured_js", JointState),
+        ("setpoint_js", JointState),
+        ("measured_cp", Pose),
+        ("measured_cv", Twist),
+        ("measured_cf", Wrench),
+        ("jacobian", Matrix),
+    ],
+)
+def test_feedback_has_the_types_of_the_local_device(far: Far, name: str, kind: type) -> None:
+    value = getattr(far.arm, name)(age=0)
+    assert type(value) is kind
+
+
+def test_feedback_is_what_the_device_measured(far: Far) -> None:
+    far.arm.enable()
+    far.arm.move_jp([0.1, 0.2, 0.0, 0.3]).wait(10.0)
+    until(lambda: np.allclose(far.arm.measured_jp(), [0.1, 0.2, 0.0, 0.3], atol=1e-3), "arrived")
+    value, stamp = far.arm.measured_js(extra=True)
+    assert value.name == ("x", "y", "z", "yaw")
+    assert abs(stamp - time.time()) < 5.0
+    assert far.arm.measured_jv().shape == far.arm.measured_jf().shape == (4,)
+    assert np.allclose(far.arm.local.measured_cp().position, value.position[:3], atol=1e-3)
+    assert np.allclose(far.arm.goal_js().position, [0.1, 0.2, 0.0, 0.3])
+    assert np.allclose(far.arm.goal_cp().position, [0.1, 0.2, 0.0])
+    assert far.arm.jacobian().values.shape == (6, 4)
+
+
+def test_values_cannot_be_changed(far: Far) -> None:
+    with pytest.raises(ValueError, match=r"read-only"):
+        far.arm.measured_jp()[0] = 1.0
+
+
+def nothing_for(seconds: float, far: Far) -> bool:
+    """Wait for newer data, and return whether there was none."""
+    begin = time.monotonic()
+    try:
+        far.arm.measured_js(wait=seconds)
+    except DataTimeout as error:
+        return "age=0" in str(error) and time.monotonic() - begin >= seconds
+    return False
+
+
+def test_data_that_is_too_old_is_not_taken(far: Far) -> None:
+    far.arm.measured_js()
+    far.device.silent = True
+    with pytest.raises(DataTimeout, match=r"measured_js: nothing valid and newer than 0.05 s"):
+        until(lambda: far.arm.measured_js(age=0.05, wait=0.0) is None, "never")
+    until(lambda: nothing_for(0.2, far), "what was on its way has arrived")
+    assert far.arm.measured_js(age=0).position.size == 4
+    far.device.silent = False
+    assert far.arm.measured_js(wait=10.0).position.size == 4
+
+
+def test_waiting_ends_with_the_first_valid_value(far: Far) -> None:
+    far.device.silent = True
+    with pytest.raises(DataTimeout):
+        until(lambda: far.arm.measured_cp(wait=0.0) is None, "never")
+    threading.Timer(0.3, lambda: setattr(far.device, "silent", False)).start()
+    assert far.arm.measured_cp(wait=10.0).position.size == 3
+
+
+def test_a_command_that_is_not_offered_is_named(far: Far) -> None:
+    missing = [name for name in COMMANDS if name not in far.engine.commands]
+    assert missing
+    for name in missing:
+        with pytest.raises(AttributeError, match=f"/client_device does not offer {name}"):
+            getattr(far.arm, name)
+        assert not hasattr(far.arm, name)
+    with pytest.raises(AttributeError, match=r"/client_device/body does not offer servo_cp"):
+        far.arm.body.servo_cp  # noqa: B018 - asking is the test
+    with pytest.raises(AttributeError, match=r"has no attribute 'nonsense'"):
+        far.arm.nonsense  # noqa: B018 - asking is the test
+    with pytest.raises(AttributeError, match=r"nothing in gripper"):
+        far.arm.gripper  # noqa: B018 - asking is the test
+    with pytest.raises(ConnectionFailed, match=r"does not offer use_gravity_compensation"):
+        far.arm.add("measured_js", "use_gravity_compensation")
+
+
+def test_state_commands(far: Far) -> None:
+    arm = far.arm
+    assert arm.operating_state() == Status(OperatingState.DISABLED, is_homed=True)
+    arm.enable()
+    assert arm.is_enabled()
+    assert far.engine.status.state == "ENABLED"
+    arm.enable()
+    arm.pause()
+    assert far.engine.status.state == "PAUSED"
+    arm.resume()
+    arm.home()
+    with pytest.raises(CommandRefused, match="needs no homing"):
+        arm.unhome()
+    assert arm.is_homed()
+    assert not arm.is_busy()
+    arm.disable()
+    assert not arm.is_enabled()
+
+
+def test_an_invalid_state_command_is_refused_as_by_the_local_device(far: Far) -> None:
+    with pytest.raises(
+        CommandRefused, match=r"resume is invalid in DISABLED. From DISABLED"
+    ) as info:
+        far.arm.resume()
+    assert info.value.reason is Reason.INVALID_TRANSITION
+    with pytest.raises(CommandRefused, match=r"not a state command"):
+        far.arm.state_command("explode")
+
+
+def test_waiting_for_a_state_has_a_timeout(far: Far) -> None:
+    assert not far.arm.wait_for_operating_state("ENABLED", timeout=0.1)
+    assert not far.arm.wait_for_busy(True, timeout=0.1)
+    assert far.arm.wait_for_busy(False, timeout=0.1)
+    far.arm.state_command("enable", timeout=0.0)
+    assert far.arm.wait_for_operating_state("ENABLED", timeout=10.0)
+
+
+def test_a_refused_stream_raises_at_its_next_command(far: Far) -> None:
+    def stream() -> bool:
+        far.arm.servo_jp([0.0, 0.0, 0.0, 0.0])
+        return False
+
+    with pytest.raises(CommandRefused, match=r"servo_jp refused .*DISABLED") as info:
+        until(stream, "never")
+    assert info.value.reason is Reason.NOT_ENABLED
+
+
+def test_what_is_no_payload_is_refused_before_it_is_sent(far: Far) -> None:
+    far.arm.enable()
+    for name, value in {
+        "servo_jp": "a text",
+        "servo_cp": [1.0, 2.0],
+        "servo_cv": [0.0] * 5,
+        "move_cp": np.zeros((3, 3)),
+    }.items():
+        with pytest.raises(CommandRefused, match=f"{name} refused .wrong_type.* Pass") as info:
+            getattr(far.arm, name)(value)
+        assert info.value.where == "/client_device"
+    with pytest.raises(CommandRefused, match=r"the payload is a pose"):
+        far.arm.servo_cp(JointState(position=np.zeros(4)))
+
+
+def test_streams_move_the_device(far: Far) -> None:
+    far.arm.enable()
+    for step in range(20):
+        far.arm.servo_jr([0.0003, 0.0, 0.0, 0.0])
+        assert step >= 0
+    until(lambda: abs(far.arm.measured_jp()[0] - 0.006) < 1e-4, "all increments arrived")
+    until(lambda: far.engine.health().stream == "", "the stream has ended")
+    time.sleep(0.15)  # two streams may not mix
+
+    def velocity() -> bool:
+        far.arm.servo_jv([0.0, 0.05, 0.0, 0.0])
+        return bool(far.arm.measured_jp()[1] > 0.005)
+
+    until(velocity, "it moves with the velocity")
+
+
+def test_hold_and_free(far: Far) -> None:
+    def frees() -> bool:
+        far.arm.free()  # returns when no refusal was told soon, which need not mean that none comes
+        return False
+
+    with pytest.raises(CommandRefused, match=r"free refused .*DISABLED"):
+        until(frees, "the refusal")
+    far.arm.enable()
+    far.arm.free()
+    far.arm.hold()
+
+
+def test_kinematics(far: Far) -> None:
+    pose = far.arm.forward_kinematics([0.1, 0.2, 0.3, 0.0])
+    assert np.allclose(pose.position, [0.1, 0.2, 0.3])
+    assert np.allclose(far.arm.inverse_kinematics(pose, [0.0] * 4), [0.1, 0.2, 0.3, 0.0])
+    tilted = Pose(np.zeros(3), np.array([0.5, 0.5, 0.5, 0.5]))
+    with pytest.raises(KinematicsError, match=r"turns about z only"):
+        far.arm.inverse_kinematics(tilted)
+    with pytest.raises(DataTimeout, match=r"forward_kinematics did not answer in 0 s"):
+        far.arm.forward_kinematics([0.0] * 4, timeout=0.0)
+
+
+def test_events(far: Far) -> None:
+    states: list[Status] = []
+    refusals: list[CommandRefused] = []
+    poses: list[float] = []
+    end = [
+        far.arm.on_status(states.append),
+        far.arm.on_refusal(refusals.append),
+        far.arm.on("measured_cp", lambda value, stamp: poses.append(stamp)),
+    ]
+    far.arm.enable()
+    until(lambda: any(s.state is OperatingState.ENABLED for s in states), "the state is told")
+    with pytest.raises(CommandRefused):
+        far.arm.move_jp([9.0, 0.0, 0.0, 0.0])
+    until(lambda: any(r.command == "move_jp" for r in refusals), "the refusal is told")
+    until(lambda: len(set(poses)) > 3, "the poses are told")
+    for stop in end:
+        stop()
+    count = len(states)
+    far.arm.disable()
+    assert len(states) == count
+
+
+def test_a_callback_cannot_wait_for_what_it_holds_up(far: Far) -> None:
+    problems: list[Exception] = []
+
+    def impatient(value: object, stamp: float) -> None:
+        try:
+            far.arm.measured_js(age=1e-9, wait=10.0)
+        except CrtkError as error:
+            problems.append(error)
+
+    far.arm.measured_js()
+    stop = far.arm.on("measured_cp", impatient)
+    until(lambda: bool(problems), "it is told so at once")
+    stop()
+    assert "inside a callback" in str(problems[0])
+
+
+def test_many_threads_at_once(far: Far) -> None:
+    problems: list[BaseException] = []
+
+    def use() -> None:
+        try:
+            for _ in range(50):
+                assert far.arm.measured_js().position.size == 4
+                far.arm.operating_state()
+                far.arm.forward_kinematics([0.0] * 4)
+        except BaseException as error:
+            problems.append(error)
+
+    threads = [threading.Thread(target=use) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(20.0)
+    assert not problems
+
+
+def test_settings_are_numbers(far: Far) -> None:
+    far.arm.trajectory_j.set_ratio(0.5)
+    far.arm.trajectory_j.set_ratio_a(0.25)
+    until(lambda: far.arm.trajectory_j.ratio() == 0.25, "the lesser of the two")
+    assert far.arm.trajectory_j.ratio_v() == 0.5
+    with pytest.raises(CommandRefused, match="is no ratio"):
+        far.arm.trajectory_j.set_ratio(2.0)
+    far.arm.trajectory_j.set_ratio(1.0)
+    until(lambda: far.arm.trajectory_j.ratio() == 1.0, "both")
+
+
+def test_commands_in_the_frame_of_the_tool(far: Far) -> None:
+    far.arm.enable()
+    far.arm.move_jp([0.0, 0.0, 0.0, math.pi / 2]).wait(10.0)
+    far.arm.body.move_cr([0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).wait(10.0)
+    goal = [0.0, 0.1, 0.0, math.pi / 2]
+    until(lambda: np.allclose(far.arm.setpoint_jp(age=0), goal, atol=1e-6), "arrived")
+    assert far.arm.body.jacobian(age=0).values.shape == (6, 4)

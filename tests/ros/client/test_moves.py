@@ -1,0 +1,182 @@
+"""Move handles and state commands of the client when they do not go as hoped, and two clients at once."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from crtk_drivers.client import RemoteDevice, connect
+from crtk_drivers.device import Condition
+from crtk_drivers.engine import Engine
+from crtk_drivers.errors import CommandRefused, MotionAborted, Reason, TransitionFailed
+from crtk_drivers.move import Outcome
+from crtk_drivers.samples import Pose
+from crtk_drivers.state import OperatingState
+from rigs.loopback_client import Far, far_device
+from rigs.loopback_node import until
+from rigs.ros_client import TIMEOUT
+
+HERE = [0.0, 0.0, 0.0, 0.0]
+THERE = [0.1, 0.0, 0.05, 0.2]
+FAR_AWAY = [0.9, 0.0, 0.0, 0.0]
+
+
+@pytest.fixture(scope="module")
+def shared_far() -> Iterator[Far]:
+    with far_device("/client_moves") as far:
+        yield far
+
+
+@pytest.fixture
+def far(shared_far: Far) -> Far:
+    shared_far.reset()
+    return shared_far
+
+
+@pytest.fixture(scope="module")
+def second(shared_far: Far) -> Iterator[RemoteDevice]:
+    with connect(shared_far.namespace) as other:
+        other.add("move_jp", "operating_state", "hold")
+        yield other
+
+
+def test_a_move_reaches_its_goal(far: Far) -> None:
+    far.arm.enable()
+    move = far.arm.move_jp(THERE)
+    assert move.wait(is_busy=True)
+    assert move.wait(TIMEOUT)
+    assert move.outcome is Outcome.REACHED
+    assert not move.is_busy()
+    assert np.allclose(far.arm.setpoint_jp(), THERE, atol=1e-3)
+
+
+def test_a_move_to_where_it_is(far: Far) -> None:
+    far.arm.enable()
+    assert far.arm.move_jp(HERE).wait(TIMEOUT)
+    assert far.arm.move_jp(HERE).wait(TIMEOUT)
+
+
+def test_relative_and_cartesian_moves(far: Far) -> None:
+    far.arm.enable()
+    assert far.arm.move_jr([0.02, 0.0, 0.0, 0.0]).wait(TIMEOUT)
+    assert far.arm.move_jr([0.02, 0.0, 0.0, 0.0]).wait(TIMEOUT)
+    until(lambda: np.allclose(far.arm.setpoint_jp(), [0.04, 0.0, 0.0, 0.0], atol=1e-6), "the end")
+    pose = far.arm.setpoint_cp()
+    goal = Pose(pose.position + np.array([0.0, 0.0, 0.05]), pose.orientation, pose.frame_id)
+    assert far.arm.move_cp(goal).wait(TIMEOUT)
+    assert np.allclose(far.arm.setpoint_jp(), [0.04, 0.0, 0.05, 0.0], atol=1e-3)
+
+
+def test_a_refused_move_raises_from_the_call(far: Far) -> None:
+    with pytest.raises(CommandRefused, match=r"/client_moves: move_jp refused .*DISABLED") as info:
+        far.arm.move_jp(THERE)
+    assert info.value.reason is Reason.NOT_ENABLED
+    far.arm.enable()
+    with pytest.raises(CommandRefused, match=r"x at 5.0000 is outside") as info:
+        far.arm.move_jp([5.0, 0.0, 0.0, 0.0])
+    assert info.value.reason is Reason.OUT_OF_RANGE
+
+
+def test_a_refusal_that_the_driver_holds_back_is_waited_for(far: Far) -> None:
+    far.arm.enable()
+    for _ in range(2):  # the driver tells the second one only when two seconds are over
+        with pytest.raises(CommandRefused):
+            far.arm.move_jp([-5.0, 0.0, 0.0, 0.0])
+    assert far.arm.move_jp(THERE).wait(TIMEOUT)
+
+
+def test_a_newer_move_takes_its_place(far: Far) -> None:
+    far.arm.enable()
+    first = far.arm.move_jp(FAR_AWAY)
+    second = far.arm.move_jp(HERE)
+    with pytest.raises(MotionAborted, match=r"pre-empted: by move_jp"):
+        first.wait(TIMEOUT)
+    assert second.wait(TIMEOUT)
+    assert np.allclose(far.arm.setpoint_jp(), HERE, atol=1e-3)
+
+
+def test_hold_ends_a_move(far: Far) -> None:
+    far.arm.enable()
+    move = far.arm.move_jp(FAR_AWAY)
+    far.arm.hold()
+    with pytest.raises(MotionAborted, match=r"pre-empted: by hold"):
+        move.wait(TIMEOUT)
+
+
+def test_a_fault_ends_a_move(far: Far) -> None:
+    far.arm.enable()
+    move = far.arm.move_jp(FAR_AWAY)
+    far.device.reported = Condition(OperatingState.FAULT, "stuck")
+    with pytest.raises(MotionAborted, match=r"aborted: the device is FAULT"):
+        move.wait(TIMEOUT)
+
+
+def test_waiting_has_a_timeout(far: Far) -> None:
+    far.arm.enable()
+    move = far.arm.move_jp(FAR_AWAY)
+    assert not move.wait(timeout=0.05)
+    assert move.is_busy()
+    assert move.outcome is Outcome.RUNNING
+
+
+def test_another_clients_hold_ends_a_move(far: Far, second: RemoteDevice) -> None:
+    far.arm.enable()
+    move = far.arm.move_jp(FAR_AWAY)
+    second.hold()
+    with pytest.raises(MotionAborted, match=r"stopped away from its goal"):
+        move.wait(TIMEOUT)
+
+
+def test_another_clients_refusal_is_not_mine(far: Far, second: RemoteDevice) -> None:
+    far.arm.enable()
+    move = far.arm.move_jp([0.5, 0.0, 0.0, 0.0])
+    with pytest.raises(CommandRefused):
+        second.move_jp([0.0, 0.0]).wait(TIMEOUT)
+    assert move.wait(TIMEOUT)
+
+
+def test_two_clients_see_the_same(far: Far, second: RemoteDevice) -> None:
+    second.enable()
+    assert far.arm.wait_for_operating_state("ENABLED", TIMEOUT)
+    assert second.move_jp(THERE).wait(TIMEOUT)
+    until(lambda: np.allclose(far.arm.setpoint_jp(), THERE, atol=1e-3), "the first sees it too")
+
+
+def test_slow_transitions() -> None:
+    with far_device("/client_slow", transition_time=0.6, needs_homing=True) as far:
+        arm = far.arm
+        with pytest.raises(TransitionFailed, match=r"enable did not end in time: .* DISABLED"):
+            arm.enable(timeout=0.2)
+        with pytest.raises(CommandRefused, match=r"enable is running"):
+            arm.enable()
+        move = arm.move_jp([0.01, 0.0, 0.0, 0.0])
+        assert move.wait(TIMEOUT)
+        assert arm.is_enabled()
+        assert not arm.is_homed()
+        begin = time.monotonic()
+        arm.home()
+        assert arm.is_homed()
+        assert time.monotonic() - begin >= 0.5
+        arm.unhome()
+        assert not arm.is_homed()
+        arm.home(timeout=0.0)
+        assert arm.move_jp(np.zeros(4)).wait(TIMEOUT)
+        assert arm.is_homed()
+        arm.disable()
+        other = threading.Timer(0.2, _refused_for_somebody_else, (far.engine,))
+        other.start()
+        arm.enable()  # a refusal of somebody else's is none of ours
+        other.join()
+        arm.disable()
+        threading.Timer(0.2, lambda: setattr(far.device, "reachable", False)).start()
+        with pytest.raises(TransitionFailed, match=r"enable ended in FAULT.*/diagnostics"):
+            arm.enable()
+
+
+def _refused_for_somebody_else(engine: Engine) -> None:
+    with pytest.raises(CommandRefused):
+        engine.state_command("resume", stamp_ns=5)

@@ -1,0 +1,79 @@
+"""An arm and its gripper as a user has them: the command with --sim as a process, and the client."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from crtk_drivers.client import RemoteDevice, connect
+from rigs.loopback_node import until
+from rigs.ros_client import TIMEOUT
+
+MAIN = "import sys; from crtk_drivers.cli import main; sys.exit(main())"
+LONG = 3.0 * TIMEOUT
+"""Seconds in which two processes have started."""
+
+
+@pytest.fixture(scope="module")
+def driver() -> Iterator[subprocess.Popen[str]]:
+    path = os.pathsep.join(filter(None, sys.path))
+    arguments = ["dynamixel", "--ns", "/dynamixel_arm", "--sim", "--set", "sample_timeout=3.0"]
+    with subprocess.Popen(
+        [sys.executable, "-c", MAIN, *arguments],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+    ) as process:
+        yield process
+        process.kill()
+
+
+@pytest.fixture(scope="module")
+def arm(driver: subprocess.Popen[str]) -> Iterator[RemoteDevice]:
+    with connect("/dynamixel_arm", timeout=LONG) as arm:
+        until(lambda: arm.operating_state().state == "DISABLED", "connected")
+        yield arm
+
+
+def test_enable_move_and_disable_arm_and_gripper(arm: RemoteDevice) -> None:
+    before = arm.measured_js(wait=TIMEOUT).position
+    assert before.size == 6
+    arm.enable(TIMEOUT)
+    arm.gripper.enable(TIMEOUT)
+    opening = arm.gripper.measured_js(wait=TIMEOUT).position
+    assert arm.gripper.measured_js(wait=TIMEOUT).name == ("gripper",)
+    goal = before + np.array([0.2, 0.0, 0.1, 0.0, 0.1, 0.2])
+    move = arm.move_jp(goal)
+    arm.gripper.move_jp(opening + 0.01).wait(TIMEOUT)
+    move.wait(TIMEOUT)
+    until(lambda: np.abs(arm.measured_js(wait=TIMEOUT).position - goal).max() < 6e-3, "there")
+    until(lambda: abs(arm.gripper.measured_js().position - opening - 0.01).max() < 3e-4, "open")
+    assert arm.measured_cp(wait=TIMEOUT).position.size == 3
+    arm.gripper.disable(TIMEOUT)
+    assert arm.is_enabled()
+    arm.disable(TIMEOUT)
+    assert not arm.is_enabled()
+
+
+def test_who_takes_the_gripper_for_a_joint_is_told_where_it_is(
+    arm: RemoteDevice, run_far: Callable[..., tuple[int, str, str]]
+) -> None:
+    arm.enable(TIMEOUT)
+    code, _, told = run_far("move", "/dynamixel_arm", "gripper=0.03")
+    assert code == 2
+    assert "a part of the device, not one of its joints" in told
+    assert "crtk-driver move /dynamixel_arm --child gripper gripper=..." in told
+    arm.disable(TIMEOUT)
+
+
+def test_it_ends_on_a_signal(arm: RemoteDevice, driver: subprocess.Popen[str]) -> None:
+    driver.send_signal(signal.SIGINT)
+    _, err = driver.communicate(timeout=TIMEOUT)
+    assert driver.returncode == 0, err
+    assert "Traceback" not in err

@@ -1,0 +1,77 @@
+"""Over DDS: free drive ends when the node that asked for it leaves, or must ask again and does not."""
+
+from __future__ import annotations
+
+import rclpy
+from rclpy.context import Context
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Empty
+
+from crtk_drivers.device import Steps
+from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
+from rigs.loopback_node import Rig, rig_of, until
+
+
+class FreeDevice(LoopbackDevice):
+    """Says whether it was let go."""
+
+    is_free = False
+
+    def free(self) -> Steps:
+        self.is_free = True
+        yield
+
+    def stop(self) -> None:
+        super().stop()
+        self.is_free = False
+
+
+PLUGIN = DevicePlugin("loopback", "can be free", LoopbackConfig, FreeDevice)
+
+
+class Pendant:
+    """A node in a DDS participant of its own that lets go of the device."""
+
+    def __init__(self, namespace: str) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node("pendant", context=self.context, enable_rosout=False)
+        self._publisher = self.node.create_publisher(Empty, f"{namespace}/free", 10)
+        until(lambda: self._publisher.get_subscription_count() == 1, "they have met")
+
+    def let_go(self) -> None:
+        self._publisher.publish(Empty())
+
+    def leave(self) -> None:
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+def is_free(rig: Rig) -> bool:
+    assert isinstance(rig.device, FreeDevice)
+    return rig.device.is_free
+
+
+def test_free_drive_ends_when_its_node_leaves() -> None:
+    with rig_of("/tied", plugin=PLUGIN, on_client_gone="hold") as rig:
+        rig.client.reach("enable", "ENABLED")
+        pendant = Pendant("/tied")
+        pendant.let_go()
+        until(lambda: is_free(rig), "it is free")
+        cycles = rig.session.engine.health().cycles
+        until(lambda: rig.session.engine.health().cycles > cycles + 150, "the graph was asked")
+        assert is_free(rig)
+        pendant.leave()
+        until(lambda: not is_free(rig), "it holds")
+        assert rig.client.state.state == "ENABLED"
+
+
+def test_free_drive_ends_when_it_is_not_asked_for_again() -> None:
+    with rig_of("/asked", plugin=PLUGIN, free_timeout=1.0) as rig:
+        rig.client.reach("enable", "ENABLED")
+        pendant = Pendant("/asked")
+        pendant.let_go()
+        until(lambda: is_free(rig), "it is free")
+        until(lambda: not is_free(rig), "it holds")
+        pendant.leave()

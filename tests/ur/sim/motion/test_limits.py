@@ -1,0 +1,105 @@
+"""Limits of the simulated UR: each one stops the arm protectively, with its error code."""
+
+from __future__ import annotations
+
+from math import pi
+
+import pytest
+
+from crtk_sim_backends.options import ConfigError
+from crtk_sim_backends.ur.config import SimConfig
+from crtk_sim_backends.ur.messages import ErrorMessage, RuntimeExceptionMessage
+from crtk_sim_backends.ur.motion.limits import SafetyLimits
+from crtk_sim_backends.ur.safety.modes import RuntimeState, SafetyMode
+from rigs.ur_controller import Bench
+
+FAST = "movej([0.8, -1.2, 1.2, -1.57, -1.57, 0.5], v=2.5, a=10)"
+SWING = "while True:\n speedj([{}], 10, 0.01)\nend"
+
+
+def stopped(bench: Bench, body: str) -> tuple[int, int]:
+    bench.start(body)
+    bench.until(lambda: bench.controller.safety_mode == SafetyMode.PROTECTIVE_STOP)
+    bench.seconds(1.0)
+    assert bench.controller.runtime_state == RuntimeState.STOPPED
+    assert bench["target_qd"] == (0.0,) * 6
+    (error,) = bench.of_type(ErrorMessage)
+    assert error.text
+    assert error.text != "Protective Stop"
+    return error.code, error.argument
+
+
+@pytest.mark.parametrize(
+    ("limits", "argument"),
+    [
+        (SafetyLimits(tool_speed=0.5), 3),
+        (SafetyLimits(power=100.0), 6),
+        (SafetyLimits(momentum=1.0), 12),
+    ],
+)
+def test_a_violated_safety_limit_stops_the_arm(limits: SafetyLimits, argument: int) -> None:
+    assert stopped(Bench(limits=limits), FAST) == (191, argument)
+    assert Bench().run(FAST)  # which the default limits permit
+
+
+def test_a_tool_slower_than_its_limit_is_left_alone() -> None:
+    bench = Bench(limits=SafetyLimits(tool_speed=0.3))
+    bench.run("speedl([0, 0, 0.29, 0, 0, 0], 1, 0.5)\nstopl(2)")
+    assert bench.controller.safety_mode == SafetyMode.NORMAL
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_joint_faster_than_it_can_turn(joint: int) -> None:
+    speeds = ", ".join("3.3" if i == joint else "0" for i in range(6))
+    assert stopped(Bench(), SWING.format(speeds)) == (191, 32 + joint)
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_joint_at_the_end_of_its_way(joint: int) -> None:
+    speeds = ", ".join("-3.0" if i == joint else "0" for i in range(6))
+    bench = Bench()
+    assert stopped(bench, SWING.format(speeds)) == (150, 0)
+    assert bench["actual_q"][joint] >= -2 * pi
+
+
+def test_a_servo_target_that_is_too_far_away() -> None:
+    far = "while True:\n servoj([2, -1.57, 1.57, -1.57, -1.57, 0], lookahead_time=0.03)\nend"
+    assert stopped(Bench(), far) == (204, 1)
+
+
+def test_a_speed_through_a_singularity() -> None:
+    bench = Bench()
+    bench.run("movej([0, -1.2, 1.2, -1.57, -0.05, 0], v=3, a=20)")
+    bench.messages.clear()
+    code, _ = stopped(bench, "while True:\n speedl([0, 0, 0, 0.0, 0.5, 0.5], 1, 0.01)\nend")
+    assert code in (154, 191)
+
+
+@pytest.mark.parametrize("call", ["movel", "movej", "movep", "servoc"])
+def test_a_pose_out_of_reach_is_a_runtime_exception(call: str) -> None:
+    bench = Bench()
+    bench.start(f"sync()\n{call}(p[2, 0, 0, 0, 0, 0])")
+    bench.seconds(0.1)
+    error = bench.of_type(RuntimeExceptionMessage)[-1]
+    assert "inverse kinematics" in error.text
+    assert error.line == 3
+    assert bench.controller.safety_mode == SafetyMode.NORMAL
+
+
+def test_the_arm_goes_on_after_a_violated_limit_is_unlocked() -> None:
+    bench = Bench(limits=SafetyLimits(tool_speed=0.5))
+    stopped(bench, FAST)
+    bench.seconds(5.0)
+    assert bench.controller.unlock_protective_stop()
+    bench.run("movej([0.8, -1.2, 1.2, -1.57, -1.57, 0.5], v=0.3)")
+    assert bench["target_q"] == (0.8, -1.2, 1.2, -1.57, -1.57, 0.5)
+
+
+def test_limits_of_the_configuration() -> None:
+    config = SimConfig(tool_speed_limit=0.25, contact="0,0,0/0,0,1")
+    assert config.limits.tool_speed == 0.25
+    assert len(config.surfaces) == 1
+    with pytest.raises(ConfigError, match="power_limit"):
+        SimConfig(power_limit=0)
+    with pytest.raises(ConfigError, match=r"contact: .*normal"):
+        SimConfig(contact="0,0,0/0,0,0")

@@ -1,0 +1,129 @@
+"""URScript sockets: the program on the simulated robot connects to a server of the test."""
+
+import socket
+import struct
+
+import pytest
+
+from crtk_sim_backends.ur import SIM
+from rigs.ur_clients import PrimaryClient
+
+
+@pytest.fixture(scope="module")
+def sim():
+    with SIM.spawn() as running:
+        yield running
+
+
+@pytest.fixture
+def server():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(5)
+        yield listener
+
+
+def start(sim, server, *lines):
+    """Upload a program that first connects to the server as "s"."""
+    port = server.getsockname()[1]
+    body = "\n".join(f"  {line}" for line in lines)
+    text = f'def talk():\n  textmsg("open ", socket_open("127.0.0.1", {port}, "s"))\n{body}\nend\n'
+    primary = PrimaryClient(sim.host)
+    primary.send(text.encode())
+    return primary
+
+
+def accept(server):
+    peer, _ = server.accept()
+    peer.settimeout(5)
+    return peer
+
+
+def read(peer, size):
+    data = b""
+    while len(data) < size:
+        data += peer.recv(size - len(data))
+    return data
+
+
+def test_what_a_program_sends_arrives(sim, server):
+    lines = (
+        'socket_send_int(-2, "s")',
+        'socket_send_byte(300, "s")',
+        'socket_send_string("text", "s")',
+        'socket_send_line("line", "s")',
+        'socket_set_var("speed", 7, "s")',
+    )
+    expected = struct.pack(">iB", -2, 300 & 255) + b"textline\nSET speed 7\n"
+    with start(sim, server, *lines), accept(server) as peer:
+        assert read(peer, len(expected)) == expected
+        assert peer.recv(1) == b""  # closed with the end of the program
+
+
+def test_it_connects_from_the_address_of_the_robot(sim, server):
+    with start(sim, server, "sleep(10)") as primary:
+        peer, address = server.accept()
+        peer.close()
+        assert address[0] == sim.host
+        assert primary.message(0) == b"open True"  # none is left for the next client
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "localhost"])
+def test_a_program_finds_its_own_controller_at_the_local_address(sim, address):
+    text = f'def p():\n socket_open("{address}", 29999)\n textmsg(socket_read_line())\nend\n'
+    with PrimaryClient(sim.host) as primary:
+        primary.send(text.encode())
+        assert primary.message(0) == b"Connected: Universal Robots Dashboard Server"
+
+
+@pytest.mark.parametrize(
+    ("call", "sent", "result"),
+    [
+        ("socket_read_binary_integer(2, {s})", struct.pack(">ii", 5, -6), "[2,5,-6]"),
+        ("socket_read_byte_list(3, {s})", b"\x01\x02\xff", "[3,1,2,255]"),
+        ("socket_read_ascii_float(2, {s})", b" (1.5, -2)", "[2,1.5,-2.0]"),
+        ("socket_read_line({s})", b"first\r\nsecond\n", "first"),
+        ("socket_read_string({s}, prefix={a}, suffix={b})", b"xx<text>yy", "text"),
+        ("socket_get_var({v}, {s})", b"speed 42\n", "42"),
+    ],
+)
+def test_what_a_program_reads(sim, server, call, sent, result):
+    names = {"s": '"s"', "a": '"<"', "b": '">"', "v": '"speed"'}
+    with start(sim, server, f"textmsg({call.format(**names)})") as primary, accept(server) as peer:
+        for byte in sent:
+            peer.send(bytes([byte]))
+        assert primary.message(0) == b"open True"
+        text = primary.message(0).decode()
+        assert text.replace(".0", "") == result.replace(".0", "")
+
+
+@pytest.mark.parametrize(
+    ("call", "result"),
+    [
+        ('socket_read_binary_integer(2, "s", 0.1)', "[0,-1,-1]"),
+        ('socket_read_byte_list(1, "s", 0.1)', "[0,-1]"),
+        ('socket_read_line("s", 0.1)', ""),
+        ('socket_read_binary_integer(1, "other", 0.1)', "[0,-1]"),
+        ('socket_send_int(1, "other")', "False"),
+    ],
+)
+def test_what_does_not_come_fails_after_its_timeout(sim, server, call, result):
+    with start(sim, server, f"textmsg({call})") as primary, accept(server):
+        assert primary.message(0) == b"open True"
+        assert primary.message(0).decode() == result
+
+
+def test_a_connection_that_is_refused_is_reported_and_blocks_nothing(sim, server):
+    server.close()
+    port = 1
+    with PrimaryClient(sim.host) as primary:
+        primary.send(f'def talk():\n  textmsg(socket_open("127.0.0.1", {port}))\nend\n'.encode())
+        assert primary.message(0) == b"False"
+        primary.send(b'def talk():\n  textmsg(socket_open("no.such.name", 1))\nend\n')
+        assert primary.message(0) == b"False"
+
+
+def test_stopping_the_program_closes_its_sockets(sim, server):
+    with start(sim, server, "while True:", "  sync()", "end") as primary, accept(server) as peer:
+        assert primary.message(0) == b"open True"
+        primary.send(b"stop program\n")
+        assert peer.recv(1) == b""

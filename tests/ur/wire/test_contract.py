@@ -1,0 +1,44 @@
+"""The UR driver keeps the contract of every device, on e-Series and CB3, by ur-rtde and by our program."""
+
+from collections.abc import Iterator
+
+import pytest
+
+pytest.register_assert_rewrite("crtk_drivers.testing.contract")
+
+from crtk_driver_ur import PLUGIN  # noqa: E402
+from crtk_drivers.config import from_values, load  # noqa: E402
+from crtk_drivers.session import Session  # noqa: E402
+from crtk_drivers.testing.contract import DeviceContract  # noqa: E402
+from crtk_sim_backends.ur import SIM, RunningSim  # noqa: E402
+from rigs.ur_bench import LONG, PATIENT, lenient  # noqa: E402 - after the line above
+
+
+@pytest.fixture(
+    scope="module",
+    params=[("ur5e", "ur_rtde"), ("ur5", "ur_rtde"), ("ur5e", "native"), ("ur5", "native")],
+    ids="-".join,
+)
+def controller(request) -> Iterator[tuple[str, str, RunningSim]]:
+    """A simulated controller, the model of its arm, and the way to it; one for all tests."""
+    model, control = request.param
+    with SIM.spawn(realtime=True, model=model) as sim:
+        yield model, control, sim
+
+
+class TestUr(DeviceContract):
+    timeout = LONG
+
+    @pytest.fixture
+    def session(self, controller) -> Iterator[Session]:
+        model, control, self.sim = controller
+        values = {**PATIENT, "model": model, "control": control, "host": self.sim.host}
+        with lenient():
+            yield Session(PLUGIN, load(PLUGIN.config, from_values(values)))
+        self.sim.control.clear()
+
+    def break_link(self, session) -> None:
+        self.sim.control.inject("disconnect", port="rtde", duration=600.0)
+
+    def mend_link(self, session) -> None:
+        self.sim.control.clear()
