@@ -30,6 +30,9 @@ from crtk_sim_backends.ur import SIM, RunningSim
 from rigs.ur_bench import HOME, LONG, UrBench, eventually, ur_bench
 
 STOPPED, PLAYING = 1, 2
+NORMAL = 1
+OUTWARDS = np.array([-0.392, 0.0, 0.425]) / np.hypot(0.392, 0.425)
+"""From the shoulder to the wrist at HOME, in base axes: the elbow ends up straight."""
 MINE, OTHER = 77, 78
 PATIENCE = 0.1
 """Hz of a watchdog that is not what a test is about."""
@@ -302,6 +305,26 @@ def test_no_joint_leaves_its_range_whatever_is_commanded(rig, kind, values):
     rig.until_done(rig.channel.command(Kind.REST))
     farthest = max(state.target_q[5] for state in rig.states)
     assert 0.4 < farthest < RANGES.upper[5] + 1e-3
+
+
+@pytest.mark.parametrize("kind", [Kind.SPEED_CARTESIAN, Kind.FORCE])
+def test_a_twist_into_a_singularity_stops_before_the_controller_trips(rig, kind):
+    """The driver slows a twist down there; one that stays in force while its thread gets no time does not."""
+    rig.start()
+    if kind is Kind.FORCE:
+        for setting, values in (
+            (Setting.FORCE_AXES, (1.0,) * 6 + (0.0,)),
+            (Setting.FORCE_LIMITS, (1.5,) * 3 + (0.5,) * 3),
+        ):
+            taken = rig.channel.set(setting, values)
+            rig.until(lambda state, taken=taken: rig.registers(state)[3] == taken)
+    outwards = {Kind.SPEED_CARTESIAN: 0.25, Kind.FORCE: 60.0}[kind] * OUTWARDS
+    rig.channel.command(kind, (*outwards, 0.0, 0.0, 0.0), 2.0, LONG)
+    rig.until(lambda state: rig.registers(state)[2] == Phase.STOPPING)
+    done = rig.until(lambda state: rig.registers(state)[2] == Phase.STANDING)
+    assert max(map(abs, done.target_qd)) < 1e-3
+    assert (done.safety_mode, done.runtime_state) == (NORMAL, PLAYING)
+    assert 1.0 < max(abs(state.target_qd[2]) for state in rig.states) < SPEEDS[2] * 1.06
 
 
 def test_quit_stops_and_ends_the_program(rig):
