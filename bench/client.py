@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 
 from bench.report import options, show_calls
 from crtk_drivers.client import connect
-from crtk_drivers.client.link import Inbox
+from crtk_drivers.client.ros_link import Inbox
 from crtk_drivers.ros.spinning import make_executor
 
 NAMESPACE = "/bench_client"

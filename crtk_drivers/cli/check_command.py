@@ -17,9 +17,9 @@ from rich.text import Text
 
 from crtk_drivers import plugins
 from crtk_drivers.cli.launch import Launch, launch_of, launch_options
-from crtk_drivers.cli.options import make_command
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import ERR, OUT, plain
+from crtk_drivers.cli.typed_options import make_command
 from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.ros import environment

@@ -10,7 +10,9 @@ import typer
 
 from crtk_drivers.cli.launch import launch_of, launch_options
 from crtk_drivers.cli.log_setup import LEVELS, LogFormat, set_up_logging
-from crtk_drivers.cli.options import (
+from crtk_drivers.cli.status_line import StatusLine
+from crtk_drivers.cli.terminal import ERR, plain, program, sentence
+from crtk_drivers.cli.typed_options import (
     Parameters,
     SubCommand,
     given_settings,
@@ -20,8 +22,6 @@ from crtk_drivers.cli.options import (
     option,
     setting_options,
 )
-from crtk_drivers.cli.status_line import StatusLine
-from crtk_drivers.cli.terminal import ERR, plain, program, sentence
 from crtk_drivers.config import load
 from crtk_drivers.plugins import DevicePlugin, Tool
 from crtk_drivers.ros import environment

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crtk_drivers import plugins
-from crtk_drivers.cli.options import (
+from crtk_drivers.cli.typed_options import (
     SETTING_PREFIX,
     Parameters,
     given_settings,

@@ -15,8 +15,8 @@ import typer
 from typing_extensions import override
 
 from crtk_drivers.cli.help_pages import HelpfulGroup
-from crtk_drivers.cli.options import make_command
 from crtk_drivers.cli.terminal import plain
+from crtk_drivers.cli.typed_options import make_command
 from crtk_drivers.plugins import PluginEntry
 
 

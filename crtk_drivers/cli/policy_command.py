@@ -9,9 +9,9 @@ import typer
 
 from crtk_drivers import plugins
 from crtk_drivers.cli.launch import launch_of, launch_options
-from crtk_drivers.cli.options import given_settings, make_command, namespace_option
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import plain
+from crtk_drivers.cli.typed_options import given_settings, make_command, namespace_option
 from crtk_drivers.config import DeviceConfig, from_values, load
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.ros.names import checked_namespace

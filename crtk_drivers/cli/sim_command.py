@@ -13,9 +13,9 @@ import typer
 from rich.table import Table
 
 from crtk_drivers import plugins, sims
-from crtk_drivers.cli.options import given_settings, make_command, setting_options
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import ERR, plain, sentence
+from crtk_drivers.cli.typed_options import given_settings, make_command, setting_options
 from crtk_drivers.config.keys import heading_of
 from crtk_drivers.errors import ConnectionLost
 from crtk_drivers.sims import RunningSim, SimPlugin

@@ -15,8 +15,8 @@ from crtk_drivers.errors import CommandRefused, ConnectionFailed, CrtkError, Dat
 from crtk_drivers.state import Status
 
 if TYPE_CHECKING:
-    from crtk_drivers.client.link import Inbox, Link, Received
     from crtk_drivers.client.move_handle import RemoteMove
+    from crtk_drivers.client.ros_link import Inbox, Link, Received
 
 logger = logging.getLogger(__name__)
 
@@ -140,7 +140,7 @@ class StatusTracker:
         """
         if self._started:
             return
-        from crtk_drivers.client.link import may_wait, wait_connected
+        from crtk_drivers.client.ros_link import may_wait, wait_connected
 
         deadline = time.monotonic() + timeout
         boxes = self.subscribe()

@@ -18,7 +18,7 @@ from crtk_drivers.commands import COMMANDS, Command, Direction, find
 from crtk_drivers.errors import ConnectionFailed
 
 if TYPE_CHECKING:
-    from crtk_drivers.client.link import Inbox, Link, Received
+    from crtk_drivers.client.ros_link import Inbox, Link, Received
 
 logger = logging.getLogger(__name__)
 

@@ -10,7 +10,7 @@ import numpy as np
 from crtk_drivers.samples import JointState, Pose, Value
 
 if TYPE_CHECKING:
-    from crtk_drivers.client.link import Inbox
+    from crtk_drivers.client.ros_link import Inbox
 
 JOINT_TOLERANCE = 1e-3
 """Radians or metres by which the setpoint at the end of a move may differ from its goal."""

@@ -21,7 +21,7 @@ from rclpy.time import Time
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import Joy
 
-from crtk_drivers.client.link import GRAPH_PERIOD, Caller, Link
+from crtk_drivers.client.ros_link import GRAPH_PERIOD, Caller, Link
 from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor
 
 __all__ = ["Joy", "Ral", "Rate"]

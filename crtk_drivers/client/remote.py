@@ -36,7 +36,7 @@ from crtk_drivers.state import Status, parse_command, target_of
 
 if TYPE_CHECKING:
     from crtk_drivers.client.announcements import StatusTracker
-    from crtk_drivers.client.link import Inbox, Outbox, Received
+    from crtk_drivers.client.ros_link import Inbox, Outbox, Received
 
 CONNECT_TIMEOUT = 10.0
 """Seconds in which a device, or the other end of a topic, must be found."""
@@ -421,7 +421,7 @@ def connect(
     """
     namespace = checked_namespace(f"/{namespace.strip('/')}", option="")
     environment.check()
-    from crtk_drivers.client.link import Link
+    from crtk_drivers.client.ros_link import Link
 
     link = Link(node=node, executor=executor, ros_args=ros_args)
     try:

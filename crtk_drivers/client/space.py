@@ -15,7 +15,7 @@ from crtk_drivers.commands import Direction, Payload
 from crtk_drivers.errors import ConnectionFailed
 
 if TYPE_CHECKING:
-    from crtk_drivers.client.link import Caller, Endpoint, Inbox, Link
+    from crtk_drivers.client.ros_link import Caller, Endpoint, Inbox, Link
 
 _OF_ANY_NODE = ("rcl_interfaces", "type_description_interfaces")
 
@@ -63,7 +63,7 @@ class Space:
         Raises:
             NotOffered: it does not exist on the other side, or is of another type there.
         """
-        from crtk_drivers.client.link import ros_type
+        from crtk_drivers.client.ros_link import ros_type
 
         features = self.features()
         feature = features.get(name)
@@ -126,7 +126,7 @@ class Space:
             NotOffered: see `feature`.
             ConnectionFailed: no other end within `timeout` s.
         """
-        from crtk_drivers.client.link import may_wait
+        from crtk_drivers.client.ros_link import may_wait
 
         endpoint = self.endpoint(name)
         if not endpoint.was_connected:
@@ -150,7 +150,7 @@ class Space:
         Raises:
             ConnectionFailed: some have not; names them.
         """
-        from crtk_drivers.client.link import Caller, Outbox, wait_connected
+        from crtk_drivers.client.ros_link import Caller, Outbox, wait_connected
 
         if wait_connected(endpoints, time.monotonic() + timeout):
             return

@@ -16,7 +16,7 @@ from crtk_drivers.ros import environment
 from crtk_drivers.state import OperatingState, Status
 
 if TYPE_CHECKING:
-    from crtk_drivers.client.link import Link
+    from crtk_drivers.client.ros_link import Link
 
 LOOK_TIME = 8.0
 """Longest time to look, in s."""
@@ -39,7 +39,7 @@ def survey(timeout: float = LOOK_TIME) -> Mapping[str, Status | None]:
         MissingExtra, ConfigError: ROS 2 cannot be used here.
     """
     environment.check()
-    from crtk_drivers.client.link import Link
+    from crtk_drivers.client.ros_link import Link
     from crtk_drivers.ros.plain import message_class
 
     link = Link()

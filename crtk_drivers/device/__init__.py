@@ -4,6 +4,7 @@
 the rules.
 """
 
+from crtk_drivers.device.arm_kinematics import Kinematics
 from crtk_drivers.device.capabilities import (
     Capabilities,
     CartesianLimits,
@@ -24,7 +25,6 @@ from crtk_drivers.device.extras import (
     Steps,
 )
 from crtk_drivers.device.interface import Device
-from crtk_drivers.device.kinematics import Kinematics
 from crtk_drivers.device.values import FULL, Condition, Goal, MoveProgress, Ratios, Setpoint
 
 __all__ = [

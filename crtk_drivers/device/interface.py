@@ -15,9 +15,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
+from crtk_drivers.device.arm_kinematics import Kinematics
 from crtk_drivers.device.capabilities import Capabilities
 from crtk_drivers.device.extras import Input, Note, Reading, Service, Steps
-from crtk_drivers.device.kinematics import Kinematics
 from crtk_drivers.device.values import Condition, Goal, MoveProgress, Setpoint
 from crtk_drivers.samples import Sample
 

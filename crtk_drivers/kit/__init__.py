@@ -6,12 +6,12 @@ slow requests, a round of slow registers, parts of procedures.
 """
 
 from crtk_drivers.kit.decoding import BadData, Decoder, FrameDecoder, LineDecoder
-from crtk_drivers.kit.link import MessageLink
-from crtk_drivers.kit.procedures import until
+from crtk_drivers.kit.message_link import MessageLink
 from crtk_drivers.kit.request_worker import RequestWorker
 from crtk_drivers.kit.round_robin import RoundRobin
 from crtk_drivers.kit.sockets import ClosedByPeer, TcpTransport, UdpTransport
 from crtk_drivers.kit.transport import Transport
+from crtk_drivers.kit.waiting_steps import until
 
 __all__ = [
     "BadData",

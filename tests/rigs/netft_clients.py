@@ -7,7 +7,6 @@ import socket
 import struct
 import time
 import urllib.request
-from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 from crtk_sim_backends.netft.box import Box
@@ -89,12 +88,7 @@ class RdtClient:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._socket.close()
 
 

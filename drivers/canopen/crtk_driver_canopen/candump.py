@@ -5,7 +5,6 @@ from __future__ import annotations
 import queue
 import threading
 from pathlib import Path
-from types import TracebackType
 from typing import Self, TextIO
 
 from crtk_driver_canopen.frames import ERROR, EXTENDED, REMOTE, Frame
@@ -76,12 +75,7 @@ class CandumpLog:
         self.open()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _run(self, file: TextIO) -> None:
