@@ -24,10 +24,9 @@ from crtk_drivers.engine import Engine, Observer, threads
 from crtk_drivers.errors import CommandRefused, CrtkError, DeviceError, StopUnconfirmed
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.motion.stopping import UNSEEN
-from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.plugins import DevicePlugin, RunningSim
 from crtk_drivers.samples import Stamp
 from crtk_drivers.session import Session
-from crtk_drivers.sims import RunningSim
 from crtk_drivers.state import Status
 
 PATIENCE = 20.0

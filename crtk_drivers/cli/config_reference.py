@@ -20,8 +20,7 @@ from crtk_drivers import plugins
 from crtk_drivers.cli.terminal import as_sentence
 from crtk_drivers.config import DeviceConfig, NodeConfig
 from crtk_drivers.config.keys import description_of
-from crtk_drivers.plugins import DevicePlugin, PluginEntry
-from crtk_drivers.sims import SimPlugin
+from crtk_drivers.plugins import DevicePlugin, PluginEntry, SimPlugin
 
 _HEAD = """\
 # Configuration

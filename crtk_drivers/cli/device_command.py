@@ -23,10 +23,9 @@ from crtk_drivers.cli.typed_options import (
     setting_options,
 )
 from crtk_drivers.config import load
-from crtk_drivers.plugins import DevicePlugin, Tool
+from crtk_drivers.plugins import DevicePlugin, RunningSim, Tool
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace
-from crtk_drivers.sims import RunningSim
 
 logger = logging.getLogger(__name__)
 

@@ -12,13 +12,14 @@ from typing import Any
 import typer
 from rich.table import Table
 
-from crtk_drivers import plugins, sims
+from crtk_drivers import plugins
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import ERR, plain, sentence
 from crtk_drivers.cli.typed_options import given_settings, make_command, setting_options
 from crtk_drivers.config.keys import heading_of
 from crtk_drivers.errors import ConnectionLost
-from crtk_drivers.sims import RunningSim, SimPlugin
+from crtk_drivers.plugins import RunningSim, SimPlugin
+from crtk_drivers.plugins.sim_plugin import start_sim
 from crtk_drivers.status.stop_request import StopRequest
 
 _POLL = 0.2
@@ -47,7 +48,7 @@ def run_simulator(plugin: SimPlugin, given: Mapping[str, Any]) -> int:
         ConnectionLost: it ended by itself.
     """
     with _stop_signals() as stopped:
-        running = sims.start(plugin, given_settings(plugin.Config, given))
+        running = start_sim(plugin, given_settings(plugin.Config, given))
         try:
             _tell_ports(plugin, running)
             while not stopped.is_set():

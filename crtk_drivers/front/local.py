@@ -30,6 +30,7 @@ from crtk_drivers.errors import CommandRefused, ConnectionFailed, DataTimeout, T
 from crtk_drivers.front.base import PARTS, DeviceFront, Reader
 from crtk_drivers.front.payloads import converted, value_for
 from crtk_drivers.motion.arbiter import Client
+from crtk_drivers.plugins import RunningSim
 from crtk_drivers.samples import (
     Flag,
     Number,
@@ -39,7 +40,6 @@ from crtk_drivers.samples import (
     Value,
 )
 from crtk_drivers.session import Session, open_session
-from crtk_drivers.sims import RunningSim
 from crtk_drivers.state import StateCommand, Status, target_of
 from crtk_drivers.status.health import Health
 from crtk_drivers.status.throttle import Throttle

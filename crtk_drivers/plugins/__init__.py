@@ -17,6 +17,7 @@ from crtk_drivers.plugins.entries import (
     sims,
     simulator,
 )
+from crtk_drivers.plugins.sim_plugin import RunningSim, SimControl, SimPlugin
 
 __all__ = [
     "DEVICES",
@@ -27,6 +28,9 @@ __all__ = [
     "SIMS",
     "DevicePlugin",
     "PluginEntry",
+    "RunningSim",
+    "SimControl",
+    "SimPlugin",
     "Tool",
     "commands_of",
     "device",

@@ -11,7 +11,7 @@ from typing import Any
 from crtk_drivers.config import DeviceConfig, Layer, Settings, from_file, from_values, load
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.sims import RunningSim
+from crtk_drivers.plugins.sim_plugin import RunningSim
 from crtk_drivers.wrappers.base_frame import PlacedDevice
 
 __all__ = ["DevicePlugin", "Tool", "required"]

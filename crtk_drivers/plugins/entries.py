@@ -4,7 +4,7 @@
     ur = "crtk_driver_ur:PLUGIN"               # a `DevicePlugin`
 
     [project.entry-points."crtk_drivers.sims"]
-    ur = "crtk_sim_backends.ur:SIM"            # a `crtk_drivers.sims.SimPlugin`
+    ur = "crtk_sim_backends.ur:SIM"            # a `SimPlugin`
 
     [project.entry-points."crtk_drivers.pages"]
     web = "crtk_sim_backends.page.device:PAGE"  # a `crtk_drivers.plugins.page_plugin.PagePlugin`
@@ -34,7 +34,7 @@ from crtk_drivers.device.offered import offered
 from crtk_drivers.errors import MissingExtra, PluginError
 from crtk_drivers.plugins.declared import DevicePlugin
 from crtk_drivers.plugins.page_plugin import PagePlugin
-from crtk_drivers.sims import SimPlugin
+from crtk_drivers.plugins.sim_plugin import SimPlugin
 
 DEVICES: Final = "crtk_drivers.devices"
 SIMS: Final = "crtk_drivers.sims"

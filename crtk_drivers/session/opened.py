@@ -19,8 +19,8 @@ from crtk_drivers.errors import ConfigError
 from crtk_drivers.options import LimitPolicy
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.plugins.page_plugin import RunningPage, start_page
+from crtk_drivers.plugins.sim_plugin import RunningSim, start_sim
 from crtk_drivers.session.scene import DeviceScene
-from crtk_drivers.sims import RunningSim, start
 
 
 class Session:
@@ -165,7 +165,7 @@ def _start_sim(
 ) -> RunningSim:
     if plugin.sim is None:
         raise ConfigError(f"{plugin.name} has no simulator", remedy="Leave --sim out.")
-    return start(
+    return start_sim(
         plugins.simulator(plugin.sim),
         from_values(plugin.sim_options(config), f"the configuration of {plugin.name}"),
         from_values(options or {}, "the options of the simulator"),

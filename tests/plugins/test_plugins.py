@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from crtk_drivers import plugins, sims
+from crtk_drivers import plugins
 from crtk_drivers.config import from_values
 from crtk_drivers.errors import ConfigError, ConnectionFailed, MissingExtra, PluginError
+from crtk_drivers.plugins.sim_plugin import start_sim
 
 GOOD = """
 from crtk_drivers.config import DeviceConfig
@@ -194,9 +195,9 @@ def test_a_simulator_that_does_not_start(site: Site) -> None:
     site.install("toys", {"toys": SIM}, sims={"toy": "toys:SIM"})
     plugin = plugins.simulator("toy")
     with pytest.raises(ConnectionFailed, match="did not start: port 7 is in use"):
-        sims.start(plugin, from_values({"port": 7}))
+        start_sim(plugin, from_values({"port": 7}))
     with pytest.raises(ConfigError, match="prot: unknown key"):
-        sims.start(plugin, from_values({"prot": 7}))
+        start_sim(plugin, from_values({"prot": 7}))
 
 
 def test_what_is_no_simulator(site: Site) -> None:

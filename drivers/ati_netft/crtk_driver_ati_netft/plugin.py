@@ -8,8 +8,7 @@ from typing import Any
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_driver_ati_netft.tools import TOOLS
-from crtk_drivers.plugins import DevicePlugin, required
-from crtk_drivers.sims import RunningSim
+from crtk_drivers.plugins import DevicePlugin, RunningSim, required
 
 _PORTS = ("rdt", "tcp", "http")
 

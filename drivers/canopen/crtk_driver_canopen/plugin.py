@@ -9,8 +9,7 @@ from typing import Any
 from crtk_driver_canopen.config import BusConfig, CanopenConfig
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError, MissingExtra
-from crtk_drivers.plugins import DevicePlugin, Tool
-from crtk_drivers.sims import RunningSim
+from crtk_drivers.plugins import DevicePlugin, RunningSim, Tool
 
 SIMULATED_JOINTS = 6
 """Joints of the arm that ``--sim`` shows when none are configured."""

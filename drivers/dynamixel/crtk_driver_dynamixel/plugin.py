@@ -10,8 +10,7 @@ from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.tools import TOOLS, require_libraries
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.plugins import DevicePlugin
-from crtk_drivers.sims import RunningSim
+from crtk_drivers.plugins import DevicePlugin, RunningSim
 
 DEFAULT_ARM = "arm6"
 """The arm that the simulator has by default."""

@@ -12,8 +12,7 @@ from crtk_driver_ur.config import UrConfig
 from crtk_driver_ur.device import UrDevice
 from crtk_driver_ur.tools import TOOLS
 from crtk_drivers.errors import MissingExtra
-from crtk_drivers.plugins import DevicePlugin, required
-from crtk_drivers.sims import RunningSim
+from crtk_drivers.plugins import DevicePlugin, RunningSim, required
 
 _FIRST_WITHOUT_WHEELS = (3, 13)
 """The Python for which ur-rtde 1.6 has no wheels any more; pyproject.toml leaves it out there as well."""

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from crtk_drivers.sims import SimPlugin
+from crtk_drivers.plugins import SimPlugin
 from crtk_sim_backends.control import ControlError
 from crtk_sim_backends.dynamixel import SIM, ConfigError, SimConfig, SimStartError
 from crtk_sim_backends.dynamixel.config import PRESETS, parse_servos

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from crtk_driver_one_axis.config import OneAxisConfig
 from crtk_driver_one_axis.device import OneAxisDevice
-from crtk_drivers.plugins import DevicePlugin, required
-from crtk_drivers.sims import RunningSim
+from crtk_drivers.plugins import DevicePlugin, RunningSim, required
 
 
 def _at_sim(config: OneAxisConfig, sim: RunningSim) -> OneAxisConfig:

@@ -2,8 +2,8 @@
 
 import pytest
 from crtk_drivers.front import LocalDevice
+from crtk_drivers.plugins import SimControl
 from crtk_drivers.session import Session, open_session
-from crtk_drivers.sims import SimControl
 from crtk_drivers.testing.contract import DeviceContract
 
 from crtk_driver_my_gripper.config import MyGripperConfig

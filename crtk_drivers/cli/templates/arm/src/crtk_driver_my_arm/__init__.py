@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from crtk_drivers.plugins import DevicePlugin, required
-from crtk_drivers.sims import RunningSim
+from crtk_drivers.plugins import DevicePlugin, RunningSim, required
 
 from crtk_driver_my_arm.config import MyArmConfig
 from crtk_driver_my_arm.device import MyArmDevice

@@ -92,7 +92,7 @@ class SimPlugin(Protocol):
         """
 
 
-def start(plugin: SimPlugin, *layers: Layer) -> RunningSim:
+def start_sim(plugin: SimPlugin, *layers: Layer) -> RunningSim:
     """Start a simulator with checked options.
 
     Args:
