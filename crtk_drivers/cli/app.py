@@ -20,7 +20,7 @@ from crtk_drivers import plugins
 from crtk_drivers.cli.check_command import CheckGroup
 from crtk_drivers.cli.client_commands import add_to as add_client_commands
 from crtk_drivers.cli.device_command import build as build_device
-from crtk_drivers.cli.help_pages import HelpfulCommand
+from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup
 from crtk_drivers.cli.list_command import list_plugins, list_simulators
 from crtk_drivers.cli.new_command import Kind, write_plugin
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
@@ -28,6 +28,7 @@ from crtk_drivers.cli.policy_command import PolicyGroup
 from crtk_drivers.cli.schema_command import print_schema
 from crtk_drivers.cli.sim_command import SimGroup
 from crtk_drivers.cli.terminal import print_error
+from crtk_drivers.cli.up_command import bring_up, check_lab, write_lab
 from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra, PluginError
 
 _USAGE_ERRORS = (ConfigError, PluginError, MissingExtra)
@@ -61,6 +62,7 @@ app = typer.Typer(
 sim_app = typer.Typer(cls=SimGroup, no_args_is_help=True, rich_markup_mode="rich")
 policy_app = typer.Typer(cls=PolicyGroup, no_args_is_help=True, rich_markup_mode="rich")
 check_app = typer.Typer(cls=CheckGroup, no_args_is_help=True, rich_markup_mode="rich")
+lab_app = typer.Typer(cls=HelpfulGroup, no_args_is_help=True, rich_markup_mode="rich")
 
 
 def _show_version(wanted: bool) -> None:
@@ -181,8 +183,60 @@ def _check() -> None:
     """Check that a device, or its simulator, is ready to run."""
 
 
+_SimOption = Annotated[
+    bool, typer.Option("--sim", help="Simulate every device: no hardware is needed.")
+]
+_LabFile = Annotated[Path, typer.Argument(metavar="LAB", help="The lab file.", show_default=False)]
+
+
+@app.command("up", rich_help_panel=_TOOLS, cls=HelpfulCommand)
+def _up(
+    lab: _LabFile,
+    devices: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[DEVICE]...", help="Only these, and no programs."),
+    ] = None,
+    sim: _SimOption = False,
+    logs: Annotated[
+        Path | None,
+        typer.Option(
+            "--logs", metavar="DIR", help="For logs. [dim]\\[default: logs/NAME-TIME][/dim]"
+        ),
+    ] = None,
+    log_level: Annotated[
+        str, typer.Option("--log-level", help="Least severe records that are shown.")
+    ] = "info",
+) -> None:
+    """Bring up all devices of a lab, one process each, until Ctrl-C.
+
+    They start in order, each once what carries it measures; one that ends is started again, DISABLED.
+    Ctrl-C stops programs first, then the devices.
+    """
+    raise typer.Exit(bring_up(lab, tuple(devices or ()), sim, logs, log_level))
+
+
+@lab_app.callback()
+def _lab() -> None:
+    """Write a lab file to start from, or check one."""
+
+
+@lab_app.command("new", cls=HelpfulCommand)
+def _lab_new(
+    lab: Annotated[Path, typer.Argument(metavar="LAB", help="Where.")] = Path("lab.toml"),
+) -> None:
+    """Write a lab file to start from. Nothing is overwritten."""
+    raise typer.Exit(write_lab(lab))
+
+
+@lab_app.command("check", cls=HelpfulCommand)
+def _lab_check(lab: _LabFile, sim: _SimOption = False) -> None:
+    """Check a lab file with the settings of all its devices, and show what would be started."""
+    raise typer.Exit(check_lab(lab, sim))
+
+
 add_client_commands(app)
 app.add_typer(check_app, name="check", rich_help_panel=_TOOLS)
+app.add_typer(lab_app, name="lab", rich_help_panel=_TOOLS)
 app.add_typer(policy_app, name="policy", rich_help_panel=_TOOLS)
 app.add_typer(sim_app, name="sim", rich_help_panel=_TOOLS)
 

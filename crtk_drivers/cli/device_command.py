@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Mapping, Sequence
+import os
+import signal
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import typer
@@ -23,9 +26,12 @@ from crtk_drivers.cli.typed_options import (
     setting_options,
 )
 from crtk_drivers.config import load
+from crtk_drivers.labs.reports import REPORT_FD, Reporter
 from crtk_drivers.plugins import DevicePlugin, RunningSim, Tool
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace
+from crtk_drivers.state import Status
+from crtk_drivers.status.health import Health
 
 logger = logging.getLogger(__name__)
 
@@ -130,9 +136,18 @@ def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequenc
     if session.page is not None:
         logger.info("%s: page: %s", engine.name, session.page.address)
     live = ERR.is_terminal and log_format is LogFormat.TEXT
-    with StatusLine(
-        ERR, f"{engine.name} {namespace}", lambda: (engine.status, engine.health()), live=live
-    ) as line:
+
+    def read() -> tuple[Status, Health]:
+        return engine.status, engine.health()
+
+    reporter = _reporter(read)
+    with StatusLine(ERR, f"{engine.name} {namespace}", read, live=live) as line:
+
+        def idle() -> None:
+            line.update()
+            if reporter is not None and not reporter.update():
+                logger.warning("%s: whoever started this is gone; so it ends", engine.name)
+                signal.raise_signal(signal.SIGTERM)
 
         def served(where: str) -> None:
             line.name = f"{engine.name} {where}"
@@ -152,8 +167,14 @@ def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequenc
             ros_args,
             config=launch.node,
             served=served,
-            idle=line.update,
+            idle=idle,
         )
+
+
+def _reporter(read: Callable[[], tuple[Status, Health]]) -> Reporter | None:
+    """Return what tells a lab how this device is, if it was started by one."""
+    descriptor = os.environ.pop(REPORT_FD, "")
+    return Reporter(int(descriptor), read, time.monotonic) if descriptor else None
 
 
 def _what_next(namespace: str, commands: Collection[str]) -> str:

@@ -1,0 +1,209 @@
+"""``crtk-driver up``: all devices of a lab, one process each; and ``crtk-driver lab``: its file."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from importlib.resources import files
+from pathlib import Path
+from types import FrameType
+from typing import Final
+
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
+from crtk_drivers.cli.status_line import STATE_STYLES
+from crtk_drivers.cli.terminal import ERR, OUT
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.labs import Lab, load_lab
+from crtk_drivers.labs.supervisor import LOOK_PERIOD, Child, Phase, Supervisor
+from crtk_drivers.ros import environment
+from crtk_drivers.state import OperatingState
+from crtk_drivers.status.stop_request import StopRequest
+
+logger = logging.getLogger(__name__)
+
+LIVE_PERIOD: Final = 0.25
+"""Seconds between two pictures of the table."""
+
+_PHASES: Final = {
+    Phase.WAITING: "yellow",
+    Phase.RUNNING: "",
+    Phase.RESTARTING: "bold red",
+    Phase.STOPPING: "yellow",
+    Phase.ENDED: "dim",
+}
+
+
+def bring_up(
+    path: Path, only: tuple[str, ...], sim: bool, logs: Path | None, log_level: str
+) -> int:
+    """Run a lab until Ctrl-C, and return the exit code: 0 if all of it was seen to end well.
+
+    Raises:
+        ConfigError: the lab file cannot be used, or the folder for logs cannot be written.
+    """
+    set_up_logging(ERR, log_level, LogFormat.TEXT)
+    lab = load_lab(path, sim=sim, only=only)
+    environment.check()
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+    folder = logs or Path("logs") / f"{lab.name}-{stamp}"
+    try:
+        supervisor = Supervisor(lab, folder)
+    except OSError as error:
+        raise ConfigError(
+            f"logs cannot be written: {error}", where=str(folder), remedy="Give another --logs."
+        ) from error
+    logger.info(
+        "%s: %d devices, %d programs; logs in %s",
+        lab.name,
+        len(lab.devices),
+        len(lab.programs),
+        folder,
+    )
+    stop = StopRequest()
+    with _signals(stop), _shown(supervisor) as show:
+        while not stop.is_set() and not supervisor.is_over:
+            supervisor.step()
+            show()
+            time.sleep(LOOK_PERIOD)
+        failed = [child.name for child in supervisor.children if _has_failed(child)]
+        if not supervisor.stop(show):
+            return 1
+    return 1 if failed else 0
+
+
+def _has_failed(child: Child) -> bool:
+    return child.phase is Phase.ENDED and child.code != 0
+
+
+@contextmanager
+def _signals(stop: StopRequest) -> Iterator[None]:
+    def ask(number: int, frame: FrameType | None) -> None:
+        stop.set()
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class _Shown:
+    """The table of a running lab: live on a terminal, else a record when a state is another."""
+
+    def __init__(self, supervisor: Supervisor, live: Live | None) -> None:
+        self._supervisor = supervisor
+        self._live = live
+        self._due = 0.0
+        self._told: dict[str, tuple[str, str]] = {}
+
+    def __call__(self) -> None:
+        if self._live is not None:
+            if time.monotonic() >= self._due:
+                self._due = time.monotonic() + LIVE_PERIOD
+                self._live.update(table_of(self._supervisor), refresh=True)
+            return
+        for child in self._supervisor.devices.values():
+            if child.report is None:
+                continue
+            told = child.report.state, child.report.cause
+            if self._told.get(child.name) != told:
+                self._told[child.name] = told
+                logger.info("%s: %s", child.name, "  ".join(filter(None, told)))
+
+
+@contextmanager
+def _shown(supervisor: Supervisor) -> Iterator[_Shown]:
+    if not ERR.is_terminal:
+        yield _Shown(supervisor, None)
+        return
+    with Live(console=ERR, auto_refresh=False, transient=True) as live:
+        yield _Shown(supervisor, live)
+
+
+def table_of(supervisor: Supervisor) -> Table:
+    """Return how every process of a lab is."""
+    lab = supervisor.lab
+    table = Table(title=lab.name, title_justify="left", box=None, pad_edge=False)
+    for column in ("device", "namespace", "state"):
+        table.add_column(column, no_wrap=True)
+    for column in ("rate, Hz", "late", "refused", "CPU", "restarts"):
+        table.add_column(column, justify="right", no_wrap=True)
+    table.add_column("")
+    for child in supervisor.children:
+        device = lab.devices.get(child.name)
+        place = "" if device is None else device.namespace
+        simulated = " (sim)" if device is not None and device.sim else ""
+        report = child.report
+        figures = ["", "", ""]
+        told = child.why
+        state = Text(child.phase, _PHASES[child.phase])
+        if child.phase is Phase.RUNNING and child.reports:
+            state = Text("starting", "yellow")
+            if report is not None:
+                state = Text(report.state, STATE_STYLES[OperatingState(report.state)])
+                figures = [f"{report.rate:.0f}/{report.expected:.0f}", str(report.late)]
+                figures.append(str(report.refused))
+                told = report.cause or report.last_refusal
+        cpu = f"{100.0 * child.cpu:.0f} %" if child.process is not None else ""
+        restarts = str(child.restarts) if child.restarts else ""
+        name = Text.assemble((child.name, "bold cyan"), (simulated, "dim"))
+        table.add_row(name, place, state, *figures, cpu, restarts, Text(told, overflow="ellipsis"))
+    return table
+
+
+def check_lab(path: Path, sim: bool) -> int:
+    """Check a lab file, print what would be started, and return 0.
+
+    Raises:
+        ConfigError: with what is wrong, and the line.
+    """
+    lab = load_lab(path, sim=sim)
+    OUT.print(_plan(lab))
+    return 0
+
+
+def _plan(lab: Lab) -> Table:
+    table = Table(title=lab.name, title_justify="left", box=None, pad_edge=False)
+    for column in ("", "driver", "namespace", "at", "after"):
+        table.add_column(column)
+    for device in lab.devices.values():
+        at = "a simulator" if device.sim else device.address
+        name = Text(device.name, "bold cyan")
+        table.add_row(name, device.plugin.name, device.namespace, at, ", ".join(device.after))
+    for program in lab.programs.values():
+        name = Text(program.name, "bold cyan")
+        table.add_row(name, " ".join(program.command), "", "", ", ".join(program.after))
+    return table
+
+
+def write_lab(path: Path) -> int:
+    """Write a lab file to start from; nothing is overwritten.
+
+    Raises:
+        ConfigError: there is one, or it cannot be written.
+    """
+    if path.suffix != ".toml":
+        raise ConfigError(f"{path}: a lab file is TOML", remedy=f"For example: {path}.toml")
+    text = files("crtk_drivers.cli").joinpath("templates/lab.toml").read_text("utf-8")
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError as error:
+        raise ConfigError(
+            "is there already", where=str(path), remedy="Choose another name."
+        ) from error
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror}", where=str(path)) from error
+    OUT.print(
+        f"{path} is written. Try it without hardware: crtk-driver up {path} --sim", soft_wrap=True
+    )
+    return 0

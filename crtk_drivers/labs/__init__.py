@@ -1,0 +1,5 @@
+"""A lab: several devices and the programs that work beside them, written down once in a file."""
+
+from crtk_drivers.labs.lab_file import Lab, LabDevice, LabProgram, load_lab
+
+__all__ = ["Lab", "LabDevice", "LabProgram", "load_lab"]

@@ -1,0 +1,297 @@
+"""The lab file: which devices there are, how each is reached, and what is started with them.
+
+name = "bench"
+
+[devices.arm]
+plugin = "ur"
+settings = { host = "192.168.1.10", model = "ur5e" }
+
+[devices.ft]
+plugin = "ati-netft"
+on = "arm"
+settings = { host = "192.168.1.20" }
+
+[programs.teleop]
+command = ["python", "teleop.py"]
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import Field
+
+from crtk_drivers import plugins
+from crtk_drivers.config import (
+    DeviceConfig,
+    Layer,
+    Settings,
+    from_file,
+    from_values,
+    load,
+    with_node,
+)
+from crtk_drivers.errors import ConfigError, CrtkError, PluginError
+from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.ros.names import checked_namespace
+
+__all__ = ["Lab", "LabDevice", "LabProgram", "LabSettings", "load_lab"]
+
+NAME: Final = r"^[A-Za-z][A-Za-z0-9_]*$"
+"""Of a device or a program: it becomes a ROS namespace, an attribute and a file."""
+
+
+class DeviceEntry(Settings):
+    """One device of a lab."""
+
+    plugin: str = Field(description="Which driver: a name of `crtk-driver list`.")
+    namespace: str = Field(
+        default="", description="On ROS; the name of the device with a slash before it if empty."
+    )
+    config: str = Field(
+        default="",
+        description="File of its settings, as for `crtk-driver <plugin> --config`, beside the lab file.",
+    )
+    settings: dict[str, Any] = Field(
+        default_factory=dict, description="Its settings, over those of `config`."
+    )
+    sim: bool = Field(default=False, description="Always simulate it, also without --sim.")
+    sim_options: dict[str, Any] = Field(
+        default_factory=dict, description="Options of its simulator."
+    )
+    on: str = Field(
+        default="", description="The device that carries it: a sensor or a gripper on an arm."
+    )
+    after: tuple[str, ...] = Field(
+        default=(), description="Devices that must measure before it is started, beside `on`."
+    )
+
+
+class ProgramEntry(Settings):
+    """A program that works with the devices."""
+
+    command: tuple[str, ...] = Field(min_length=1, description="Program and arguments.")
+    after: tuple[str, ...] | None = Field(
+        default=None, description="Devices that must measure before it is started; all if null."
+    )
+
+
+class LabSettings(Settings):
+    """A lab."""
+
+    name: str = Field(default="lab", pattern=NAME, description="Of the lab.")
+    devices: dict[str, DeviceEntry] = Field(min_length=1, description="By name.")
+    programs: dict[str, ProgramEntry] = Field(default_factory=dict, description="By name.")
+
+
+@dataclass(frozen=True)
+class LabDevice:
+    """A device as it will be started: its settings are checked.
+
+    Attributes:
+        name: in the lab.
+        plugin: its driver.
+        namespace: on ROS.
+        config: its settings, checked.
+        values: the same as they were written, in its file and the lab file.
+        sim: it is simulated.
+        sim_options: of its simulator.
+        after: names of the devices that must measure before.
+    """
+
+    name: str
+    plugin: DevicePlugin
+    namespace: str
+    config: DeviceConfig
+    values: Mapping[str, Any]
+    sim: bool
+    sim_options: Mapping[str, Any]
+    after: tuple[str, ...]
+
+    @property
+    def address(self) -> str:
+        """Where the hardware is, as the settings say; empty for one that is simulated or has no address."""
+        if self.sim:
+            return ""
+        found = [attrgetter(key)(self.config) for key in self.plugin.addresses]
+        return " ".join(str(value) for value in found if value not in (None, ""))
+
+
+@dataclass(frozen=True)
+class LabProgram:
+    """A program that is started when the devices that it needs measure."""
+
+    name: str
+    command: tuple[str, ...]
+    after: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Lab:
+    """What a lab file says.
+
+    Attributes:
+        name: of the lab.
+        path: of the file.
+        devices: by name, those that others come after first.
+        programs: by name.
+    """
+
+    name: str
+    path: Path
+    devices: Mapping[str, LabDevice]
+    programs: Mapping[str, LabProgram]
+
+
+def load_lab(path: str | Path, *, sim: bool = False, only: tuple[str, ...] = ()) -> Lab:
+    """Read a lab file and check all that it says, the settings of every device included.
+
+    Args:
+        path: of a TOML or YAML file.
+        sim: simulate every device that has a simulator.
+        only: names of the devices that are wanted, and no programs; empty: everything.
+
+    Raises:
+        ConfigError: with what is wrong, and the line.
+    """
+    path = Path(path)
+    layer = from_file(path)
+    settings = load(LabSettings, layer)
+    _check_names(settings, layer)
+    for name in only:
+        if name not in settings.devices:
+            raise ConfigError(
+                f"there is no device {name!r}",
+                where=str(path),
+                remedy=f"There is: {', '.join(settings.devices)}.",
+            )
+    wanted = {name: settings.devices[name] for name in settings.devices if not only or name in only}
+    found = {name: _device(name, entry, layer, path, sim) for name, entry in wanted.items()}
+    _check_alone(found, layer)
+    order = _ordered(found, settings, layer)
+    devices = {name: found[name] for name in order}
+    programs = {} if only else dict(_programs(settings, layer))
+    return Lab(settings.name, path, devices, programs)
+
+
+def _device(name: str, entry: DeviceEntry, lab: Layer, path: Path, sim: bool) -> LabDevice:
+    place = lab.place(("devices", name, "plugin"))
+    try:
+        plugin = plugins.device(entry.plugin)
+    except PluginError as error:
+        raise ConfigError(error.message, where=place, remedy=error.remedy) from error
+    namespace = entry.namespace or f"/{name}"
+    try:
+        checked_namespace(namespace, option="")
+    except ConfigError as error:
+        where = lab.place(("devices", name, "namespace"))
+        raise ConfigError(error.message, where=where, remedy=error.remedy) from error
+    below = from_file(path.parent / entry.config) if entry.config else from_values({})
+    own = _part(lab, ("devices", name, "settings"), entry.settings)
+    config: Any = load(with_node(plugin.config), below, own)
+    simulated = entry.sim or sim
+    if simulated and plugin.sim is None:
+        if entry.sim:
+            raise ConfigError(
+                f"{entry.plugin} has no simulator", where=place, remedy="Leave sim out."
+            )
+        simulated = False
+    if simulated:
+        model = plugins.simulator(plugin.sim or "").Config
+        load(model, _part(lab, ("devices", name, "sim_options"), entry.sim_options))
+    else:
+        try:
+            plugin.check_real(config)
+        except CrtkError as error:
+            where = lab.place(("devices", name))
+            raise ConfigError(error.message, where=where, remedy=error.remedy) from error
+    return LabDevice(
+        name,
+        plugin,
+        namespace,
+        config,
+        {**below.values, **entry.settings},
+        simulated,
+        entry.sim_options if simulated else {},
+        tuple(dict.fromkeys((*((entry.on,) if entry.on else ()), *entry.after))),
+    )
+
+
+def _part(lab: Layer, key: tuple[str, ...], values: Mapping[str, Any]) -> Layer:
+    """Return a table of the lab file as a layer of its own, with the lines of its keys."""
+    size = len(key)
+    places = {
+        at[size:]: place for at, place in lab.places.items() if at[:size] == key and at != key
+    }
+    return Layer(values, lab.place(key), places)
+
+
+def _programs(settings: LabSettings, lab: Layer) -> Iterator[tuple[str, LabProgram]]:
+    for name, entry in settings.programs.items():
+        after = tuple(settings.devices) if entry.after is None else entry.after
+        for other in after:
+            _require(other, settings, lab.place(("programs", name, "after")))
+        yield name, LabProgram(name, entry.command, after)
+
+
+def _check_names(settings: LabSettings, lab: Layer) -> None:
+    for kind, names in (("devices", settings.devices), ("programs", settings.programs)):
+        for name in names:
+            if not re.fullmatch(NAME, name):
+                raise ConfigError(
+                    f"{name!r} is no name",
+                    where=lab.place((kind, name)),
+                    remedy="Use letters, digits and underscores, a letter first.",
+                )
+
+
+def _check_alone(devices: Mapping[str, LabDevice], lab: Layer) -> None:
+    """Refuse two devices in one namespace, or at one address."""
+    for kind, value_of in (
+        ("namespace", lambda device: device.namespace.rstrip("/")),
+        (
+            "address",
+            lambda device: (device.plugin.name, device.address) if device.address else None,
+        ),
+    ):
+        owners: dict[Any, str] = {}
+        for name, device in devices.items():
+            value = value_of(device)
+            if value is not None and owners.setdefault(value, name) != name:
+                told = value if isinstance(value, str) else value[1]
+                raise ConfigError(
+                    f"{owners[value]} and {name} have one {kind}: {told}",
+                    where=lab.place(("devices", name)),
+                    remedy="A device has one driver.",
+                )
+
+
+def _ordered(devices: Mapping[str, LabDevice], settings: LabSettings, lab: Layer) -> list[str]:
+    sorter: TopologicalSorter[str] = TopologicalSorter()
+    for name, device in devices.items():
+        for other in device.after:
+            _require(other, settings, lab.place(("devices", name)))
+        sorter.add(name, *(other for other in device.after if other in devices))
+    try:
+        return list(sorter.static_order())
+    except CycleError as error:
+        raise ConfigError(
+            f"each waits for the next: {', '.join(error.args[1])}",
+            where=str(lab.source),
+            remedy="Look at `on` and `after`.",
+        ) from error
+
+
+def _require(name: str, settings: LabSettings, place: str) -> None:
+    if name not in settings.devices:
+        raise ConfigError(
+            f"there is no device {name!r}",
+            where=place,
+            remedy=f"There is: {', '.join(settings.devices)}.",
+        )

@@ -1,0 +1,122 @@
+"""What a device that runs in a lab tells whoever started it: one JSON object a line, over a pipe."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Final
+
+from crtk_drivers.state import Status
+from crtk_drivers.status.health import Health
+
+__all__ = ["REPORT_FD", "Report", "Reporter", "read_reports"]
+
+REPORT_FD: Final = "CRTK_DRIVERS_REPORT_FD"
+"""Environment variable: the descriptor of the pipe that a device writes to."""
+
+PERIOD: Final = 0.5
+"""Seconds between two reports at most."""
+
+_SIZE: Final = 65536
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """How a device is.
+
+    Attributes:
+        state: operating state.
+        cause: of it, in words.
+        is_busy, is_homed: as in the operating state.
+        measures: it is connected, and has measured lately.
+        rate, expected: cycles a second.
+        late: cycles that were late so far.
+        refused: commands that were refused so far.
+        last_refusal: in words.
+    """
+
+    state: str
+    cause: str
+    is_busy: bool
+    is_homed: bool
+    measures: bool
+    rate: float
+    expected: float
+    late: int
+    refused: int
+    last_refusal: str
+
+    @classmethod
+    def of(cls, status: Status, health: Health) -> Report:
+        """Return the report of a status with its counters."""
+        return cls(
+            state=str(status.state),
+            cause=status.cause,
+            is_busy=status.is_busy,
+            is_homed=status.is_homed,
+            measures=health.connected and health.sample_age < 1.0,
+            rate=round(health.rate, 1),
+            expected=health.rate_expected,
+            late=health.late_cycles,
+            refused=sum(health.refusals.values()),
+            last_refusal=health.last_refusal,
+        )
+
+
+class Reporter:
+    """Writes reports. `update` may be called as often as one likes; it never waits.
+
+    Args:
+        descriptor: of the pipe; it is closed at the end of this process.
+        read: returns status and health.
+        clock: monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        descriptor: int,
+        read: Callable[[], tuple[Status, Health]],
+        clock: Callable[[], float],
+    ) -> None:
+        self._descriptor = descriptor
+        self._read = read
+        self._clock = clock
+        self._due = 0.0
+        self._told = ""
+        os.set_inheritable(descriptor, False)
+        os.set_blocking(descriptor, False)
+
+    def update(self) -> bool:
+        """Write a report if it is time, or the state is another; return whether somebody still reads."""
+        status, health = self._read()
+        now = self._clock()
+        if now < self._due and str(status.state) == self._told:
+            return True
+        line = json.dumps(asdict(Report.of(status, health))).encode() + b"\n"
+        try:
+            os.write(self._descriptor, line)
+        except BlockingIOError:
+            return True  # the reader is busy: the next one will do
+        except BrokenPipeError:
+            return False
+        self._due, self._told = now + PERIOD, str(status.state)
+        return True
+
+
+def read_reports(descriptor: int, rest: bytes) -> tuple[list[Report], bytes]:
+    """Return the reports that have come, and what has come of the next one.
+
+    Args:
+        descriptor: of a pipe, which does not block.
+        rest: what had come before of the next report.
+    """
+    data = rest
+    try:
+        while part := os.read(descriptor, _SIZE):
+            data += part
+    except BlockingIOError:
+        pass
+    *lines, rest = data.split(b"\n")
+    return [Report(**json.loads(line)) for line in lines], rest

@@ -1,0 +1,367 @@
+"""Runs a lab: one process a device, started in order, started again when one ends, and stopped in order.
+
+A device reports over a pipe, see `crtk_drivers.labs.reports`; the same pipe tells it when whoever started it
+is gone, so that no driver outlives its lab.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import IO, Final
+
+from crtk_drivers.labs.lab_file import Lab, LabDevice
+from crtk_drivers.labs.reports import REPORT_FD, Report, read_reports
+
+__all__ = ["Child", "Phase", "Supervisor"]
+
+FIRST_DELAY: Final = 1.0
+LONGEST_DELAY: Final = 30.0
+"""Seconds before a process that ended is started again; twice as long each time."""
+
+SOUND_AFTER: Final = 30.0
+"""Seconds after which one that lives counts as sound: the next delay is the first one again."""
+
+PATIENCE: Final = 15.0
+"""Seconds for which a device waits for those that it comes after; then it is started all the same."""
+
+STOP_TIMEOUT: Final = 20.0
+"""Seconds in which a process that was told to stop has ended; then it is killed, and that is told."""
+
+USAGE_ERROR: Final = 2
+"""Exit code of a device that cannot be started as asked: it is not started again."""
+
+LOOK_PERIOD: Final = 0.1
+"""Seconds between two looks at the processes."""
+
+CPU_PERIOD: Final = 1.0
+
+logger = logging.getLogger(__name__)
+
+
+class Phase(StrEnum):
+    """What a process of the lab is doing."""
+
+    WAITING = "waiting"
+    """For the devices that it comes after."""
+    RUNNING = "running"
+    RESTARTING = "restarting"
+    """It has ended, and is started again after a while."""
+    STOPPING = "stopping"
+    ENDED = "ended"
+    """It is not started again."""
+
+
+@dataclass(eq=False)
+class Child:
+    """One process of the lab.
+
+    Attributes:
+        name: of the device or program.
+        command: how it is started.
+        after: names of the devices that must measure before.
+        log: file that it writes to.
+        reports: it is a device, and tells how it is.
+        phase: what it is doing.
+        report: the newest, if it is a device that lives.
+        restarts: how often it was started again.
+        code: with which it ended last; negative: the signal.
+        why: what is to be said of it: why it waits, or ended.
+        cpu: share of a core that it takes.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    after: tuple[str, ...]
+    log: Path
+    reports: bool
+    phase: Phase = Phase.WAITING
+    report: Report | None = None
+    restarts: int = 0
+    code: int | None = None
+    why: str = ""
+    cpu: float = 0.0
+    process: subprocess.Popen[bytes] | None = None
+    delay: float = FIRST_DELAY
+    due: float = 0.0
+    began: float = 0.0
+    pipe: int = -1
+    rest: bytes = b""
+    log_file: IO[bytes] | None = None
+    cpu_before: tuple[float, float] = field(default=(0.0, 0.0))
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether it is a device that is connected and measures, or a program that runs."""
+        if self.phase is not Phase.RUNNING:
+            return False
+        return not self.reports or (self.report is not None and self.report.measures)
+
+
+class Supervisor:
+    """Everything belongs to one thread. `step` again and again, then `stop`.
+
+    Args:
+        lab: what is started.
+        folder: for logs, and the settings as they are used; made if it is not there.
+        environment: of the processes.
+        clock: monotonic seconds.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+
+    def __init__(
+        self,
+        lab: Lab,
+        folder: Path,
+        environment: Mapping[str, str] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.lab = lab
+        self.folder = folder
+        self._environment = dict(os.environ if environment is None else environment)
+        self._clock = clock
+        folder.mkdir(parents=True, exist_ok=True)
+        self.devices = {
+            name: Child(name, self._command(device), device.after, folder / f"{name}.log", True)
+            for name, device in lab.devices.items()
+        }
+        self.programs = {
+            name: Child(name, program.command, program.after, folder / f"{name}.log", False)
+            for name, program in lab.programs.items()
+        }
+        self._began = clock()
+
+    @property
+    def children(self) -> Iterator[Child]:
+        """Every device, then every program."""
+        yield from self.devices.values()
+        yield from self.programs.values()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing runs and nothing will."""
+        return all(child.phase is Phase.ENDED for child in self.children)
+
+    def step(self) -> None:
+        """Take reports, see who has ended, and start what is due."""
+        now = self._clock()
+        for child in self.children:
+            if child.process is not None:
+                self._follow(child, now)
+            if child.phase is Phase.WAITING and self._may_start(child, now):
+                self._start(child, now)
+            elif child.phase is Phase.RESTARTING and now >= child.due:
+                child.restarts += 1
+                self._start(child, now)
+
+    def stop(self, idle: Callable[[], None] = lambda: None) -> bool:
+        """End everything: programs first, then the devices, those that others come after last.
+
+        Args:
+            idle: called while it waits.
+
+        Returns:
+            whether all ended by themselves, the devices seen to stand (exit code 0).
+        """
+        sound = True
+        for group in self._groups():
+            running = [child for child in group if child.process is not None]
+            for child in group:
+                child.phase = Phase.STOPPING if child in running else Phase.ENDED
+            for child in running:
+                _signal(child, signal.SIGINT)
+            deadline = self._clock() + STOP_TIMEOUT
+            while any(child.process is not None for child in running):
+                for child in running:
+                    sound &= self._see_end(child, killed=self._clock() > deadline)
+                idle()
+                time.sleep(LOOK_PERIOD / 5.0)
+        return sound
+
+    def _groups(self) -> Iterator[list[Child]]:
+        """Yield programs, then devices: none before those that come after it."""
+        yield list(self.programs.values())
+        left = dict(self.devices)
+        while left:
+            needed = {other for child in left.values() for other in child.after}
+            group = [child for name, child in left.items() if name not in needed]
+            yield group
+            for child in group:
+                del left[child.name]
+
+    # ------------------------------------------------------------------------------- one process
+
+    def _command(self, device: LabDevice) -> tuple[str, ...]:
+        """Return how a device is started, its settings in a file of their own."""
+        settings = self.folder / f"{device.name}.yaml"
+        settings.write_text(json.dumps(dict(device.values), indent=2) + "\n", "utf-8")
+        simulated = ["--sim"] if device.sim else []
+        for key, value in device.sim_options.items():
+            simulated += ["--sim-set", f"{key}={json.dumps(value)}"]
+        return (
+            *(sys.executable, "-m", "crtk_drivers.cli", device.plugin.name),
+            *("--ns", device.namespace, "--config", str(settings.resolve())),
+            *simulated,
+        )
+
+    def _may_start(self, child: Child, now: float) -> bool:
+        missing = [
+            name for name in child.after if name in self.devices and not self.devices[name].is_ready
+        ]
+        child.why = f"waits for {', '.join(missing)}" if missing else ""
+        if not (missing and child.reports and now > self._began + PATIENCE):
+            return not missing
+        logger.warning("%s: started, though %s does not measure", child.name, ", ".join(missing))
+        return True
+
+    def _start(self, child: Child, now: float) -> None:
+        reading, writing = os.pipe2(os.O_CLOEXEC)
+        os.set_blocking(reading, False)
+        environment = self._environment
+        if child.reports:
+            environment = {**environment, REPORT_FD: str(writing)}
+        child.log_file = child.log.open("ab", buffering=0)
+        try:
+            child.process = subprocess.Popen(
+                child.command,
+                stdin=subprocess.DEVNULL,
+                stdout=child.log_file,
+                stderr=subprocess.STDOUT,
+                cwd=self.lab.path.parent,
+                env=environment,
+                pass_fds=(writing,) if child.reports else (),
+                start_new_session=True,  # Ctrl-C reaches us alone, and we stop them in order
+            )
+        except OSError as error:
+            os.close(reading)
+            child.log_file.close()
+            self._ended(child, now, f"cannot be started: {error}", again=False)
+        else:
+            child.pipe, child.rest, child.report = reading, b"", None
+            child.phase, child.began, child.why = Phase.RUNNING, now, ""
+            logger.info("%s: started, process %d", child.name, child.process.pid)
+        finally:
+            os.close(writing)
+
+    def _follow(self, child: Child, now: float) -> None:
+        if child.reports:
+            self._take_reports(child)
+        process = child.process
+        assert process is not None
+        at, used = child.cpu_before
+        if now >= at + CPU_PERIOD:
+            total = _cpu_seconds(process.pid)
+            child.cpu = max(0.0, total - used) / (now - at) if at else 0.0
+            child.cpu_before = (now, total)
+        if now > child.began + SOUND_AFTER:
+            child.delay = FIRST_DELAY
+        code = process.poll()
+        if code is None:
+            return
+        self._forget(child, code)
+        if not child.reports and code == 0:
+            self._ended(child, now, "has done its work", again=False)
+        elif child.reports and code == USAGE_ERROR:
+            self._ended(child, now, f"{_ends_with(child.log)} (see {child.log})", again=False)
+        else:
+            self._ended(child, now, f"{_told(code)} (see {child.log})", again=True)
+
+    def _take_reports(self, child: Child) -> None:
+        reports, child.rest = read_reports(child.pipe, child.rest)
+        if reports:
+            was, child.report = child.is_ready, reports[-1]
+            if child.is_ready and not was:
+                took = self._clock() - child.began
+                logger.info("%s: measures, %.1f s after its start", child.name, took)
+
+    def _ended(self, child: Child, now: float, why: str, *, again: bool) -> None:
+        child.why = why
+        if not again:
+            child.phase = Phase.ENDED
+            level = logging.INFO if child.code == 0 else logging.ERROR
+            logger.log(level, "%s: %s", child.name, why)
+            return
+        child.phase, child.due = Phase.RESTARTING, now + child.delay
+        logger.error("%s: %s; started again in %g s", child.name, why, child.delay)
+        child.delay = min(2.0 * child.delay, LONGEST_DELAY)
+
+    def _see_end(self, child: Child, *, killed: bool) -> bool:
+        """Look whether a process that was told to stop has; return False if not as it should."""
+        process = child.process
+        if process is None:
+            return True
+        if child.reports:
+            self._take_reports(child)
+        if killed:
+            _signal(child, signal.SIGKILL)
+            process.wait()
+        code = process.poll()
+        if code is None:
+            return True
+        self._forget(child, code)
+        child.phase = Phase.ENDED
+        child.why = f"did not end in {STOP_TIMEOUT:g} s, and was killed" if killed else ""
+        if not killed and (code == 0 or not child.reports):
+            return True
+        child.why = child.why or f"{_told(code)} (see {child.log})"
+        logger.error("%s: %s", child.name, child.why)
+        return False
+
+    def _forget(self, child: Child, code: int) -> None:
+        child.code, child.process, child.report, child.cpu = code, None, None, 0.0
+        child.cpu_before = (0.0, 0.0)
+        os.close(child.pipe)
+        child.pipe = -1
+        if child.log_file is not None:
+            child.log_file.close()
+            child.log_file = None
+
+
+def _signal(child: Child, number: signal.Signals) -> None:
+    """Send a signal to a process; a program's children, such as those of a shell, get it too."""
+    process = child.process
+    if process is None:
+        return
+    with contextlib.suppress(ProcessLookupError):
+        if child.reports and number is signal.SIGINT:
+            process.send_signal(number)
+        else:
+            os.killpg(process.pid, number)
+
+
+def _told(code: int) -> str:
+    if code >= 0:
+        return f"ended with exit code {code}"
+    with contextlib.suppress(ValueError):
+        return f"ended by {signal.Signals(-code).name}"
+    return f"ended by signal {-code}"
+
+
+def _ends_with(log: Path) -> str:
+    """Return the last line of a log."""
+    with contextlib.suppress(OSError):
+        lines = log.read_bytes()[-4096:].decode(errors="replace").strip().splitlines()
+        if lines:
+            return lines[-1].strip()
+    return "cannot be started as asked"
+
+
+def _cpu_seconds(pid: int) -> float:
+    """Return the CPU time that a process has taken; 0 where that cannot be told."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
+    except (OSError, ValueError, IndexError):
+        return 0.0

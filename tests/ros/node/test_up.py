@@ -1,0 +1,139 @@
+"""`crtk-driver up`: the devices of a lab as processes, kept running, and stopped in order."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from crtk_drivers.client import connect
+
+pytest.importorskip("rclpy")
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(120)]
+
+LONG = 60.0
+LAB = """
+[devices.one]
+plugin = "loopback"
+namespace = "/up/one"
+
+[devices.two]
+plugin = "loopback"
+namespace = "/up/two"
+on = "one"
+"""
+PROGRAM = """
+[programs.work]
+command = ["sh", "-c", "echo up; exec sleep 1000"]
+"""
+UNREACHABLE = """
+[devices.far]
+plugin = "ur"
+settings = { host = "127.0.0.99" }
+"""
+
+
+class Up:
+    """A running `crtk-driver up`, and what it has logged."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self.process = process
+        self.lines: list[str] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        self.lines += iter(self.process.stderr.readline, "")
+
+    def until(self, text: str, count: int = 1) -> int:
+        """Wait until a line that matches was logged so often; return the number in its last group."""
+        deadline = time.monotonic() + LONG
+        while True:
+            found = [match for line in list(self.lines) if (match := re.search(text, line))]
+            if len(found) >= count:
+                return int(found[-1][1]) if found[-1].groups() else 0
+            assert self.process.poll() is None, f"it has ended: {self.lines}"
+            assert time.monotonic() < deadline, f"never: {text}: {self.lines}"
+            time.sleep(0.02)
+
+    def end(self) -> int:
+        """Send SIGINT, and return the exit code."""
+        self.process.send_signal(signal.SIGINT)
+        code = self.process.wait(LONG)
+        self._reader.join(LONG)
+        return code
+
+
+@contextmanager
+def up(folder: Path, text: str) -> Iterator[Up]:
+    path = folder / "lab.toml"
+    path.write_text(text)
+    command = [sys.executable, "-m", "crtk_drivers.cli", "up", str(path), "--logs", str(folder)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    with process:
+        try:
+            yield Up(process)
+        finally:
+            process.kill()
+
+
+def is_gone(pid: int) -> bool:
+    try:
+        return "State:\tZ" in Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return True
+
+
+def until_gone(*pids: int) -> None:
+    deadline = time.monotonic() + LONG
+    while not all(map(is_gone, pids)):
+        assert time.monotonic() < deadline, f"still there: {pids}"
+        time.sleep(0.02)
+
+
+def test_all_come_up_in_order_are_kept_running_and_stopped(tmp_path):
+    with up(tmp_path, LAB + PROGRAM) as lab:
+        work = lab.until(r"work: started, process (\d+)")
+        first = lab.until(r"one: started, process (\d+)")
+        told = [line for line in lab.lines if re.search("started|measures", line)]
+        order = [re.search(r"(one|two|work): (started|measures)", line).groups() for line in told]
+        assert order.index(("one", "measures")) < order.index(("two", "started"))
+        assert order.index(("two", "measures")) < order.index(("work", "started"))
+        with connect("/up/two", timeout=LONG) as two:
+            two.enable()
+            os.kill(first, signal.SIGKILL)
+            lab.until("one: ended by SIGKILL .* started again in 1 s")
+            second = lab.until(r"one: started, process (\d+)", count=2)
+            lab.until("one: measures", count=2)
+            with connect("/up/one", timeout=LONG) as one:
+                assert one.operating_state().state == "DISABLED"
+            assert two.is_enabled(), "the others go on"
+        assert lab.end() == 0
+        until_gone(second, work)
+    assert (tmp_path / "work.log").read_text() == "up\n"
+
+
+def test_no_device_outlives_its_lab_and_one_that_is_not_there_keeps_nobody(tmp_path):
+    with up(tmp_path, UNREACHABLE + LAB.replace('on = "one"', "")) as lab:
+        pids = [lab.until(rf"{name}: started, process (\d+)") for name in ("far", "one", "two")]
+        lab.until("one: measures")
+        lab.until("two: measures")
+        lab.until("far: FAULT .*Connection refused")
+        lab.process.kill()
+        until_gone(*pids)
+    assert "whoever started this is gone" in (tmp_path / "one.log").read_text()
+
+
+def test_a_device_that_cannot_be_started_is_told_and_not_tried_again(tmp_path):
+    with up(tmp_path, LAB.split("[devices.two]")[0] + 'settings = { axes = "many" }\n') as lab:
+        assert lab.process.wait(LONG) == 2
+        lab._reader.join(LONG)
+    assert "lab.toml:" in "".join(lab.lines)
