@@ -310,10 +310,11 @@ class Supervisor:
         code = process.poll()
         if code is None:
             return True
+        served = child.report is not None  # else it was still starting, whatever its exit code is
         self._forget(child, code)
         child.phase = Phase.ENDED
         child.why = f"did not end in {STOP_TIMEOUT:g} s, and was killed" if killed else ""
-        if not killed and (code == 0 or not child.reports):
+        if not killed and (code == 0 or not served):
             return True
         child.why = child.why or f"{_told(code)} (see {child.log})"
         logger.error("%s: %s", child.name, child.why)

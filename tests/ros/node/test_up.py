@@ -137,3 +137,10 @@ def test_a_device_that_cannot_be_started_is_told_and_not_tried_again(tmp_path):
         assert lab.process.wait(LONG) == 2
         lab._reader.join(LONG)
     assert "lab.toml:" in "".join(lab.lines)
+
+
+def test_one_that_is_still_starting_ends_well(tmp_path):
+    with up(tmp_path, LAB) as lab:
+        pid = lab.until(r"one: started, process (\d+)")
+        assert lab.end() == 0
+        until_gone(pid)
