@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from crtk_drivers.client.lab_devices import LabDevices, lab
     from crtk_drivers.errors import CommandRefused, CrtkError
     from crtk_drivers.front import LocalDevice, connect
     from crtk_drivers.samples import JointState, Pose, Twist, Wrench
@@ -12,11 +13,13 @@ __all__ = [
     "CommandRefused",
     "CrtkError",
     "JointState",
+    "LabDevices",
     "LocalDevice",
     "Pose",
     "Twist",
     "Wrench",
     "connect",
+    "lab",
 ]
 
 # Imported when first used: `crtk-driver --help` needs none of it.
@@ -24,11 +27,13 @@ _MODULES = {
     "CommandRefused": "errors",
     "CrtkError": "errors",
     "JointState": "samples",
+    "LabDevices": "client.lab_devices",
     "LocalDevice": "front",
     "Pose": "samples",
     "Twist": "samples",
     "Wrench": "samples",
     "connect": "front",
+    "lab": "client.lab_devices",
 }
 
 

@@ -25,7 +25,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from crtk_drivers import plugins
 from crtk_drivers.config import (
@@ -39,12 +39,14 @@ from crtk_drivers.config import (
 )
 from crtk_drivers.errors import ConfigError, CrtkError, PluginError
 from crtk_drivers.plugins import DevicePlugin
-from crtk_drivers.ros.names import checked_namespace
 
 __all__ = ["Lab", "LabDevice", "LabProgram", "LabSettings", "load_lab"]
 
 NAME: Final = r"^[A-Za-z][A-Za-z0-9_]*$"
 """Of a device or a program: it becomes a ROS namespace, an attribute and a file."""
+
+
+NAMESPACE: Final = r"(/[A-Za-z_][A-Za-z0-9_]*)+"
 
 
 class DeviceEntry(Settings):
@@ -71,6 +73,15 @@ class DeviceEntry(Settings):
     after: tuple[str, ...] = Field(
         default=(), description="Devices that must measure before it is started, beside `on`."
     )
+
+    @field_validator("namespace")
+    @classmethod
+    def _is_namespace(cls, namespace: str) -> str:
+        if namespace and not re.fullmatch(NAMESPACE, namespace):
+            raise ValueError(
+                "is not a namespace: letters, digits and _ after each /, as in /bench/arm"
+            )
+        return namespace
 
 
 class ProgramEntry(Settings):
@@ -186,12 +197,6 @@ def _device(name: str, entry: DeviceEntry, lab: Layer, path: Path, sim: bool) ->
         plugin = plugins.device(entry.plugin)
     except PluginError as error:
         raise ConfigError(error.message, where=place, remedy=error.remedy) from error
-    namespace = entry.namespace or f"/{name}"
-    try:
-        checked_namespace(namespace, option="")
-    except ConfigError as error:
-        where = lab.place(("devices", name, "namespace"))
-        raise ConfigError(error.message, where=where, remedy=error.remedy) from error
     below = from_file(path.parent / entry.config) if entry.config else from_values({})
     own = _part(lab, ("devices", name, "settings"), entry.settings)
     config: Any = load(with_node(plugin.config), below, own)
@@ -214,7 +219,7 @@ def _device(name: str, entry: DeviceEntry, lab: Layer, path: Path, sim: bool) ->
     return LabDevice(
         name,
         plugin,
-        namespace,
+        entry.namespace or f"/{name}",
         config,
         {**below.values, **entry.settings},
         simulated,

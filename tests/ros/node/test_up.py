@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+import crtk_drivers
 from crtk_drivers.client import connect
 
 pytest.importorskip("rclpy")
@@ -116,6 +117,12 @@ def test_all_come_up_in_order_are_kept_running_and_stopped(tmp_path):
             with connect("/up/one", timeout=LONG) as one:
                 assert one.operating_state().state == "DISABLED"
             assert two.is_enabled(), "the others go on"
+        with crtk_drivers.lab(tmp_path / "lab.toml", timeout=LONG) as devices:
+            assert list(devices) == ["one", "two"]
+            assert devices.two.is_enabled()
+            assert not devices["one"].is_enabled()
+            with pytest.raises(AttributeError, match=r"no device 'three'\. It has: one, two"):
+                _ = devices.three
         assert lab.end() == 0
         until_gone(second, work)
     assert (tmp_path / "work.log").read_text() == "up\n"
