@@ -13,12 +13,15 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import groupby, islice
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 from crtk_drivers.errors import MissingExtra
 from crtk_drivers.ros import environment
+from crtk_sim_backends import process
+from rigs.warm_start import WarmStart
 
 # What a shell may hold that changes how ROS 2 talks, or with whom.
 FOREIGN = (
@@ -79,9 +82,29 @@ sys.addaudithook(forbid_traffic_beyond_this_machine)
 # Failures inside the contract explain themselves.
 pytest.register_assert_rewrite("crtk_drivers.testing.contract")
 
+COLD_START = process._start
+"""How simulators are started for users."""
+
+
 HAVE_ROS = find_spec("rclpy") is not None
 if not HAVE_ROS:
     collect_ignore_glob = ["ros/*/*"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def warm_start() -> Iterator[None]:
+    """Fork simulators, but for tests that use `cold_start`."""
+    server = WarmStart()
+    with patch.object(process, "_start", server.start):
+        yield
+    server.close()
+
+
+@pytest.fixture(scope="module")
+def cold_start() -> Iterator[None]:
+    """Start simulators as users do: for tests of how that is done."""
+    with patch.object(process, "_start", COLD_START):
+        yield
 
 
 HAVE_UR_RTDE = find_spec("rtde_control") is not None

@@ -260,23 +260,9 @@ def spawn(
     """
     ready_read, ready_write = os.pipe()
     life_read, life_write = os.pipe()
-    command = [
-        sys.executable,
-        "-P",
-        "-c",
-        _RUN_MODULE,
-        module,
-        json.dumps([p for p in sys.path if p]),
-        *arguments,
-    ]
-    command += ["--ready-fd", str(ready_write), "--parent-fd", str(life_read)]
+    pipes = ["--ready-fd", str(ready_write), "--parent-fd", str(life_read)]
     try:
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            pass_fds=(ready_write, life_read, *pass_fds),
-            start_new_session=True,  # Ctrl-C is for the client, which stops the simulator last
-        )
+        process = _start(module, [*arguments, *pipes], (ready_write, life_read, *pass_fds))
     except OSError as error:
         os.close(ready_read)
         os.close(life_write)
@@ -308,6 +294,18 @@ def spawn(
         else f"{module} ended with exit code {code} before it was ready; see its messages above"
     )
     raise SimStartError(reason)
+
+
+def _start(
+    module: str, arguments: Sequence[str], pass_fds: Sequence[int]
+) -> subprocess.Popen[bytes]:
+    path = json.dumps([p for p in sys.path if p])
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", _RUN_MODULE, module, path, *arguments],
+        stdin=subprocess.DEVNULL,
+        pass_fds=pass_fds,
+        start_new_session=True,  # Ctrl-C is for the client, which stops the simulator last
+    )
 
 
 def _read_answer(fd: int, timeout: float) -> dict[str, Any]:

@@ -17,6 +17,8 @@ from crtk_sim_backends.faults import FaultKind
 from crtk_sim_backends.process import SimStartError
 from rigs.can_hub_doors import WAIT, frame, ids, receive, until
 
+pytestmark = pytest.mark.usefixtures("cold_start")
+
 
 @pytest.mark.parametrize(
     ("options", "complaint"),

@@ -16,6 +16,8 @@ from crtk_sim_backends.canopen.eds import PUBLISHED
 from crtk_sim_backends.canopen.injection import ERRORS, KINDS
 from crtk_sim_backends.control import ControlError
 
+pytestmark = pytest.mark.usefixtures("cold_start")
+
 WAIT = 5.0  # s; the longest that anything may take
 
 

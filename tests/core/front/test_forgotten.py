@@ -32,6 +32,7 @@ def test_a_device_that_was_closed_or_never_started_does_not_warn() -> None:
     gc.collect()
 
 
+@pytest.mark.usefixtures("cold_start")
 @pytest.mark.filterwarnings("ignore:subprocess .* is still running:ResourceWarning")
 def test_a_simulator_that_is_forgotten_warns() -> None:
     held = [SIM.spawn(**FREE_PORTS)]

@@ -34,6 +34,8 @@ from rigs.dynamixel_clients import (
     write,
 )
 
+pytestmark = pytest.mark.usefixtures("cold_start")
+
 TIOCGEXCL = 0x80045440
 GUIDE = Path(__file__, "../../../../docs/dynamixel_simulator.md").resolve().read_text()
 PING_1, ANSWER_1 = instruction(1, 0x01), 14

@@ -15,6 +15,8 @@ from crtk_sim_backends.process import SimStartError, loopback_addresses
 from crtk_sim_backends.ur import SIM, ConfigError, SimConfig
 from rigs.ur_clients import DashboardClient, last_json, wait_until
 
+pytestmark = pytest.mark.usefixtures("cold_start")
+
 PACKAGES = str(Path(crtk_sim_backends.__file__).parents[1])
 
 

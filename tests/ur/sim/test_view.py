@@ -25,6 +25,8 @@ from crtk_sim_backends.ur.views import picture
 from crtk_sim_backends.ur.views.terminal import Screen, bar, line
 from rigs.ur_controller import Bench
 
+pytestmark = pytest.mark.usefixtures("cold_start")
+
 ENVIRONMENT = {
     **{name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")},
     "PYTHONPATH": str(Path(crtk_sim_backends.__file__).parents[1]),

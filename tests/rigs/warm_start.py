@@ -1,0 +1,218 @@
+"""Simulators for tests start in a hundredth of a second: each is forked from a process that has imported it.
+
+What a simulator costs before it does anything is Python, numpy and its own modules: a tenth of a second of
+CPU, all at once, beside tests that keep time. The fork has the arguments, the files, the environment, the
+folder and the session that `crtk_sim_backends.process` gives it, and ends as any Python program does.
+"""
+
+from __future__ import annotations
+
+import atexit
+import fcntl
+import gc
+import importlib
+import json
+import os
+import pkgutil
+import runpy
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+MOST = 1 << 18
+"""Bytes of a request: an environment and a path."""
+
+FILES = 16
+"""Files that a request may have."""
+
+
+class Process:
+    """A forked simulator, as `subprocess.Popen` has it: the part that `crtk_sim_backends` uses."""
+
+    def __init__(self, pid: int, ended: int) -> None:
+        self.pid = pid
+        self.returncode: int | None = None
+        self._ended = ended  # readable when it has ended: how
+
+    def poll(self) -> int | None:
+        return self._look(0.0)
+
+    def wait(self, timeout: float | None = None) -> int:
+        code = self._look(timeout)
+        if code is None:
+            raise subprocess.TimeoutExpired(f"process {self.pid}", timeout or 0.0)
+        return code
+
+    def _look(self, timeout: float | None) -> int | None:
+        if self.returncode is None and select.select([self._ended], [], [], timeout)[0]:
+            told = os.read(self._ended, 64)
+            assert told, "the process that simulators are forked from has ended"
+            self.returncode = int(told)
+            os.close(self._ended)
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            with suppress(ProcessLookupError):  # it has ended since
+                os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        self.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
+class WarmStart:
+    """The process that simulators are forked from, and how to ask it for one."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._peer: socket.socket | None = None
+
+    def _begin(self) -> socket.socket:
+        self._peer, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", __file__, str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                pass_fds=(theirs.fileno(),),
+                start_new_session=True,
+                # A fork has no thread but the one that forked; numpy would miss those of its own.
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            )
+        return self._peer
+
+    def start(self, module: str, arguments: Sequence[str], pass_fds: Sequence[int]) -> Process:
+        """Do what `crtk_sim_backends.process` does, and sooner."""
+        request: dict[str, Any] = {
+            "module": module,
+            "arguments": arguments,
+            "path": [folder for folder in sys.path if folder],
+            "environment": dict(os.environ),
+            "folder": os.getcwd(),
+            "files": [1, 2, *pass_fds],
+        }
+        ended, told = os.pipe()
+        try:
+            with self._lock:
+                peer = self._peer or self._begin()
+                files = [told, *request["files"]]
+                socket.send_fds(peer, [json.dumps(request).encode()], files)
+                pid = int(peer.recv(64))
+        finally:
+            os.close(told)
+        return Process(pid, ended)
+
+    def close(self) -> None:
+        """End the process. What it has forked goes on, as long as the one for whom it was forked."""
+        if self._peer is not None:
+            self._peer.close()
+            self._process.wait(10.0)
+
+
+def serve(peer: socket.socket) -> dict[str, Any] | None:
+    """Fork whatever is asked for. Return the request in the fork, and None where nobody asks any more."""
+    awakened, awake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    signal.set_wakeup_fd(awake, warn_on_full_buffer=False)
+    children: dict[int, int] = {}
+    while True:
+        readable, _, _ = select.select([peer, awakened], [], [])
+        if awakened in readable:
+            os.read(awakened, 4096)
+            reap(children)
+        if peer not in readable:
+            continue
+        data, files, _, _ = socket.recv_fds(peer, MOST, FILES)
+        if not data:
+            return None
+        request: dict[str, Any] = json.loads(data)
+        told, *files = files
+        pid = os.fork()
+        if pid == 0:
+            signal.set_wakeup_fd(-1)
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            for unused in (awakened, awake, told, *children.values()):
+                os.close(unused)
+            peer.close()
+            os.setsid()
+            take(files, request["files"])
+            return request
+        children[pid] = told
+        for file in files:
+            os.close(file)
+        peer.send(str(pid).encode())
+
+
+def reap(children: dict[int, int]) -> None:
+    """Tell how those ended that have."""
+    for pid in list(children):
+        found, status = os.waitpid(pid, os.WNOHANG)
+        if found:
+            told = children.pop(pid)
+            with suppress(BrokenPipeError):  # nobody waits for it any more
+                os.write(told, str(os.waitstatus_to_exitcode(status)).encode())
+            os.close(told)
+
+
+def take(files: Sequence[int], numbers: Sequence[int]) -> None:
+    """Give files the numbers that they had where they come from."""
+    above = max(*files, *numbers) + 1
+    moved = [fcntl.fcntl(file, fcntl.F_DUPFD_CLOEXEC, above) for file in files]
+    for file in files:
+        os.close(file)
+    for file, number in zip(moved, numbers, strict=True):
+        os.dup2(file, number)
+        os.close(file)
+
+
+def import_all(name: str) -> None:
+    """Import a package with all that is in it, but what is run."""
+    package = importlib.import_module(name)
+    for module in pkgutil.walk_packages(package.__path__, f"{name}."):
+        if not module.name.endswith("__main__"):
+            with suppress(ImportError):  # of an extra that is not installed
+                importlib.import_module(module.name)
+
+
+def main(descriptor: int) -> None:
+    """Fork until nobody asks any more, and be the simulator in the fork."""
+    import_all("crtk_sim_backends")
+    gc.freeze()
+    request = serve(socket.socket(fileno=descriptor))
+    if request is not None:
+        os.environ.clear()
+        os.environ.update(request["environment"])
+        os.chdir(request["folder"])
+        sys.path[:] = request["path"]
+        sys.argv[1:] = request["arguments"]
+        run(request["module"])
+
+
+def run(module: str) -> None:
+    """Run a module as a program, and spare it to take apart all that was imported when it ends."""
+    code = 1  # of a program that raises what it should not
+
+    def leave() -> None:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+    atexit.register(leave)
+    try:
+        runpy.run_module(module, run_name="__main__", alter_sys=True)
+        code = 0
+    except SystemExit as ended:
+        code = ended.code if isinstance(ended.code, int) else int(bool(ended.code))
+        raise
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

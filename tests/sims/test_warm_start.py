@@ -1,0 +1,82 @@
+"""A simulator that is forked is as one that is started: what the tests of drivers rely on."""
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from unittest.mock import patch
+
+import pytest
+
+from crtk_sim_backends import process
+from crtk_sim_backends.can import SIM
+from crtk_sim_backends.process import SimStartError
+from rigs.warm_start import WarmStart
+
+
+@pytest.fixture(params=["cold", "warm"], autouse=True)
+def start(request: pytest.FixtureRequest) -> Iterator[None]:
+    if request.param == "cold":
+        request.getfixturevalue("cold_start")
+        yield
+        return
+    warm = WarmStart()
+    with patch.object(process, "_start", warm.start):
+        yield
+    warm.close()
+
+
+def test_it_leads_a_session_and_ends_as_it_is_told() -> None:
+    with SIM.spawn() as sim:
+        assert os.getsid(sim.pid) == sim.pid
+        assert sim.control.status()
+        assert sim.running
+        assert sim.stop() == 0
+        assert not sim.running
+
+
+def test_how_it_ended_is_known() -> None:
+    with SIM.spawn() as sim:
+        sim.suspend()
+        sim.kill()
+        assert not sim.running
+        assert sim.stop() == -signal.SIGKILL
+
+
+def test_what_it_says_when_it_cannot_start_is_told(tmp_path: Path) -> None:
+    faults = tmp_path / "faults.yaml"
+    faults.write_text("no timeline")
+    with pytest.raises(SimStartError, match=r"faults\.yaml"):
+        SIM.spawn(faults=str(faults))
+
+
+def test_it_ends_with_whom_it_is_for() -> None:
+    sim = SIM.spawn()
+    os.close(sim._life)
+    sim._life = -1
+    assert sim._process.wait(10.0) == 0
+
+
+TOLD = """
+import os, pathlib, sys
+
+if __name__ == "__main__":
+    print(sys.argv[0] == __file__, sys.argv[1], os.environ["CRTK_TEST"], pathlib.Path.cwd().name)
+    print(sys.stdin.read(), os.getsid(0) == os.getpid(), file=sys.stderr)
+    sys.exit(7)
+"""
+
+
+def test_it_has_the_path_arguments_environment_folder_and_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "told.py").write_text(TOLD)
+    (tmp_path / "here").mkdir()
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setenv("CRTK_TEST", "set")
+    with pytest.raises(SimStartError, match="exit code 7"):
+        process.spawn("told", ["--first"])
+    said = capfd.readouterr()
+    assert said.out.split() == ["True", "--first", "set", "here"]
+    assert said.err.split() == ["True"]
