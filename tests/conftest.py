@@ -11,16 +11,17 @@ import sys
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
-from itertools import groupby, islice
-from pathlib import Path
 from unittest.mock import patch
 
 import pytest
 from hypothesis import HealthCheck, settings
+from xdist.remote import Producer
+from xdist.workermanage import WorkerController
 
 from crtk_drivers.errors import MissingExtra
 from crtk_drivers.ros import environment
 from crtk_sim_backends import process
+from rigs import scheduling
 from rigs.warm_start import WarmStart
 
 # What a shell may hold that changes how ROS 2 talks, or with whom.
@@ -142,62 +143,40 @@ def pytest_report_header() -> Iterable[str]:
     return ["ROS 2: rclpy not found, the tests that need it are left out"]
 
 
-WORKERS_A_CORE = 1.5
-"""Seven tenths of the time tests wait: for an arm that moves, for a time-out, for a process."""
-
-WAITING = {"docs": 3.0, "matlab": 1.5, "all_devices": 1.0, "faults": 1.0, "ros": 0.7, "wire": 0.6}
-"""Folders whose tests wait more than they compute, with about how many seconds one of them takes."""
-
-TESTS = Path(__file__).parent
-
-
-def waiting_folder(path: Path) -> str | None:
-    """The innermost of the folders below tests/ that a file is in and that `WAITING` has."""
-    folders = path.parent.parts[len(TESTS.parts) :]
-    return next((name for name in reversed(folders) if name in WAITING), None)
-
-
 @pytest.hookimpl(wrapper=True)
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> Generator[None, int, int]:
     """For all tests, more workers than cores; for a file, as many as there are cores."""
     cores = yield
     is_all = config.args == config.getini("testpaths")
     is_chosen = "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ
-    return int(WORKERS_A_CORE * cores) if is_all and not is_chosen else cores
+    return scheduling.WORKERS_A_CORE * cores if is_all and not is_chosen else cores
 
 
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Let each worker begin with files that wait, the longest first, and end with those that compute.
+def pytest_configure_node(node: WorkerController) -> None:
+    """Tell a worker whether it is one of those that compute."""
+    scheduling.invite(node)
 
-    pytest-xdist gives each worker one piece of the list, all of a size; who is done takes from another's end.
-    """
-    workers = getattr(config, "workerinput", {}).get("workercount", 1)
-    if workers == 1:
-        return
-    waiting: dict[Path, list[pytest.Item]] = {}
-    seconds: dict[Path, float] = {}
-    rest: list[pytest.Item] = []
-    for path, group in groupby(items, key=lambda item: item.path):
-        tests = list(group)
-        if folder := waiting_folder(path):
-            waiting.setdefault(path, []).extend(tests)
-            seconds[path] = len(waiting[path]) * WAITING[folder]
-        else:
-            rest += tests
-    pieces: list[list[pytest.Item]] = [[] for _ in range(workers)]
-    busy = [0.0] * workers
-    for path in sorted(waiting, key=lambda path: -seconds[path]):
-        least = busy.index(min(busy))
-        pieces[least] += waiting[path]
-        busy[least] += seconds[path]
-    computing = iter(rest)
-    dealt = 0
-    for number, piece in enumerate(pieces):
-        size = (len(items) - dealt) // (workers - number)
-        piece += islice(computing, max(size - len(piece), 0))
-        dealt += size
-    items[:] = [item for piece in pieces for item in piece] + list(computing)
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> scheduling.Scheduling:
+    """Give the tests that compute to the workers that do."""
+    return scheduling.Scheduling(config, log)
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Give each worker of a divided run its share, and the processor to others in one that computes."""
+    is_nice = getattr(session.config, "workerinput", {}).get(scheduling.NICE_WORKER)
+    if is_nice is not None:
+        scheduling.take_share(is_nice=is_nice)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
+    """Let the first worker compile the tests, and rewrite their assertions, before the others read them."""
+    given = getattr(session.config, "workerinput", None)
+    if given is None:
+        return (yield)
+    with scheduling.turn(given):
+        return (yield)
 
 
 def pytest_collection_finish() -> None:

@@ -2,7 +2,6 @@
 
 import gc
 import os
-import signal
 
 import pytest
 
@@ -32,13 +31,11 @@ def test_a_device_that_was_closed_or_never_started_does_not_warn() -> None:
     gc.collect()
 
 
-@pytest.mark.usefixtures("cold_start")
-@pytest.mark.filterwarnings("ignore:subprocess .* is still running:ResourceWarning")
 def test_a_simulator_that_is_forgotten_warns() -> None:
     held = [SIM.spawn(**FREE_PORTS)]
-    pid, life = held[0].pid, held[0]._life
-    with pytest.warns(ResourceWarning, match=f"process id {pid} was forgotten, not stopped"):
+    process, life = held[0]._process, held[0]._life
+    with pytest.warns(ResourceWarning, match=f"process id {process.pid} was forgotten"):
         held.clear()
     os.close(life)
-    os.kill(pid, signal.SIGKILL)
-    os.waitpid(pid, 0)
+    process.kill()
+    process.wait(10.0)

@@ -1,0 +1,210 @@
+"""Which worker runs which test: those that compute do not take the processor from those that keep time.
+
+Tests that talk to simulators wait for seven tenths of their time, and fail where a burst of somebody's
+CPU makes a simulator or an I/O thread late. So there are more workers than cores, and a part of them are
+`nice`: they alone run what only computes, with the time that the others leave.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import pytest
+from typing_extensions import override
+from xdist.scheduler.loadscope import LoadScopeScheduling
+from xdist.workermanage import WorkerController
+
+WORKERS_A_CORE = 3
+"""Two thirds of them wait, for the most part: one takes a third of a core, with its simulators."""
+
+NICE = 5
+"""Of the workers that compute: they get a third of what another process gets that wants all it can get."""
+
+PIECE = 15.0
+"""Seconds that the tests take, about, that a worker gets at a time: they share the fixtures of a module."""
+
+COMPUTING = {
+    "cli": 0.3,
+    "core": 0.1,
+    "docs": 3.0,
+    "matlab": 1.5,
+    "plugins": 0.5,
+    "test_new_plugins.py": 15.0,
+    "test_plant.py": 0.2,
+    "unit": 0.03,
+}
+"""Folders and files whose tests need no process to be in time, with about how many seconds one takes."""
+
+WAITING = {
+    "all_devices": 1.3,
+    "can_hub": 0.1,
+    "faults": 1.0,
+    "ros": 0.7,
+    "sim": 0.1,
+    "sims": 0.3,
+    "virtual": 0.2,
+    "wire": 0.5,
+}
+"""Folders whose tests talk to simulators, or step an arm, in real time, likewise."""
+
+ALONE = "ur_rtde"
+"""In the name of tests of which one runs at a time: the vendor library streams 500 times a second, and has no
+priority over others, so that it is the first to be late."""
+
+LONGEST_COLLECTION = 120.0
+"""Seconds for which workers wait for the first."""
+
+AUTOGROUP = Path("/proc/self/autogroup")
+
+NICE_WORKER, IS_FIRST, COLLECTED = "crtk_nice", "crtk_first", "crtk_collected"
+"""Keys of `workerinput`."""
+
+FOLDER = pytest.StashKey[TemporaryDirectory[str]]()
+
+
+def is_nice(number: int, workers: int) -> bool | None:
+    """Whether worker `number` (from 0) of so many computes; None where they are too few to be divided."""
+    return number < workers // 3 if workers > 3 else None
+
+
+def take_share(*, is_nice: bool) -> None:
+    """Let this worker compete with others as its tests need it.
+
+    It gets a session of its own: Linux may give all processes of one the share of one (sched_autogroup).
+    """
+    os.setsid()
+    if is_nice:
+        os.nice(NICE)
+        with suppress(OSError):
+            AUTOGROUP.write_text(str(NICE))
+
+
+def invite(node: WorkerController) -> None:
+    """Tell a worker, from whom it is started, what it is and what it waits for."""
+    workers = len(node.config.getvalue("tx"))
+    number = int(node.gateway.id.removeprefix("gw"))
+    if FOLDER not in node.config.stash:
+        folder = node.config.stash[FOLDER] = TemporaryDirectory(prefix="crtk-tests-")
+        node.config.add_cleanup(folder.cleanup)
+    node.workerinput[NICE_WORKER] = is_nice(number, workers)
+    node.workerinput[IS_FIRST] = number == 0
+    node.workerinput[COLLECTED] = str(Path(node.config.stash[FOLDER].name, "collected"))
+
+
+@contextmanager
+def turn(given: dict[str, Any]) -> Iterator[None]:
+    """Within it the first worker collects before the others, which then read what it has compiled."""
+    collected = Path(given[COLLECTED])
+    if given[IS_FIRST]:
+        try:
+            yield
+        finally:
+            collected.touch()
+        return
+    deadline = time.monotonic() + LONGEST_COLLECTION
+    while not collected.exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    yield
+
+
+class Scheduling(LoadScopeScheduling):
+    """Gives out pieces of files, those that take long first, each to a worker that may run it."""
+
+    _pieces: dict[str, str]
+    _numbers: dict[str, int]
+
+    @override
+    def schedule(self) -> None:
+        if self.collection is None:
+            self.config.option.loadscopereorder = False
+            collected = next(iter(self.registered_collections.values()))
+            self._numbers = {name: number for number, name in enumerate(collected)}
+            self._pieces = dict(pieces(collected))
+        super().schedule()
+
+    @override
+    def _split_scope(self, nodeid: str) -> str:
+        return self._pieces[nodeid]
+
+    @override
+    def _assign_work_unit(self, node: WorkerController) -> None:
+        piece = self._next_of(node)
+        if piece is None:
+            node.shutdown()
+            return
+        tests = self.workqueue.pop(piece)
+        self.assigned_work.setdefault(node, {})[piece] = tests
+        node.send_runtest_some([self._numbers[name] for name, done in tests.items() if not done])
+
+    @override
+    def _reschedule(self, node: WorkerController) -> None:
+        if self._pending_of(self.assigned_work[node]) > 2:
+            return
+        if not node.shutting_down and self.workqueue and self._next_of(node) is None:
+            node.shutdown()
+            return
+        super()._reschedule(node)
+
+    def _next_of(self, node: WorkerController) -> str | None:
+        """Return the longest of what this worker may run: what is alone, then what waits, then the rest."""
+        is_nice = node.workerinput.get(NICE_WORKER)
+        is_taken = any(self._has_alone(other) for other in self.nodes if other is not node)
+
+        def may_run(piece: str) -> bool:
+            return computes(piece) or not (is_nice or (is_alone(piece) and is_taken))
+
+        def preferred(piece: str) -> tuple[bool, bool, float]:
+            duration = seconds(piece) * len(self.workqueue[piece])
+            return is_alone(piece), not computes(piece), duration
+
+        return max(filter(may_run, self.workqueue), key=preferred, default=None)
+
+    def _has_alone(self, node: WorkerController) -> bool:
+        return any(
+            is_alone(piece) and not all(tests.values())
+            for piece, tests in self.assigned_work[node].items()
+        )
+
+
+def pieces(collected: list[str]) -> Iterator[tuple[str, str]]:
+    """Give each test the name of its piece: its file, a number, and whether it is alone."""
+    dealt: Counter[str] = Counter()
+    for test in collected:
+        file = _file(test)
+        sort = f"{file}::{ALONE}" if is_alone(test) else file
+        yield test, f"{sort}::{dealt[sort] // max(1, round(PIECE / seconds(file)))}"
+        dealt[sort] += 1
+
+
+def _file(name: str) -> str:
+    return name.partition("::")[0]
+
+
+def _find(name: str, table: dict[str, float]) -> float | None:
+    parts = PurePosixPath(_file(name)).parts
+    return next((table[part] for part in reversed(parts) if part in table), None)
+
+
+@cache
+def computes(name: str) -> bool:
+    """Whether a test, a file or a piece of it is a matter of computing only."""
+    return _find(name, COMPUTING) is not None
+
+
+def is_alone(name: str) -> bool:
+    """Whether no other of its sort may run beside it."""
+    return ALONE in name and not computes(name)
+
+
+@cache
+def seconds(name: str) -> float:
+    """Return about how long one of its tests takes."""
+    return _find(name, COMPUTING) or _find(name, WAITING) or 0.3
