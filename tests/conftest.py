@@ -157,6 +157,11 @@ def pytest_configure_node(node: WorkerController) -> None:
     scheduling.invite(node)
 
 
+def pytest_keyboard_interrupt() -> None:
+    """Pass Ctrl-C on."""
+    scheduling.interrupt()
+
+
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> scheduling.Scheduling:
     """Give the tests that compute to the workers that do."""
     return scheduling.Scheduling(config, log)
@@ -164,9 +169,9 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> schedul
 
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Give each worker of a divided run its share, and the processor to others in one that computes."""
-    is_nice = getattr(session.config, "workerinput", {}).get(scheduling.NICE_WORKER)
-    if is_nice is not None:
-        scheduling.take_share(is_nice=is_nice)
+    given = getattr(session.config, "workerinput", None)
+    if given is not None and given[scheduling.NICE_WORKER] is not None:
+        scheduling.take_share(given)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -8,6 +8,7 @@ CPU makes a simulator or an I/O thread late. So there are more workers than core
 from __future__ import annotations
 
 import os
+import signal
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -17,7 +18,6 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import pytest
 from typing_extensions import override
 from xdist.scheduler.loadscope import LoadScopeScheduling
 from xdist.workermanage import WorkerController
@@ -64,10 +64,11 @@ LONGEST_COLLECTION = 120.0
 
 AUTOGROUP = Path("/proc/self/autogroup")
 
-NICE_WORKER, IS_FIRST, COLLECTED = "crtk_nice", "crtk_first", "crtk_collected"
+NICE_WORKER, IS_FIRST, TOLD = "crtk_nice", "crtk_first", "crtk_told"
 """Keys of `workerinput`."""
 
-FOLDER = pytest.StashKey[TemporaryDirectory[str]]()
+_folders: list[TemporaryDirectory[str]] = []
+"""What the workers of this process tell it, and each other, if it has any."""
 
 
 def is_nice(number: int, workers: int) -> bool | None:
@@ -75,34 +76,43 @@ def is_nice(number: int, workers: int) -> bool | None:
     return number < workers // 3 if workers > 3 else None
 
 
-def take_share(*, is_nice: bool) -> None:
+def take_share(given: dict[str, Any]) -> None:
     """Let this worker compete with others as its tests need it.
 
     It gets a session of its own: Linux may give all processes of one the share of one (sched_autogroup).
     """
     os.setsid()
-    if is_nice:
+    Path(given[TOLD], f"{os.getpid()}.session").touch()
+    if given[NICE_WORKER]:
         os.nice(NICE)
         with suppress(OSError):
             AUTOGROUP.write_text(str(NICE))
 
 
+def interrupt() -> None:
+    """Interrupt all workers with a session of their own, which do not hear of Ctrl-C."""
+    for folder in _folders:
+        for file in Path(folder.name).glob("*.session"):
+            with suppress(ProcessLookupError):
+                os.kill(int(file.stem), signal.SIGINT)
+
+
 def invite(node: WorkerController) -> None:
-    """Tell a worker, from whom it is started, what it is and what it waits for."""
+    """Tell a worker, before it is started, what it is."""
     workers = len(node.config.getvalue("tx"))
     number = int(node.gateway.id.removeprefix("gw"))
-    if FOLDER not in node.config.stash:
-        folder = node.config.stash[FOLDER] = TemporaryDirectory(prefix="crtk-tests-")
-        node.config.add_cleanup(folder.cleanup)
+    if not _folders:
+        _folders.append(TemporaryDirectory(prefix="crtk-tests-"))
+        node.config.add_cleanup(_folders[0].cleanup)
     node.workerinput[NICE_WORKER] = is_nice(number, workers)
     node.workerinput[IS_FIRST] = number == 0
-    node.workerinput[COLLECTED] = str(Path(node.config.stash[FOLDER].name, "collected"))
+    node.workerinput[TOLD] = _folders[0].name
 
 
 @contextmanager
 def turn(given: dict[str, Any]) -> Iterator[None]:
     """Within it the first worker collects before the others, which then read what it has compiled."""
-    collected = Path(given[COLLECTED])
+    collected = Path(given[TOLD], "collected")
     if given[IS_FIRST]:
         try:
             yield
