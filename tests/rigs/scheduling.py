@@ -36,20 +36,25 @@ COMPUTING = {
     "core": 0.1,
     "docs": 3.0,
     "matlab": 1.5,
+    "motion": 0.15,
     "plugins": 0.5,
     "test_new_plugins.py": 15.0,
     "test_plant.py": 0.2,
     "unit": 0.03,
+    "urscript": 0.05,
 }
 """Folders and files whose tests need no process to be in time, with about how many seconds one takes."""
 
 WAITING = {
     "all_devices": 1.3,
     "can_hub": 0.1,
+    "engine": 0.1,
     "faults": 1.0,
+    "front": 0.1,
     "ros": 0.7,
     "sim": 0.1,
     "sims": 0.3,
+    "test_contract_loopback.py": 0.2,
     "virtual": 0.2,
     "wire": 0.5,
 }
@@ -198,15 +203,19 @@ def _file(name: str) -> str:
     return name.partition("::")[0]
 
 
-def _find(name: str, table: dict[str, float]) -> float | None:
-    parts = PurePosixPath(_file(name)).parts
-    return next((table[part] for part in reversed(parts) if part in table), None)
+def _found(name: str) -> tuple[bool, float]:
+    """Whether a file computes and how long a test takes, as the tables say of it or the nearest folder."""
+    for part in reversed(PurePosixPath(_file(name)).parts):
+        for table in (COMPUTING, WAITING):
+            if part in table:
+                return table is COMPUTING, table[part]
+    return False, 0.3
 
 
 @cache
 def computes(name: str) -> bool:
     """Whether a test, a file or a piece of it is a matter of computing only."""
-    return _find(name, COMPUTING) is not None
+    return _found(name)[0]
 
 
 def is_alone(name: str) -> bool:
@@ -217,4 +226,4 @@ def is_alone(name: str) -> bool:
 @cache
 def seconds(name: str) -> float:
     """Return about how long one of its tests takes."""
-    return _find(name, COMPUTING) or _find(name, WAITING) or 0.3
+    return _found(name)[1]
