@@ -12,6 +12,7 @@ from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from unittest.mock import patch
+from zlib import crc32
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -182,6 +183,21 @@ def pytest_collection(session: pytest.Session) -> Generator[None, object, object
         return (yield)
     with scheduling.turn(given):
         return (yield)
+
+
+@pytest.hookimpl(tryfirst=True)  # before those are left out that are slow
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of each sweep let one case in `every` be quick, not the same in all functions of a file."""
+    sweeps: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("sweep"):
+            sweeps.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for function, cases in sweeps.items():
+        every = min(cases[0].get_closest_marker("sweep").args[0], len(cases))
+        first = crc32(function.rpartition("::")[2].encode()) % every
+        for number, item in enumerate(cases):
+            if number % every != first:
+                item.add_marker("slow")
 
 
 def pytest_collection_finish() -> None:

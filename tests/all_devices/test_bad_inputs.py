@@ -78,6 +78,7 @@ def running(request: pytest.FixtureRequest) -> Iterator[Running]:
     sys.setswitchinterval(interval)
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("number", BAD_INPUTS)
 def test_bad_input(running: Running, number: str, tmp_path: Path) -> None:
     rig = running.rig

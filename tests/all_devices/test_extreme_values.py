@@ -95,6 +95,7 @@ def hand(request: pytest.FixtureRequest) -> Iterator[Hand]:
     hand.engine.shut_down()
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.timeout(240)
 @settings(
     max_examples=150,

@@ -70,6 +70,7 @@ class PromiseMachine(RuleBasedStateMachine):
         self.walk.recovers()
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("name", list(RIGS))
 def test_the_promises_hold_whatever_happens_in_whatever_order(name: str) -> None:

@@ -124,6 +124,7 @@ def test_every_scalar_key_of_a_device_is_an_option(capsys: Capture) -> None:
     assert "--sim " not in text
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("width", [80, 40])
 def test_no_name_in_a_help_page_is_cut(
     capsys: Capture, monkeypatch: pytest.MonkeyPatch, width: int
@@ -373,6 +374,7 @@ def test_importing_the_package_brings_neither_ros_nor_the_command_line() -> None
     assert result.stdout == "[]\n"
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
 def test_a_simulator_runs_until_it_is_told_to_stop(tmp_path: Path, end: signal.Signals) -> None:
     code = "import sys; from crtk_drivers.cli import main; sys.exit(main(['sim', 'ur']))"

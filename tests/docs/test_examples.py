@@ -48,6 +48,7 @@ def run(script: Path, folder: Path) -> None:
     assert done.returncode == 0, f"{script}\n{done.stdout}\n{done.stderr}"
 
 
+@pytest.mark.sweep(14)
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_the_python_of_a_page_runs(page: Path, tmp_path: Path) -> None:
     script = tmp_path / f"page_{page.stem}.py"  # canopen.py would hide the library
@@ -55,6 +56,7 @@ def test_the_python_of_a_page_runs(page: Path, tmp_path: Path) -> None:
     run(script, tmp_path)
 
 
+@pytest.mark.sweep(9)
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: str(script.relative_to(ROOT)))
 def test_an_example_runs(script: Path, tmp_path: Path) -> None:
     run(script, tmp_path)

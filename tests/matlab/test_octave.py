@@ -75,6 +75,7 @@ def octave(program: str, namespace: str, pid: int) -> None:
     assert "Traceback" not in done.stdout, done.stdout
 
 
+@pytest.mark.sweep(5)
 @needs_octave
 @needs_ros
 @pytest.mark.parametrize("program", sorted(path.stem for path in HERE.glob("octave_*.m")))
@@ -83,6 +84,7 @@ def test_a_program(program: str) -> None:
         octave(program, program, pid)
 
 
+@pytest.mark.slow
 @needs_octave
 @needs_ros
 def test_the_example() -> None:

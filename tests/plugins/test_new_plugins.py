@@ -27,6 +27,7 @@ def run(folder: Path, environment: dict[str, str], *arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(LONG + 20)
 @pytest.mark.parametrize("kind", Kind)
 def test_a_new_plugin_passes_its_tests(kind: Kind, tmp_path: Path) -> None:
@@ -51,6 +52,7 @@ def test_a_new_plugin_passes_its_tests(kind: Kind, tmp_path: Path) -> None:
     assert "passed" in said
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(LONG + 20)
 @pytest.mark.parametrize("kind", Kind)
 def test_a_new_plugin_has_no_type_errors(kind: Kind, tmp_path: Path) -> None:

@@ -199,6 +199,7 @@ def test_a_wall_is_felt_with_closed_brakes_and_while_a_position_is_followed() ->
     assert plant.effort == pytest.approx(weight - plant.jacobian.T @ plant.wrench, abs=1e-3)
 
 
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_stops_hold_against_the_strongest_efforts(model: str, sign: float) -> None:

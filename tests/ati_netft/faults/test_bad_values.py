@@ -92,6 +92,7 @@ def device_of(**values: Any) -> Iterator[NetFtDevice]:
 # The sensor's page
 
 
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize("tag", TAGS)
 def test_any_number_in_a_tag_of_the_page(box: RunningSim, tag: str) -> None:
     for number in NUMBERS:

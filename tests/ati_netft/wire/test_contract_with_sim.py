@@ -14,6 +14,8 @@ from crtk_drivers.testing.contract import DeviceContract  # noqa: E402
 from crtk_sim_backends.netft import SIM, RunningSim  # noqa: E402
 from rigs.netft_bench import FREE_PORTS, LONG, configuration  # noqa: E402 - after the line above
 
+pytestmark = pytest.mark.sweep(4)
+
 
 @pytest.fixture(scope="module", params=["netbox", "axia", "schunk", "onrobot"])
 def box(request: pytest.FixtureRequest) -> Iterator[tuple[str, RunningSim]]:

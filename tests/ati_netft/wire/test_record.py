@@ -169,6 +169,7 @@ def test_it_goes_on_after_a_lost_link_and_is_whole_after_ctrl_c(peer, tmp_path, 
     assert np.count_nonzero(np.diff(sequence) < 0) >= 1, "the stream was asked for anew"
 
 
+@pytest.mark.slow
 def test_what_a_kill_leaves_can_be_read(peer, tmp_path, command) -> None:
     out = tmp_path / "load.ftrec"
     eventually(lambda: out.exists() and out.stat().st_size > 50_000, "measurements")

@@ -176,6 +176,7 @@ IN_MOTION = [
 ]
 
 
+@pytest.mark.sweep(5)
 @pytest.mark.parametrize(
     ("kind", "parameters", "words"), IN_MOTION, ids=[f"{k}-{p}" for k, p, _ in IN_MOTION]
 )
@@ -538,6 +539,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_drives_stop_by_themselves_when_the_driver_is_killed_or_frozen(number: int) -> None:
     with drives(COUNT) as sim:

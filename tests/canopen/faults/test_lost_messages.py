@@ -121,6 +121,7 @@ WAYS: dict[str, tuple[str, Callable[[LocalDevice], None]]] = {
 }
 
 
+@pytest.mark.sweep(8)
 @pytest.mark.parametrize("message", MESSAGES)
 @pytest.mark.parametrize("way", WAYS)
 def test_one_message_on_the_way_to_a_stop_does_not_keep_it(
@@ -138,6 +139,7 @@ def test_one_message_on_the_way_to_a_stop_does_not_keep_it(
         np.testing.assert_allclose(bench.revolutions(), before, atol=0.1, err_msg=str(happens))
 
 
+@pytest.mark.sweep(8)
 @pytest.mark.parametrize("message", MESSAGES)
 @pytest.mark.parametrize("on_close", ["hold", "power_off"])
 def test_one_message_on_the_way_of_close_does_not_keep_the_joints_from_a_stop(

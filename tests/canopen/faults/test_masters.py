@@ -164,6 +164,7 @@ def test_a_second_process_for_other_drives_is_refused_and_the_arm_goes_on(
 # ------------------------------------------------------------------------------- behind the driver's back
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize(
     ("data", "command", "happened"),
     [

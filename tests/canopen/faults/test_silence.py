@@ -83,6 +83,7 @@ def streaming(sim: RunningSim, command: str, arm: LocalDevice) -> Iterator[None]
         thread.join()
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("command", ["servo_jp", "interpolate_jp", "move_jp"])
 @pytest.mark.parametrize("which", [{}, {"node": 1}], ids=["all drives", "one drive"])
 def test_drives_that_are_heard_again_after_fault_stay_where_they_are(

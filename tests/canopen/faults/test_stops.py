@@ -82,6 +82,7 @@ def test_no_move_begins_after_a_pause_that_came_while_it_was_being_enabled() -> 
 # -------------------------------------------------------------------------------------------- close
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("command", ["move_jp", "servo_jv", "servo_jf"])
 @pytest.mark.parametrize("on_close", ["hold", "power_off"])
 def test_close_in_motion_stops_before_the_drives_are_left(command: str, on_close: str) -> None:
@@ -165,6 +166,7 @@ def test_a_stop_in_homing_halts_it_and_is_confirmed_when_the_joints_stand() -> N
 # ---------------------------------------------------------------------------- drives that hear nothing
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("command", ["move_jp", "servo_jv", "servo_jf"])
 @pytest.mark.parametrize("watches", [True, False], ids=["watches its RPDOs", "does not"])
 def test_a_drive_that_gets_no_pdos_any_more_is_stopped_by_another_way(

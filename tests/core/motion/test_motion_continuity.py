@@ -46,6 +46,7 @@ def take_over(rig: MotionRig, name: str, start: float) -> None:
         rig.cycle()
 
 
+@pytest.mark.sweep(5)
 @pytest.mark.parametrize("every_cycle", [False, True])
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_every_pair_of_commands(variant: str, every_cycle: bool) -> None:

@@ -84,6 +84,7 @@ WAYS = {
 }
 
 
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize("jitter", [0.0, 0.0002, 0.001])
 @pytest.mark.parametrize("second", WAYS)
 @pytest.mark.parametrize("first", ["move_jp", "move_cp"])

@@ -139,6 +139,7 @@ SERVO_FAULTS = (
 )
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("fault", SERVO_FAULTS, ids=lambda f: f"{f.kind} {f.detail}")
 def test_f12_servo_fault_under_motion(bench, fault):
     move = start_moving(bench)
@@ -217,6 +218,7 @@ DEAF = {
 }
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("fault", DEAF.values(), ids=DEAF)
 def test_f6_a_servo_that_cannot_be_heard_costs_its_own_data_only(bench, fault):
     check_deafness(bench, fault)
@@ -256,6 +258,7 @@ NOW_AND_THEN = {
 DAMAGED = ("drop", "crc", "truncate", "late")
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("kind", NOW_AND_THEN)
 def test_f5_a_bad_wire_is_worked_around(bench, kind):
     before = bench.arm.health()
@@ -474,6 +477,7 @@ def driver_process(sim) -> subprocess.Popen:
     return subprocess.Popen([sys.executable, "-c", text])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sent", [signal.SIGSTOP, signal.SIGKILL], ids=["frozen", "killed"])
 def test_f16_the_servos_stop_when_the_process_is(sim, sent):
     with driver_at(sim, VALUES, start=False) as bench:

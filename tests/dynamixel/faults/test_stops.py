@@ -97,6 +97,7 @@ def assert_stopped(bench: DynamixelBench, way: str) -> None:
         bench.until_state("FAULT", "its torque is off")
 
 
+@pytest.mark.sweep(7)
 @pytest.mark.parametrize(("way", "effect"), [(w, e) for w in WAYS for e in WAYS[w]])
 @pytest.mark.parametrize("name", MOVING)
 def test_one_message_on_the_way_to_a_stop(bench, name, way, effect):

@@ -78,6 +78,7 @@ def until_still(sim) -> None:
     )
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("effect", ["lost", "late"])
 @pytest.mark.parametrize("name", MOVING)
 def test_one_message_on_the_way_to_a_close(sim, name, effect):

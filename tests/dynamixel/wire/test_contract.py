@@ -22,6 +22,8 @@ from rigs.dynamixel_bench import (  # noqa: E402 - after the line above
     sim_for,
 )
 
+pytestmark = pytest.mark.sweep(2)
+
 BENT = {2: -0.2, 3: 0.4, 5: 0.6}
 """Angles of servos at which the arm is far from its singularities."""
 

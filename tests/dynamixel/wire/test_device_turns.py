@@ -71,6 +71,7 @@ def killed_in_motion(sim, values) -> None:
     eventually(lambda: abs(sim.control.outputs()["bus1/1"]["velocity"]) < 1e-3, "it stands")
 
 
+@pytest.mark.slow
 def test_killed_and_without_power_it_is_not_homed(sim, values):
     close_in_order(sim, values)
     killed_in_motion(sim, values)
@@ -85,6 +86,7 @@ def test_killed_and_without_power_it_is_not_homed(sim, values):
         eventually(lambda: bench.status.is_homed, "somebody has looked")
 
 
+@pytest.mark.slow
 def test_killed_with_power_all_along_it_counts_on(sim, values):
     close_in_order(sim, values)
     killed_in_motion(sim, values)

@@ -8,6 +8,7 @@ ROUNDS = {"loopback": 8, "virtual": 4}
 """A device; else 2: one that begins DISABLED and one that begins ENABLED."""
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("name", DEVICES)
 def test_the_move_after_home_is_carried_out(name: str) -> None:
     with opened(name) as (engine, arm):

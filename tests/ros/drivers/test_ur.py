@@ -144,6 +144,7 @@ def test_an_emergency_stop_is_fault_with_its_reason_and_enable_recovers(ur: UrRi
     ur.client.reach("enable", "ENABLED")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["move", "servo_at_200_hz", "interpolate_from_20_hz"])
 def test_an_example_runs_unchanged_on_the_far_side(ur: UrRig, name: str) -> None:
     ur.enabled()

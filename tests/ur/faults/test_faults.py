@@ -37,6 +37,8 @@ from rigs.ur_bench import (
     ur_bench,
 )
 
+pytestmark = pytest.mark.sweep(2)
+
 POWER_OFF, POWER_ON, IDLE, RUNNING = 3, 4, 5, 7
 PLAYING = 2
 FAR = [2.5, *HOME[1:]]
@@ -167,12 +169,14 @@ NOT_BY_ENABLE = {
 """Stops that no enable clears, with state and detail."""
 
 
+@pytest.mark.sweep(5)
 @by_native
 @pytest.mark.parametrize("fault", ROBOT_FAULTS, ids=lambda fault: fault.kind)
 def test_robot_fault_under_motion(bench, fault):
     robot_fault_under_motion(bench, fault)
 
 
+@pytest.mark.slow
 @by_ur_rtde
 @pytest.mark.parametrize("kind", ["protective_stop", "script_error"])
 def test_robot_fault_that_the_matrix_has_at_rest(bench, kind):
@@ -207,6 +211,7 @@ def robot_fault_under_motion(bench: UrBench, fault: RobotFault) -> None:
     assert fault.state in bench.log.states
 
 
+@pytest.mark.sweep(4)
 @both_ways
 @pytest.mark.parametrize("kind", NOT_BY_ENABLE)
 def test_a_stop_is_not_cleared_by_enable(control, kind):
@@ -290,12 +295,14 @@ LINK_FAULTS = {
 }
 
 
+@pytest.mark.sweep(5)
 @by_native
 @pytest.mark.parametrize("fault", LINK_FAULTS.values(), ids=LINK_FAULTS)
 def test_link_fault_under_motion(bench, fault):
     link_fault_under_motion(bench, fault)
 
 
+@pytest.mark.slow
 @by_ur_rtde
 @pytest.mark.parametrize(
     "name",
@@ -337,6 +344,7 @@ def link_fault_under_motion(bench: UrBench, fault: LinkFault) -> None:
     assert_enables_at_rest(bench)
 
 
+@pytest.mark.sweep(4)
 @by_native
 @pytest.mark.parametrize(
     ("variable", "value"),
@@ -574,6 +582,7 @@ def driver_process(host: str, control: str, *, servo: bool) -> subprocess.Popen:
     return subprocess.Popen([sys.executable, "-c", text])
 
 
+@pytest.mark.slow
 @both_ways
 @pytest.mark.parametrize("servo", [False, True], ids=["move", "stream"])
 def test_f16_f19_killed_driver_and_its_restart(control, servo):
@@ -698,6 +707,7 @@ def test_f18_clock_jump(bench, monkeypatch, jump):
 # F20
 
 
+@pytest.mark.slow
 @both_ways
 def test_f20_a_second_writer_is_refused_by_name_of_the_cause(control):
     with (

@@ -85,6 +85,7 @@ def world(request) -> Iterator[tuple[UrBench, Proxy]]:
             yield bench, proxy
 
 
+@pytest.mark.sweep(16)
 @pytest.mark.parametrize("action", ACTIONS)
 @pytest.mark.parametrize("kind", sorted({kind for kinds in KINDS.values() for kind in kinds}))
 def test_one_message_goes_wrong_and_the_arm_stops(world, kind, action):

@@ -17,6 +17,8 @@ from crtk_drivers.errors import CommandRefused, ConfigError, DeviceError
 from crtk_sim_backends.ur import SIM
 from rigs.ur_bench import HOME, LONG, WAYS, UrBench, driver_at, eventually, ur_bench
 
+pytestmark = pytest.mark.sweep(2)
+
 POWER_OFF, IDLE, RUNNING = 3, 5, 7
 STOPPED, PLAYING, PAUSED = 1, 2, 4
 SERVO_J = 11

@@ -13,6 +13,8 @@ from crtk_drivers.testing.contract import DeviceContract  # noqa: E402
 from crtk_sim_backends.ur import SIM, RunningSim  # noqa: E402
 from rigs.ur_bench import LONG, PATIENT, lenient  # noqa: E402 - after the line above
 
+pytestmark = pytest.mark.sweep(4)
+
 
 @pytest.fixture(
     scope="module",

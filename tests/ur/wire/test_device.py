@@ -15,6 +15,8 @@ from crtk_drivers.samples import Pose, vector
 from crtk_sim_backends.ur import SIM
 from rigs.ur_bench import HOME, LONG, PATIENT, WAYS, UrBench, driver_at, eventually, ur_bench
 
+pytestmark = pytest.mark.sweep(4)
+
 ARMS = {
     "ur10e": ("ur_rtde", "controller", {"model": "ur10e", "version": "5.23.0"}),
     "ur5": ("ur_rtde", "driver", {"model": "ur5", "version": "3.15.8"}),

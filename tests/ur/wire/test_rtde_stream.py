@@ -362,6 +362,7 @@ def test_package_with_an_old_or_impossible_stamp_is_no_sample(stamp, counter):
 REALS = [name for name, kind in OUTPUTS.items() if kind in ("DOUBLE", "VECTOR3D", "VECTOR6D")]
 
 
+@pytest.mark.sweep(5)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e308, -1e308])
 def test_a_package_with_anything_not_finite_is_no_sample(value, caplog):
     with talking() as (stream, send):

@@ -13,6 +13,8 @@ from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.samples import Pose, vector
 from rigs.ur_bench import HOME, LONG, WAYS, UrBench, eventually, ur_bench
 
+pytestmark = pytest.mark.sweep(3)
+
 TOOL = (0.05, -0.02, 0.2, 0.0, 0.6, 0.0, 0.8)
 """Position, and quaternion x, y, z, w."""
 NONE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)

@@ -17,6 +17,8 @@ import pytest
 from crtk_sim_backends.ur import SIM
 from rigs.ur_clients import last_json, output_of
 
+pytestmark = pytest.mark.slow
+
 needs_urinterface = pytest.mark.skipif(find_spec("urinterface") is None, reason="needs urinterface")
 needs_clients = pytest.mark.skipif(
     find_spec("universal_robots_clients") is None, reason="needs universal-robots-clients"

@@ -8,7 +8,10 @@ import pytest
 from crtk_sim_backends.ur import SIM
 from rigs.ur_rtde_runs import assert_all, run_session
 
-pytestmark = pytest.mark.skipif(find_spec("rtde_control") is None, reason="needs ur-rtde")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(find_spec("rtde_control") is None, reason="needs ur-rtde"),
+]
 
 SESSIONS = Path(__file__).parents[3] / "rigs" / "ur_rtde_sessions.py"
 
@@ -48,6 +51,7 @@ def test_protective_stop_unlock_and_new_upload(sim):
     assert_all(result)
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize(
     ("model", "version"),
     [

@@ -11,7 +11,10 @@ from crtk_sim_backends.ur.motion.dynamics import Dynamics
 from crtk_sim_backends.ur.motion.kinematics import Kinematics
 from rigs.ur_rtde_runs import assert_all, run_session
 
-pytestmark = pytest.mark.skipif(find_spec("rtde_control") is None, reason="needs ur-rtde")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(find_spec("rtde_control") is None, reason="needs ur-rtde"),
+]
 
 SESSIONS = Path(__file__).parents[3] / "rigs" / "ur_rtde_motions.py"
 

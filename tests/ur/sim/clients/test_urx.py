@@ -11,7 +11,7 @@ import pytest
 from crtk_sim_backends.ur import SIM
 from rigs.ur_clients import last_json, output_of
 
-pytestmark = pytest.mark.skipif(find_spec("urx") is None, reason="needs urx")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(find_spec("urx") is None, reason="needs urx")]
 
 SESSION = """
 import json, sys, urx

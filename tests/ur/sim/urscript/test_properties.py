@@ -206,6 +206,7 @@ def test_random_programs(block: str) -> None:
     )
 
 
+@pytest.mark.sweep(7)
 @pytest.mark.parametrize("depth", [10, 59, 100, 1000, 20_000])
 @pytest.mark.parametrize(
     ("opening", "middle", "closing"),
