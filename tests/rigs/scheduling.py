@@ -50,6 +50,7 @@ WAITING = {
     "can_hub": 0.1,
     "engine": 0.1,
     "faults": 1.0,
+    "labs": 0.3,
     "front": 0.1,
     "ros": 0.7,
     "sim": 0.1,
