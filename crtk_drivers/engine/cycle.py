@@ -71,6 +71,7 @@ class Engine(Intake):
         self._overdue = ""
         self._broken_sample = ""
         self._sample_deadman = Deadman(self.options.sample_timeout)
+        self._listened = 0.0
 
     # ---------------------------------------------------------------- for the I/O thread of the bus
 
@@ -94,7 +95,8 @@ class Engine(Intake):
         self._health.connected = True
         self._broken_sample = ""
         self._stopping.begin_anew()
-        self._sample_deadman.feed(self._clock())
+        self._listened = self._clock()
+        self._sample_deadman.feed(self._listened)
         self._board.update(OperatingState.DISABLED, self.device.found)
         self._turns.turn()
 
@@ -106,8 +108,11 @@ class Engine(Intake):
         """
         sample = self.device.read(deadline)
         now = self._clock()
+        # What was made while this thread was stuck is old; newer ones follow.
+        was_stuck, self._listened = now - self._listened > self.options.sample_timeout, now
         if sample is not None:
-            self._sample_deadman.feed(min(sample.stamp.monotonic, now))
+            made = now if was_stuck else min(sample.stamp.monotonic, now)
+            self._sample_deadman.feed(made)
             sample = self._sound(sample)
         if self._sample_deadman.expired(now):
             raise ConnectionLost(
