@@ -261,9 +261,10 @@ class NativeLink(ControlLink):
         if found is not None and found[0] == self._program:
             self._follow_program(ProgramState(*found), state)
         ours = self._reported.program == self._program
-        self.lateness = 0.0
-        if ours and self._channel is not None:
-            self.lateness = self._channel.echoes.age(state.received, state.timestamp)
+        channel = self._channel if ours else None
+        self.lateness = (
+            0.0 if channel is None else channel.echoes.age(state.received, state.timestamp)
+        )
         self.replaced = ours and state.timestamp > self._cycled_at + REPLACED_AFTER
         if self.replaced or state.runtime_state in STANDING_PROGRAM:
             if self.program_runs:
