@@ -19,6 +19,9 @@ REPORT_FD: Final = "CRTK_DRIVERS_REPORT_FD"
 PERIOD: Final = 0.5
 """Seconds between two reports at most."""
 
+LONGEST: Final = 200
+"""Characters of a text: a report is no longer than what a pipe takes as a whole or not at all (PIPE_BUF)."""
+
 _SIZE: Final = 65536
 
 
@@ -53,7 +56,7 @@ class Report:
         """Return the report of a status with its counters."""
         return cls(
             state=str(status.state),
-            cause=status.cause,
+            cause=_short(status.cause),
             is_busy=status.is_busy,
             is_homed=status.is_homed,
             measures=health.connected and health.sample_age < 1.0,
@@ -61,8 +64,12 @@ class Report:
             expected=health.rate_expected,
             late=health.late_cycles,
             refused=sum(health.refusals.values()),
-            last_refusal=health.last_refusal,
+            last_refusal=_short(health.last_refusal),
         )
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
 
 
 class Reporter:

@@ -121,6 +121,26 @@ def test_reports_come_whole_whatever_the_pieces():
     os.close(writing)
 
 
+def test_a_report_is_written_as_a_whole_or_not_at_all():
+    """However long the texts are, and however full the pipe is."""
+    reading, writing = os.pipe()
+    os.set_blocking(reading, False)
+    told = "\N{GREEK SMALL LETTER MU}" * 10_000
+    status = Status(OperatingState.FAULT, True, detail=told)
+    clock = iter(range(10_000))
+    reporter = Reporter(
+        writing, lambda: (status, Health(last_refusal=told)), lambda: float(next(clock))
+    )
+    for _ in range(200):
+        assert reporter.update()
+    reports, rest = read_reports(reading, b"")
+    assert 10 < len(reports) < 200, "the pipe was full"
+    assert rest == b""
+    assert reports[0].cause.endswith("…")
+    os.close(reading)
+    os.close(writing)
+
+
 def test_a_report_says_whether_it_measures():
     status = Status(OperatingState.DISABLED, True)
     old = Health(connected=True, sample_age=5.0)
