@@ -18,7 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
-from crtk_drivers.cli.status_line import STATE_STYLES
+from crtk_drivers.cli.status_line import LIVE_PERIOD, STATE_STYLES
 from crtk_drivers.cli.terminal import ERR, OUT
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import Lab, load_lab
@@ -28,9 +28,6 @@ from crtk_drivers.state import OperatingState
 from crtk_drivers.status.stop_request import StopRequest
 
 logger = logging.getLogger(__name__)
-
-LIVE_PERIOD: Final = 0.25
-"""Seconds between two pictures of the table."""
 
 _PHASES: Final = {
     Phase.WAITING: "yellow",
@@ -73,10 +70,9 @@ def bring_up(
             supervisor.step()
             show()
             time.sleep(LOOK_PERIOD)
-        failed = [child.name for child in supervisor.children if _has_failed(child)]
-        if not supervisor.stop(show):
-            return 1
-    return 1 if failed else 0
+        failed = any(map(_has_failed, supervisor.children))
+        ended_well = supervisor.stop(show)
+    return 0 if ended_well and not failed else 1
 
 
 def _has_failed(child: Child) -> bool:

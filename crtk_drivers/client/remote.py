@@ -36,7 +36,7 @@ from crtk_drivers.state import Status, parse_command, target_of
 
 if TYPE_CHECKING:
     from crtk_drivers.client.announcements import StatusTracker
-    from crtk_drivers.client.ros_link import Inbox, Outbox, Received
+    from crtk_drivers.client.ros_link import Caller, Inbox, Outbox, Received
 
 CONNECT_TIMEOUT = 10.0
 """Seconds in which a device, or the other end of a topic, must be found."""
@@ -336,10 +336,9 @@ class RemoteDevice(DeviceFront):
 
     @override
     def _query(self, name: str, command: Command) -> Callable[..., Any]:
-        caller: Any = self._space.connected(name)
-        if command.payload is Payload.FORWARD_KINEMATICS:
-            return caller.forward_kinematics  # type: ignore[no-any-return]
-        return caller.inverse_kinematics  # type: ignore[no-any-return]
+        caller: Caller = self._space.connected(name)
+        is_forward = command.payload is Payload.FORWARD_KINEMATICS
+        return caller.forward_kinematics if is_forward else caller.inverse_kinematics
 
     # ------------------------------------------------------------------------------ operating state
 

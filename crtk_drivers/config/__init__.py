@@ -7,6 +7,7 @@ from crtk_drivers.config.layers import (
     from_values,
     load,
     typed_value,
+    values_of,
 )
 from crtk_drivers.config.settings import (
     BaseConfig,
@@ -41,5 +42,6 @@ __all__ = [
     "from_values",
     "load",
     "typed_value",
+    "values_of",
     "with_node",
 ]

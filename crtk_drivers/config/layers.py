@@ -118,9 +118,7 @@ def load(model: type[Config], *layers: Layer) -> Config:
     Raises:
         ConfigError: with every mistake in it.
     """
-    merged: dict[str, Any] = {}
-    for layer in layers:
-        merged = _merged(merged, layer.values)
+    merged = values_of(*layers)
     # pydantic itself lets a dataclass pass with keys that it does not have.
     names = setting_names(model)
     problems = (
@@ -143,6 +141,14 @@ def load(model: type[Config], *layers: Layer) -> Config:
         f"{len(problems)} mistakes in the configuration:\n"
         + "\n".join(f"  {problem}" for problem in problems)
     )
+
+
+def values_of(*layers: Layer) -> dict[str, Any]:
+    """Return what the layers say together, later ones over earlier ones, key by key."""
+    merged: dict[str, Any] = {}
+    for layer in layers:
+        merged = _merged(merged, layer.values)
+    return merged
 
 
 def _merged(below: Values, above: Values) -> dict[str, Any]:

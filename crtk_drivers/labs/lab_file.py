@@ -35,6 +35,7 @@ from crtk_drivers.config import (
     from_file,
     from_values,
     load,
+    values_of,
     with_node,
 )
 from crtk_drivers.errors import ConfigError, CrtkError, PluginError
@@ -44,7 +45,6 @@ __all__ = ["Lab", "LabDevice", "LabProgram", "LabSettings", "load_lab"]
 
 NAME: Final = r"^[A-Za-z][A-Za-z0-9_]*$"
 """Of a device or a program: it becomes a ROS namespace, an attribute and a file."""
-
 
 NAMESPACE: Final = r"(/[A-Za-z_][A-Za-z0-9_]*)+"
 
@@ -176,12 +176,7 @@ def load_lab(path: str | Path, *, sim: bool = False, only: tuple[str, ...] = ())
     settings = load(LabSettings, layer)
     _check_names(settings, layer)
     for name in only:
-        if name not in settings.devices:
-            raise ConfigError(
-                f"there is no device {name!r}",
-                where=str(path),
-                remedy=f"There is: {', '.join(settings.devices)}.",
-            )
+        _require(name, settings, str(path))
     wanted = {name: settings.devices[name] for name in settings.devices if not only or name in only}
     found = {name: _device(name, entry, layer, path, sim) for name, entry in wanted.items()}
     _check_alone(found, layer)
@@ -200,15 +195,11 @@ def _device(name: str, entry: DeviceEntry, lab: Layer, path: Path, sim: bool) ->
     below = from_file(path.parent / entry.config) if entry.config else from_values({})
     own = _part(lab, ("devices", name, "settings"), entry.settings)
     config: Any = load(with_node(plugin.config), below, own)
-    simulated = entry.sim or sim
-    if simulated and plugin.sim is None:
-        if entry.sim:
-            raise ConfigError(
-                f"{entry.plugin} has no simulator", where=place, remedy="Leave sim out."
-            )
-        simulated = False
-    if simulated:
-        model = plugins.simulator(plugin.sim or "").Config
+    if entry.sim and plugin.sim is None:
+        raise ConfigError(f"{entry.plugin} has no simulator", where=place, remedy="Leave sim out.")
+    simulator = plugin.sim if entry.sim or sim else None
+    if simulator is not None:
+        model = plugins.simulator(simulator).Config
         load(model, _part(lab, ("devices", name, "sim_options"), entry.sim_options))
     else:
         try:
@@ -221,9 +212,9 @@ def _device(name: str, entry: DeviceEntry, lab: Layer, path: Path, sim: bool) ->
         plugin,
         entry.namespace or f"/{name}",
         config,
-        {**below.values, **entry.settings},
-        simulated,
-        entry.sim_options if simulated else {},
+        values_of(below, own),
+        simulator is not None,
+        entry.sim_options if simulator is not None else {},
         tuple(dict.fromkeys((*((entry.on,) if entry.on else ()), *entry.after))),
     )
 
@@ -259,7 +250,7 @@ def _check_names(settings: LabSettings, lab: Layer) -> None:
 def _check_alone(devices: Mapping[str, LabDevice], lab: Layer) -> None:
     """Refuse two devices in one namespace, or at one address."""
     for kind, value_of in (
-        ("namespace", lambda device: device.namespace.rstrip("/")),
+        ("namespace", lambda device: device.namespace),
         (
             "address",
             lambda device: (device.plugin.name, device.address) if device.address else None,

@@ -14,8 +14,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import IO, Final
@@ -98,14 +98,12 @@ class Child:
     pipe: int = -1
     rest: bytes = b""
     log_file: IO[bytes] | None = None
-    cpu_before: tuple[float, float] = field(default=(0.0, 0.0))
+    cpu_before: tuple[float, float] = (0.0, 0.0)
 
     @property
     def is_ready(self) -> bool:
-        """Whether it is a device that is connected and measures, or a program that runs."""
-        if self.phase is not Phase.RUNNING:
-            return False
-        return not self.reports or (self.report is not None and self.report.measures)
+        """Whether it is a device that is connected and measures."""
+        return self.phase is Phase.RUNNING and self.report is not None and self.report.measures
 
 
 class Supervisor:
@@ -114,24 +112,14 @@ class Supervisor:
     Args:
         lab: what is started.
         folder: for logs, and the settings as they are used; made if it is not there.
-        environment: of the processes.
-        clock: monotonic seconds.
 
     Raises:
         OSError: the folder cannot be written.
     """
 
-    def __init__(
-        self,
-        lab: Lab,
-        folder: Path,
-        environment: Mapping[str, str] | None = None,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, lab: Lab, folder: Path) -> None:
         self.lab = lab
         self.folder = folder
-        self._environment = dict(os.environ if environment is None else environment)
-        self._clock = clock
         folder.mkdir(parents=True, exist_ok=True)
         self.devices = {
             name: Child(name, self._command(device), device.after, folder / f"{name}.log", True)
@@ -141,7 +129,7 @@ class Supervisor:
             name: Child(name, program.command, program.after, folder / f"{name}.log", False)
             for name, program in lab.programs.items()
         }
-        self._began = clock()
+        self._began = time.monotonic()
 
     @property
     def children(self) -> Iterator[Child]:
@@ -156,7 +144,7 @@ class Supervisor:
 
     def step(self) -> None:
         """Take reports, see who has ended, and start what is due."""
-        now = self._clock()
+        now = time.monotonic()
         for child in self.children:
             if child.process is not None:
                 self._follow(child, now)
@@ -182,10 +170,10 @@ class Supervisor:
                 child.phase = Phase.STOPPING if child in running else Phase.ENDED
             for child in running:
                 _signal(child, signal.SIGINT)
-            deadline = self._clock() + STOP_TIMEOUT
+            deadline = time.monotonic() + STOP_TIMEOUT
             while any(child.process is not None for child in running):
                 for child in running:
-                    sound &= self._see_end(child, killed=self._clock() > deadline)
+                    sound &= self._see_end(child, killed=time.monotonic() > deadline)
                 idle()
                 time.sleep(LOOK_PERIOD / 5.0)
         return sound
@@ -229,9 +217,7 @@ class Supervisor:
     def _start(self, child: Child, now: float) -> None:
         reading, writing = os.pipe2(os.O_CLOEXEC)
         os.set_blocking(reading, False)
-        environment = self._environment
-        if child.reports:
-            environment = {**environment, REPORT_FD: str(writing)}
+        environment = {**os.environ, REPORT_FD: str(writing)} if child.reports else None
         child.log_file = child.log.open("ab", buffering=0)
         try:
             child.process = subprocess.Popen(
@@ -283,7 +269,7 @@ class Supervisor:
         if reports:
             was, child.report = child.is_ready, reports[-1]
             if child.is_ready and not was:
-                took = self._clock() - child.began
+                took = time.monotonic() - child.began
                 logger.info("%s: measures, %.1f s after its start", child.name, took)
 
     def _ended(self, child: Child, now: float, why: str, *, again: bool) -> None:

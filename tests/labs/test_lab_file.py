@@ -53,6 +53,16 @@ def test_settings_of_a_file_beside_it(lab, tmp_path):
     assert found.address == "192.168.1.11"
 
 
+def test_a_table_of_the_lab_file_goes_over_that_of_the_file_key_by_key(lab, tmp_path):
+    (tmp_path / "arm.yaml").write_text("host: 192.168.1.11\nservo: {gain: 400, lookahead: 0.2}\n")
+    path = lab(
+        '[devices.arm]\nplugin = "ur"\nconfig = "arm.yaml"\nsettings = { servo = { gain = 500 } }\n'
+    )
+    found = load_lab(path).devices["arm"]
+    assert found.values["servo"] == {"gain": 500, "lookahead": 0.2}
+    assert (found.config.servo.gain, found.config.servo.lookahead) == (500, 0.2)
+
+
 @pytest.mark.parametrize(
     ("text", "line", "told"),
     [

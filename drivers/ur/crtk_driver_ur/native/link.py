@@ -24,7 +24,6 @@ from crtk_driver_ur.control_options import ControlOptions
 from crtk_driver_ur.control_requests import CallError, Reply, Request
 from crtk_driver_ur.dashboard import REQUESTS
 from crtk_driver_ur.dashboard_worker import DashboardWorker
-from crtk_driver_ur.native.echoes import Echoes
 from crtk_driver_ur.native.program import (
     UPPER_RANGE,
     Kind,
@@ -263,7 +262,9 @@ class NativeLink(ControlLink):
             self._follow_program(ProgramState(*found), state)
         ours = self._reported.program == self._program
         channel = self._channel if ours else None
-        self.lateness = 0.0 if channel is None else self._lateness_of(state, channel.echoes)
+        self.lateness = (
+            0.0 if channel is None else channel.echoes.age(state.received, state.timestamp)
+        )
         self.replaced = ours and state.timestamp > self._cycled_at + REPLACED_AFTER
         if self.replaced or state.runtime_state in STANDING_PROGRAM:
             if self.program_runs:
@@ -272,19 +273,13 @@ class NativeLink(ControlLink):
                 self._program, self._reported = NO_PROGRAM, ProgramState()
             self._program_ended(PROGRAM_STOPPED)
 
-    def _lateness_of(self, state: StateSample, echoes: Echoes) -> float:
-        """Return how old a state may have been when it came, s; 0 as long as that is not known."""
-        if not echoes.began:
-            return 0.0
-        # Its time may be that at which the cycle began that saw the package.
-        return echoes.age(state.received, state.timestamp) + self._options.motion.period
-
     def _follow_program(self, found: ProgramState, state: StateSample) -> None:
         if found.cycle != self._reported.cycle or state.runtime_state != RuntimeState.PLAYING:
             self._cycled_at = state.timestamp
         self._reported = found
         if self._channel is not None:
-            self._channel.echoes.take(found.echo, state.timestamp)
+            # Its time may be that at which the cycle began that saw the package.
+            self._channel.echoes.take(found.echo, state.timestamp + self._options.motion.period)
         standing = found.phase == Phase.STANDING
         self._taken = found.sequence >= self._stopping
         if self._stopping and found.sequence >= self._stopping and standing:
