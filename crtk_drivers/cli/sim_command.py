@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import signal
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import Mapping
 from typing import Any
 
 import typer
@@ -20,7 +17,7 @@ from crtk_drivers.config.keys import heading_of
 from crtk_drivers.errors import ConnectionLost
 from crtk_drivers.plugins import RunningSim, SimPlugin
 from crtk_drivers.plugins.sim_plugin import start_sim
-from crtk_drivers.status.stop_request import StopRequest
+from crtk_drivers.status.stop_request import stop_signals
 
 _POLL = 0.2
 
@@ -47,7 +44,7 @@ def run_simulator(plugin: SimPlugin, given: Mapping[str, Any]) -> int:
         ConnectionFailed: it did not start.
         ConnectionLost: it ended by itself.
     """
-    with _stop_signals() as stopped:
+    with stop_signals() as stopped:
         running = start_sim(plugin, given_settings(plugin.Config, given))
         try:
             _tell_ports(plugin, running)
@@ -60,21 +57,6 @@ def run_simulator(plugin: SimPlugin, given: Mapping[str, Any]) -> int:
         finally:
             running.stop()
     return 0
-
-
-@contextmanager
-def _stop_signals() -> Iterator[StopRequest]:
-    stopped = StopRequest()
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        stopped.set()
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stopped
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _tell_ports(plugin: SimPlugin, running: RunningSim) -> None:

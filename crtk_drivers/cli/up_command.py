@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import logging
-import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
-from types import FrameType
 from typing import Final
 
 from rich.live import Live
@@ -25,7 +23,7 @@ from crtk_drivers.labs import Lab, load_lab
 from crtk_drivers.labs.supervisor import LOOK_PERIOD, Child, Phase, Supervisor
 from crtk_drivers.ros import environment
 from crtk_drivers.state import OperatingState
-from crtk_drivers.status.stop_request import StopRequest
+from crtk_drivers.status.stop_request import stop_signals
 
 logger = logging.getLogger(__name__)
 
@@ -64,8 +62,7 @@ def bring_up(
         len(lab.programs),
         folder,
     )
-    stop = StopRequest()
-    with _signals(stop), _shown(supervisor) as show:
+    with stop_signals() as stop, _shown(supervisor) as show:
         while not stop.is_set() and not supervisor.is_over:
             supervisor.step()
             show()
@@ -77,19 +74,6 @@ def bring_up(
 
 def _has_failed(child: Child) -> bool:
     return child.phase is Phase.ENDED and child.code != 0
-
-
-@contextmanager
-def _signals(stop: StopRequest) -> Iterator[None]:
-    def ask(number: int, frame: FrameType | None) -> None:
-        stop.set()
-
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 class _Shown:

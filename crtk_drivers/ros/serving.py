@@ -25,7 +25,7 @@ from crtk_drivers.errors import ConfigError, DeviceError
 from crtk_drivers.ros.node import PUBLISHER_TIMEOUT, DriverNode
 from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor
 from crtk_drivers.session import Session
-from crtk_drivers.status.stop_request import StopRequest
+from crtk_drivers.status.stop_request import StopRequest, end_signals
 
 logger = logging.getLogger(__name__)
 
@@ -205,12 +205,8 @@ def _signals(stop: StopRequest) -> Iterator[None]:
         if number == signal.SIGINT and time.monotonic() - first > SAME_SIGNAL:
             signal.default_int_handler(number, frame)
 
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with end_signals(ask):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _leave(code: int) -> None:

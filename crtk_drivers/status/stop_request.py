@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
 
 class StopRequest:
     """Set once, looked at again and again. It takes no lock, as `threading.Event` does.
@@ -20,3 +25,22 @@ class StopRequest:
     def is_set(self) -> bool:
         """Whether it was set."""
         return self._is_set
+
+
+@contextmanager
+def end_signals(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Call `handler` at SIGINT and SIGTERM within; then what was called before is called again."""
+    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handled in before.items():
+            signal.signal(number, handled)
+
+
+@contextmanager
+def stop_signals() -> Iterator[StopRequest]:
+    """Within, SIGINT and SIGTERM set the request."""
+    stop = StopRequest()
+    with end_signals(lambda *_: stop.set()):
+        yield stop

@@ -23,7 +23,6 @@ from crtk_drivers.cli import config_reference, main
 from crtk_drivers.cli.app import app, split_arguments
 from crtk_drivers.cli.list_command import short_names
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
-from crtk_drivers.cli.sim_command import _stop_signals
 from crtk_drivers.cli.status_line import StatusLine, status_text
 from crtk_drivers.cli.terminal import OUT
 from crtk_drivers.config import from_values
@@ -33,6 +32,7 @@ from crtk_drivers.errors import ConfigError
 from crtk_drivers.ros.names import ANOTHER_DRIVER
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.health import Health
+from crtk_drivers.status.stop_request import stop_signals
 
 ENTRY_POINTS = """
 [crtk_drivers.devices]
@@ -400,7 +400,7 @@ def test_a_simulator_runs_until_it_is_told_to_stop(tmp_path: Path, end: signal.S
 def test_signals_may_come_while_others_are_handled() -> None:
     """As from a launcher that passes them on: a handler that waits for a lock would wait for itself."""
     before = signal.getsignal(signal.SIGTERM)
-    with _stop_signals() as stopped:
+    with stop_signals() as stopped:
         sending = (
             f"import os, time\nfor _ in range(9000): os.kill({os.getpid()}, 15); time.sleep(1e-5)"
         )

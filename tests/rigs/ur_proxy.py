@@ -7,8 +7,13 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from types import SimpleNamespace
+from typing import Any
+
+from crtk_sim_backends.ur import SIM
+from rigs.ur_bench import UrBench, driver_at
 
 PORTS = (30001, 30002, 30003, 30004, 30011, 29999)
 RTDE = 30004
@@ -166,3 +171,12 @@ def proxy_to(controller: str) -> Iterator[Proxy]:
         yield proxy
     finally:
         proxy.close()
+
+
+@contextmanager
+def bench_at_proxy(config: Mapping[str, Any]) -> Iterator[tuple[UrBench, Proxy]]:
+    """A simulated controller, a proxy to it, and a driver that is connected to that."""
+    with SIM.spawn(realtime=True, model="ur5e") as sim, proxy_to(sim.host) as proxy:
+        at_proxy: Any = SimpleNamespace(host=proxy.host, control=sim.control)
+        with driver_at(at_proxy, config) as bench:
+            yield bench, proxy

@@ -5,14 +5,12 @@ The driver's own control program tells which packages it has seen; see `crtk_dri
 
 import time
 from collections.abc import Iterator
-from types import SimpleNamespace
 
 import pytest
 
 from crtk_drivers.errors import Reason, TransitionFailed
-from crtk_sim_backends.ur import SIM
-from rigs.ur_bench import LONG, UrBench, driver_at, eventually
-from rigs.ur_proxy import Proxy, proxy_to
+from rigs.ur_bench import LONG, UrBench, eventually
+from rigs.ur_proxy import Proxy, bench_at_proxy
 
 LATE = 0.3
 """Seconds."""
@@ -23,10 +21,8 @@ PUSH = [0.0, 0.0, -1.0, 0.0, 0.0, 0.0]
 
 @pytest.fixture(scope="module")
 def world() -> Iterator[tuple[UrBench, Proxy]]:
-    with SIM.spawn(realtime=True, model="ur5e") as sim, proxy_to(sim.host) as proxy:
-        at_proxy = SimpleNamespace(host=proxy.host, control=sim.control)
-        with driver_at(at_proxy, {"control": "native"}) as bench:
-            yield bench, proxy
+    with bench_at_proxy({"control": "native"}) as world:
+        yield world
 
 
 @pytest.fixture

@@ -3,15 +3,13 @@
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
-from types import SimpleNamespace
 
 import pytest
 
 from crtk_driver_ur.native.program import Kind
 from crtk_drivers.errors import CommandRefused, CrtkError, MotionAborted
-from crtk_sim_backends.ur import SIM
-from rigs.ur_bench import HOME, LONG, WAYS, UrBench, driver_at, eventually
-from rigs.ur_proxy import RTDE, Proxy, proxy_to
+from rigs.ur_bench import HOME, LONG, WAYS, UrBench, eventually
+from rigs.ur_proxy import RTDE, Proxy, bench_at_proxy
 
 FAR = [2.5, *HOME[1:]]
 CONFIG = {"sample_timeout": 1.0, "open_timeout": 5.0}
@@ -79,10 +77,8 @@ KINDS = {
 
 @pytest.fixture(scope="module", params=WAYS)
 def world(request) -> Iterator[tuple[UrBench, Proxy]]:
-    with SIM.spawn(realtime=True, model="ur5e") as sim, proxy_to(sim.host) as proxy:
-        at_proxy = SimpleNamespace(host=proxy.host, control=sim.control)
-        with driver_at(at_proxy, {**CONFIG, "control": request.param}) as bench:
-            yield bench, proxy
+    with bench_at_proxy({**CONFIG, "control": request.param}) as world:
+        yield world
 
 
 @pytest.mark.sweep(16)
