@@ -11,6 +11,7 @@ from crtk_drivers.config.layers import (
 )
 from crtk_drivers.config.settings import (
     BaseConfig,
+    BoxConfig,
     DeviceConfig,
     DhRowConfig,
     Interval,
@@ -20,12 +21,14 @@ from crtk_drivers.config.settings import (
     PoseConfig,
     Seconds,
     Settings,
+    SpaceConfig,
     ToolLimitsConfig,
     with_node,
 )
 
 __all__ = [
     "BaseConfig",
+    "BoxConfig",
     "DeviceConfig",
     "DhRowConfig",
     "Interval",
@@ -36,6 +39,7 @@ __all__ = [
     "PoseConfig",
     "Seconds",
     "Settings",
+    "SpaceConfig",
     "ToolLimitsConfig",
     "from_assignments",
     "from_file",

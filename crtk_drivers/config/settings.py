@@ -137,6 +137,35 @@ class ToolLimitsConfig(Settings):
     torque: float = Field(default=0.0, ge=0.0, description="N·m; 0: no torques.")
 
 
+class BoxConfig(Settings):
+    """A box with edges along the axes of a frame."""
+
+    lower: tuple[float, float, float] = Field(description="Corner with the least x, y, z, in m.")
+    upper: tuple[float, float, float] = Field(description="The opposite corner, in m.")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not all(low < high for low, high in zip(self.lower, self.upper, strict=True)):
+            raise ValueError(f"lower {self.lower} must be below upper {self.upper} on each axis")
+        return self
+
+
+class SpaceConfig(Settings):
+    """Where a device may go, and how fast: narrower than its own limits."""
+
+    joints: tuple[Interval, ...] = Field(
+        default=(), description="Range of each joint, in rad (m), in their order; all or none."
+    )
+    tool_box: BoxConfig | None = Field(
+        default=None,
+        description="Box for the tool point in the base frame. `crtk-driver bench` watches it and plans no "
+        "way out of it; the driver itself does not know it.",
+    )
+    speed: float = Field(
+        default=1.0, gt=0.0, le=1.0, description="Share of every velocity limit that may be used."
+    )
+
+
 class DhRowConfig(Settings):
     """One row of a Denavit-Hartenberg table."""
 
@@ -264,6 +293,9 @@ class DeviceConfig(Settings):
     )
     kinematics: KinematicsConfig | None = Field(
         default=None, description="Kinematics for a device that has none of its own."
+    )
+    space: SpaceConfig | None = Field(
+        default=None, description="Where it may go, and how fast; as its own limits say if null."
     )
 
 

@@ -13,6 +13,7 @@ from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins.sim_plugin import RunningSim
 from crtk_drivers.wrappers.base_frame import PlacedDevice
+from crtk_drivers.wrappers.confined import ConfinedDevice
 
 __all__ = ["DevicePlugin", "Tool", "required"]
 
@@ -83,6 +84,7 @@ class DevicePlugin:
         sim_options: the options of the simulator that suit a configuration (model, ...).
         tools: commands for people, to look at hardware, scan a bus, calibrate, ...
         typical: values of a configuration whose CRTK commands are listed where the default has no joints.
+        is_model: it is computed in this process, and no hardware is behind it.
     """
 
     name: str
@@ -97,9 +99,10 @@ class DevicePlugin:
     sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
     tools: tuple[Tool, ...] = ()
     typical: Mapping[str, Any] = field(default_factory=dict)
+    is_model: bool = False
 
     def make(self, config: DeviceConfig) -> Device:
-        """Return the device of a configuration, with the kinematics and the place that it names.
+        """Return the device of a configuration, with the kinematics, the space and the place that it names.
 
         Raises:
             ConfigError, MissingExtra: it cannot be made.
@@ -111,6 +114,8 @@ class DevicePlugin:
             )
 
             device = ModelledDevice(device, config.kinematics)
+        if config.space is not None:
+            device = ConfinedDevice(device, config.space.joints, config.space.speed)
         if config.base is not None:
             device = PlacedDevice(device, replace(config.base.pose, frame_id=config.base.frame_id))
         return device

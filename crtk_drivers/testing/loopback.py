@@ -299,4 +299,5 @@ PLUGIN = DevicePlugin(
     summary="a gantry that exists in memory only, for tests and as a pattern for plugins",
     config=LoopbackConfig,
     create=LoopbackDevice,
+    is_model=True,
 )

@@ -22,4 +22,5 @@ PLUGIN = DevicePlugin(
     config=VirtualConfig,
     create=_create,
     extra="kinematics",
+    is_model=True,
 )
