@@ -140,6 +140,11 @@ class Intake:
         return self._feedback.sample_age(self._clock()) < math.inf
 
     @property
+    def stale_after(self) -> float:
+        """Seconds after which a sample is no longer valid."""
+        return self._feedback.stale_after
+
+    @property
     def transition_ended(self) -> bool:
         """Whether no state command is being carried out."""
         with self._board.lock:

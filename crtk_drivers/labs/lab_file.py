@@ -32,6 +32,7 @@ from crtk_drivers.config import (
     DeviceConfig,
     Layer,
     Settings,
+    SpaceConfig,
     from_file,
     from_values,
     load,
@@ -41,7 +42,7 @@ from crtk_drivers.config import (
 from crtk_drivers.errors import ConfigError, CrtkError, PluginError
 from crtk_drivers.plugins import DevicePlugin
 
-__all__ = ["Lab", "LabDevice", "LabProgram", "LabSettings", "load_lab"]
+__all__ = ["BoundEntry", "DeviceEntry", "Lab", "LabDevice", "LabProgram", "LabSettings", "load_lab"]
 
 NAME: Final = r"^[A-Za-z][A-Za-z0-9_]*$"
 """Of a device or a program: it becomes a ROS namespace, an attribute and a file."""
@@ -73,6 +74,19 @@ class DeviceEntry(Settings):
     after: tuple[str, ...] = Field(
         default=(), description="Devices that must measure before it is started, beside `on`."
     )
+    space: SpaceConfig | None = Field(
+        default=None,
+        description="Where, and how fast, `crtk-driver bench` may move it; not at all if left out.",
+    )
+    identity: dict[str, str] = Field(
+        default_factory=dict,
+        description="What its readings must say before the bench does more than read: "
+        '{ serial = "20195000123" }.',
+    )
+    power_off: tuple[str, ...] = Field(
+        default=(),
+        description="Program and arguments that take its power away; run when the bench loses hold of it.",
+    )
 
     @field_validator("namespace")
     @classmethod
@@ -93,12 +107,35 @@ class ProgramEntry(Settings):
     )
 
 
+class BoundEntry(Settings):
+    """Another bound than the default one."""
+
+    value: float = Field(description="The bound, in the unit of the measurement.")
+    lower: float | None = Field(
+        default=None, description="The lower one, of a measurement that has two."
+    )
+    because: str = Field(min_length=1, description="Why; it is told in the report.")
+
+
 class LabSettings(Settings):
     """A lab."""
 
     name: str = Field(default="lab", pattern=NAME, description="Of the lab.")
     devices: dict[str, DeviceEntry] = Field(min_length=1, description="By name.")
     programs: dict[str, ProgramEntry] = Field(default_factory=dict, description="By name.")
+    features: dict[str, float | bool | str] = Field(
+        default_factory=dict,
+        description="What tests of the bench may ask for: { known_mass = 0.482, operator = true }.",
+    )
+    bounds: dict[str, BoundEntry] = Field(
+        default_factory=dict, description="By the id of a measurement of the bench."
+    )
+    faults: bool = Field(
+        default=False, description="The bench may inject faults, as by cutting a link."
+    )
+    unattended: bool = Field(
+        default=False, description="The bench may make large motions with nobody beside it."
+    )
 
 
 @dataclass(frozen=True)
@@ -114,6 +151,7 @@ class LabDevice:
         sim: it is simulated.
         sim_options: of its simulator.
         after: names of the devices that must measure before.
+        entry: as it was written, with all that concerns the bench.
     """
 
     name: str
@@ -124,6 +162,7 @@ class LabDevice:
     sim: bool
     sim_options: Mapping[str, Any]
     after: tuple[str, ...]
+    entry: DeviceEntry
 
     @property
     def address(self) -> str:
@@ -152,12 +191,14 @@ class Lab:
         path: of the file.
         devices: by name, those that others come after first.
         programs: by name.
+        settings: as they were written, with all that concerns the bench.
     """
 
     name: str
     path: Path
     devices: Mapping[str, LabDevice]
     programs: Mapping[str, LabProgram]
+    settings: LabSettings
 
 
 def load_lab(path: str | Path, *, sim: bool = False, only: tuple[str, ...] = ()) -> Lab:
@@ -183,7 +224,7 @@ def load_lab(path: str | Path, *, sim: bool = False, only: tuple[str, ...] = ())
     order = _ordered(found, settings, layer)
     devices = {name: found[name] for name in order}
     programs = {} if only else dict(_programs(settings, layer))
-    return Lab(settings.name, path, devices, programs)
+    return Lab(settings.name, path, devices, programs, settings)
 
 
 def _device(name: str, entry: DeviceEntry, lab: Layer, path: Path, sim: bool) -> LabDevice:
@@ -216,6 +257,7 @@ def _device(name: str, entry: DeviceEntry, lab: Layer, path: Path, sim: bool) ->
         simulator is not None,
         entry.sim_options if simulator is not None else {},
         tuple(dict.fromkeys((*((entry.on,) if entry.on else ()), *entry.after))),
+        entry,
     )
 
 

@@ -16,6 +16,7 @@ __all__ = [
     "Estimate",
     "exact",
     "greatest",
+    "in_percent",
     "mean",
     "quantile",
     "share",
@@ -67,6 +68,11 @@ def exact(value: float, n: int = 1) -> Estimate:
 def within(value: float, doubt: float, n: int = 1) -> Estimate:
     """Return a value that is known to `doubt` either way, as by the period of the samples."""
     return Estimate(value, value - doubt, value + doubt, n)
+
+
+def in_percent(found: Estimate) -> Estimate:
+    """Return a share in hundredths."""
+    return Estimate(100.0 * found.value, 100.0 * found.lower, 100.0 * found.upper, found.n)
 
 
 def mean(values: ArrayLike) -> Estimate:

@@ -106,7 +106,7 @@ class Measurement:
         quantity: what it is.
         estimate: None if it could not be measured.
         bound: None if it is only told.
-        why: why it could not be measured.
+        why: why it could not be measured, or what is to be added.
         part: of what, where a test measures one quantity of several things: the name of a joint.
     """
 
@@ -152,7 +152,7 @@ class Measurement:
         spread = ""
         if estimate.lower < estimate.value or estimate.upper > estimate.value:
             spread = f" ({number(estimate.lower)} to {number(estimate.upper)})"
-        return f"{name} {value}{spread}{self.bound_told}"
+        return f"{name} {value}{spread}{self.bound_told}{self.why and f' ({self.why})'}"
 
     @property
     def bound_told(self) -> str:

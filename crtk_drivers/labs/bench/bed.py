@@ -1,0 +1,262 @@
+"""What an acquisition has to hand: a device under test, moved within what is allowed, and recorded.
+
+Every wait looks at the watch: when that has tripped, `Tripped` ends the acquisition wherever it is.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from crtk_drivers.errors import CrtkError
+from crtk_drivers.labs.bench.calls import About, Glance
+from crtk_drivers.labs.bench.door import Door
+from crtk_drivers.labs.bench.watch import Watch
+from crtk_drivers.samples import JointState, Pose, Value, Vector, vector
+from crtk_drivers.state import OperatingState, Status
+
+__all__ = ["Bed", "Broken", "Tripped"]
+
+SMALL_ANGLE: Final = 0.1
+"""rad: how far a joint goes at most from where it is in a small motion."""
+
+SMALL_WAY: Final = 0.02
+"""m: the same for a joint that slides."""
+
+SMALL_SPEED: Final = 0.1
+"""Share of its velocity limit at which a joint goes at most in a small motion."""
+
+ROOM: Final = 0.9
+"""Share of the room to the end of its range that a joint uses."""
+
+LOOK_PERIOD: Final = 0.02
+
+
+class Tripped(CrtkError):
+    """The watch has stopped the device."""
+
+
+class Broken(CrtkError):
+    """A procedure (enable, home, a move back) failed: the device is not used any more in this run."""
+
+
+class Bed:
+    """One device under test.
+
+    Args:
+        name: in the lab.
+        about: the device.
+        door: to it.
+        watch: of it.
+        thorough: 1 for a quick run, more for one that takes its time: how much is measured.
+        features: of the lab.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        about: About,
+        door: Door,
+        watch: Watch,
+        thorough: float,
+        features: Mapping[str, float | bool | str],
+    ) -> None:
+        self.name = name
+        self.about = about
+        self.thorough = thorough
+        self.features = features
+        self._door = door
+        self._watch = watch
+        self._slides: Vector | None = None
+
+    # ------------------------------------------------------------------------------- what is written down
+
+    def mark(self, text: str) -> None:
+        """Make a mark in the recording."""
+        self._door.call("mark", text)
+
+    def note(self, **values: Any) -> None:
+        """Write something down for the analysis, such as an amplitude."""
+        self._door.call("note", json.dumps(values))
+
+    # -------------------------------------------------------------------------------------------- waiting
+
+    def rest(self, seconds: float) -> None:
+        """Let time pass.
+
+        Raises:
+            Tripped: the watch has stopped the device.
+        """
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0.0:
+            self.check()
+            time.sleep(min(left, LOOK_PERIOD))
+        self.check()
+
+    def wait_until(self, test: Callable[[Glance], bool], timeout: float) -> bool:
+        """Wait for something that can be seen of the device; return whether it came in time."""
+        end = time.monotonic() + timeout
+        while time.monotonic() < end:
+            self.check()
+            if test(self.glance()):
+                return True
+            time.sleep(LOOK_PERIOD)
+        return False
+
+    def check(self) -> None:
+        """Raise `Tripped` if the watch has stopped the device."""
+        if self._watch.tripped:
+            raise Tripped(self._watch.tripped)
+
+    # ---------------------------------------------------------------------------------------- looking
+
+    def glance(self) -> Glance:
+        """Return how the device is."""
+        found: Glance = self._door.call("glance")
+        return found
+
+    @property
+    def position(self) -> Vector:
+        """Joint positions (n,)."""
+        value, _ = self.glance().values["measured_js"]
+        assert isinstance(value, JointState)
+        return value.position
+
+    @property
+    def setpoint(self) -> Vector:
+        """Joint positions (n,) where it holds; those measured while it tells none."""
+        values = self.glance().values
+        value, stamp = values.get("setpoint_js", values["measured_js"])
+        assert isinstance(value, JointState)
+        return value.position if stamp.wall_ns and value.position.size else self.position
+
+    @property
+    def state(self) -> OperatingState:
+        """Operating state."""
+        return self.glance().status.state
+
+    def offers(self, *names: str) -> bool:
+        """Whether the device has all of these CRTK names."""
+        return all(name in self.about.commands for name in names)
+
+    # ------------------------------------------------------------------------------------------- moving
+
+    def command_state(self, text: str) -> Status:
+        """Send a state command, and return the status that it led to."""
+        timeout = self.about.capabilities.transition_timeout
+        with self._watch.during(text):
+            status: Status = self._door.call("state_command", text, timeout, within=timeout)
+        return status
+
+    def enable(self) -> None:
+        """Bring it to ENABLED, homed.
+
+        Raises:
+            Broken: it did not get there.
+        """
+        self._command_to("enable", OperatingState.ENABLED)
+        if self.about.capabilities.needs_homing and not self.glance().status.is_homed:
+            self._command_to("home", OperatingState.ENABLED)
+
+    def disable(self) -> None:
+        """Bring it to DISABLED.
+
+        Raises:
+            Broken: it did not get there.
+        """
+        self._command_to("disable", OperatingState.DISABLED)
+
+    def submit(self, name: str, value: Value | None = None, stamp_ns: int = 0) -> None:
+        """Send a CRTK command; see `Door.submit`."""
+        self.check()
+        self._door.submit(name, value, stamp_ns)
+
+    def move_to(self, goal: Vector) -> None:
+        """Move the joints to (n,) and wait for the end.
+
+        Raises:
+            Broken: it did not get there.
+        """
+        limits = self.about.capabilities.move_limits or self.about.capabilities.limits
+        away = np.abs(goal - self.position)
+        longest = 5.0 + 3.0 * max(
+            float(d / limit.velocity + 2.0 * math.sqrt(d / limit.acceleration))
+            for d, limit in zip(away, limits, strict=True)
+        )
+        self.submit("move_jp", JointState(position=goal))
+        if not self.wait_until(lambda glance: not glance.status.is_busy, longest):
+            raise Broken(f"a move did not end within {longest:.1f} s")
+        if self.state is not OperatingState.ENABLED:
+            raise Broken(
+                f"a move ended in {self.glance().status.state}: {self.glance().status.cause}"
+            )
+
+    def stream(
+        self,
+        name: str,
+        value: Callable[[float], Value],
+        seconds: float,
+        rate: float | None = None,
+    ) -> None:
+        """Send a servo command again and again, each with the stamp of when it is sent.
+
+        Args:
+            name: of the command.
+            value: of the seconds since the begin.
+            seconds: for how long.
+            rate: a second; `stream_rate` if None.
+        """
+        period = 1.0 / (rate or self.stream_rate)
+        begin = time.monotonic()
+        due = begin
+        while (now := time.monotonic()) < begin + seconds:
+            self.submit(name, value(now - begin), time.time_ns())
+            due = max(due + period, time.monotonic())
+            time.sleep(max(0.0, due - time.monotonic()))
+
+    @property
+    def stream_rate(self) -> float:
+        """Commands a second of a stream: so few that a cycle takes one at most."""
+        return min(100.0, self.about.capabilities.rate / 2.5)
+
+    @property
+    def slides(self) -> Vector:
+        """Which joints slide (n,): 1, or 0 for one that turns. Without kinematics all turn."""
+        if self._slides is None:
+            jacobian = self._door.call("jacobian", self.position)
+            turning = np.ones(self.position.size)
+            if jacobian is not None:
+                turning = np.linalg.norm(jacobian[3:], axis=0) > 1e-9
+            self._slides = vector(1.0 - turning)
+        return self._slides
+
+    def reach(self, share: float = 1.0) -> Vector:
+        """Return how far each joint (n,) may go either way in a small motion, from where it is set."""
+        limits = self.about.capabilities.limits
+        far = np.where(self.slides > 0.5, SMALL_WAY, SMALL_ANGLE) * share
+        here = self.setpoint
+        lower = np.array([limit.lower for limit in limits])
+        upper = np.array([limit.upper for limit in limits])
+        room = ROOM * np.minimum(here - lower, upper - here)
+        return vector(np.clip(np.minimum(far, room), 0.0, None))
+
+    def forward(self, joints: Vector) -> Pose | None:
+        """Return the tool pose of a joint position (n,); None without kinematics."""
+        if not self.about.has_kinematics:
+            return None
+        pose: Pose = self._door.call("forward", joints)
+        return pose
+
+    def _command_to(self, text: str, state: OperatingState) -> None:
+        try:
+            status = self.command_state(text)
+        except CrtkError as error:
+            self.check()
+            raise Broken(f"{text}: {error}") from error
+        if status.state is not state:
+            raise Broken(f"{text} ended in {status.state}: {status.cause}")

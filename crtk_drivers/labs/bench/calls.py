@@ -1,0 +1,97 @@
+"""What goes through the door between a bench and the process of a device."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from crtk_drivers.config import DeviceConfig
+from crtk_drivers.device import Capabilities
+from crtk_drivers.samples import Stamp, Value
+from crtk_drivers.state import Status
+
+__all__ = ["About", "Failed", "Glance", "HostOrder"]
+
+
+@dataclass(frozen=True)
+class Failed:
+    """The answer to a call that was not done: why, and the reason of a refusal."""
+
+    text: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class HostOrder:
+    """What is to be hosted.
+
+    Attributes:
+        plugin: name of the driver.
+        config: its configuration; that of a simulator points at one that runs.
+        simulated: it does.
+        door: path of the Unix socket that is served.
+        key: that clients of the door must know.
+    """
+
+    plugin: str
+    config: DeviceConfig
+    simulated: bool
+    door: str
+    key: bytes
+
+
+@dataclass(frozen=True)
+class About:
+    """What a device is, as the bench needs it.
+
+    Attributes:
+        name: of the device, with its address.
+        plugin: its driver.
+        capabilities: with the limits that hold in this run.
+        commands: CRTK names that it offers.
+        silence: seconds without a command after which a servo stream has ended.
+        sample_timeout: seconds without a sample after which the link counts as lost.
+        stale_after: seconds after which a sample is no longer valid.
+        max_step: seconds that a joint may be asked to go in one step.
+        has_kinematics: whether it knows where its tool is.
+        readings: what it tells of itself, by name.
+        simulated: whether it is.
+        pid: of the driver's process.
+        version: of crtk-drivers.
+    """
+
+    name: str
+    plugin: str
+    capabilities: Capabilities
+    commands: tuple[str, ...]
+    silence: float
+    sample_timeout: float
+    stale_after: float
+    max_step: float
+    has_kinematics: bool
+    readings: Mapping[str, str]
+    simulated: bool
+    pid: int
+    version: str
+
+
+@dataclass(frozen=True)
+class Glance:
+    """How a device is at one moment: what interlocks need.
+
+    Attributes:
+        status: operating state.
+        connected: whether the link is up.
+        age: of the newest sample, in s.
+        values: ``measured_js``, ``setpoint_js``, ``measured_cp`` and ``measured_cf`` as far as there are any,
+            with their stamps.
+        refused: commands that were refused so far.
+        at: monotonic seconds.
+    """
+
+    status: Status
+    connected: bool
+    age: float
+    values: Mapping[str, tuple[Value, Stamp]]
+    refused: int
+    at: float

@@ -1,0 +1,43 @@
+"""All tests of the bench, in the order of their safety."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.labs.bench import motions, sampling, staying, stops
+from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Suite
+
+__all__ = ["TESTS", "chosen", "of"]
+
+TESTS: Final[tuple[BenchTest, ...]] = tuple(
+    sorted(
+        (*sampling.TESTS, *staying.TESTS, *stops.TESTS, *motions.TESTS),
+        key=lambda test: test.acquisition.safety,
+    )
+)
+"""Sorting keeps the order within a class."""
+
+
+def chosen(suite: Suite, only: Iterable[str] = ()) -> tuple[BenchTest, ...]:
+    """Return the tests of a suite, or those that are named, whatever their suite.
+
+    Raises:
+        ConfigError: there is no such test.
+    """
+    wanted = tuple(only)
+    known = {test.id: test for test in TESTS}
+    for name in wanted:
+        if name not in known:
+            raise ConfigError(
+                f"there is no test {name!r}", remedy="crtk-driver bench list has all of them."
+            )
+    if wanted:
+        return tuple(test for test in TESTS if test.id in wanted)
+    return tuple(test for test in TESTS if suite.holds(test.smallest_suite))
+
+
+def of(acquisition: Acquisition, tests: Iterable[BenchTest]) -> tuple[BenchTest, ...]:
+    """Return those of `tests` that judge an acquisition."""
+    return tuple(test for test in tests if test.acquisition is acquisition)

@@ -1,0 +1,314 @@
+"""The process that conducts a run: it starts simulators and drivers, watches, moves and records, in order.
+
+Its parent (`crtk_drivers.labs.bench.run`) judges what it records and tells after each acquisition whether the
+device may be moved any further. When this process dies, the hosts hold and leave their devices by themselves.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import pickle
+import secrets
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Final
+
+from crtk_drivers import plugins
+from crtk_drivers.config import DeviceConfig, SpaceConfig, from_values, load
+from crtk_drivers.errors import CrtkError
+from crtk_drivers.labs.bench.bed import Bed, Broken, Tripped
+from crtk_drivers.labs.bench.calls import About, HostOrder
+from crtk_drivers.labs.bench.catalogue import TESTS
+from crtk_drivers.labs.bench.declared import Acquisition, Safety
+from crtk_drivers.labs.bench.door import Door
+from crtk_drivers.labs.bench.watch import Watch
+from crtk_drivers.plugins.sim_plugin import RunningSim, start_sim
+from crtk_drivers.status.stop_request import StopRequest, stop_signals
+
+__all__ = ["Acquired", "Began", "DeviceOrder", "Reached", "RunOrder", "conduct"]
+
+START_TIMEOUT: Final = 40.0
+LEAVE_TIMEOUT: Final = 10.0
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class DeviceOrder:
+    """A device that is to be tested.
+
+    Attributes:
+        name: in the lab.
+        plugin, values, sim, sim_options: as in the lab file.
+        space: for the run; None: as the device's own limits say.
+    """
+
+    name: str
+    plugin: str
+    values: Mapping[str, Any]
+    sim: bool
+    sim_options: Mapping[str, Any]
+    space: SpaceConfig | None
+
+
+@dataclass(frozen=True)
+class RunOrder:
+    """A run.
+
+    Attributes:
+        devices: in their order.
+        folder: for recordings and logs.
+        thorough: see `Bed`.
+        features: of the lab.
+    """
+
+    devices: tuple[DeviceOrder, ...]
+    folder: Path
+    thorough: float
+    features: Mapping[str, float | bool | str]
+
+
+@dataclass(frozen=True)
+class Reached:
+    """A device measures; or `trouble` says why it does not. The answer is which acquisitions are wanted."""
+
+    device: str
+    about: About | None
+    trouble: str = ""
+
+
+@dataclass(frozen=True)
+class Began:
+    """An acquisition begins."""
+
+    device: str
+    acquisition: str
+
+
+@dataclass(frozen=True)
+class Acquired:
+    """An acquisition has ended; the answer is whether the device may be moved any more.
+
+    Attributes:
+        device, acquisition: which.
+        seconds: that it took.
+        recording: its file.
+        lateness: of the bench's own timer, in s.
+        trouble: why it was not carried out to the end.
+        tripped: the watch stopped the device.
+        broken: a procedure failed: the device is not used any more.
+    """
+
+    device: str
+    acquisition: str
+    seconds: float
+    recording: Path
+    lateness: tuple[float, ...] = ()
+    trouble: str = ""
+    tripped: bool = False
+    broken: bool = False
+
+
+def conduct(order: RunOrder, parent: Connection) -> None:
+    """Carry out a run; the target of the conductor's process."""
+    with contextlib.suppress(OSError):
+        os.setsid()  # Ctrl-C reaches the parent, which tells us
+    log = os.open(order.folder / "log.txt", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    for stream in (1, 2):  # what simulators write too
+        os.dup2(log, stream)
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
+    with stop_signals() as stop:
+        try:
+            _Conductor(order, parent, stop).run()
+        except (EOFError, BrokenPipeError):
+            logger.error("whoever started this run is gone: everything is held and left")
+
+
+class _Conductor:
+    def __init__(self, order: RunOrder, parent: Connection, stop: StopRequest) -> None:
+        self._order = order
+        self._parent = parent
+        self._stop = stop
+        self._acquisitions = {test.acquisition.name: test.acquisition for test in TESTS}
+
+    def run(self) -> None:
+        """Test one device after the other: a simulator that is not looked at keeps none from its time."""
+        with tempfile.TemporaryDirectory(prefix="crtk-bench-") as doors:
+            for device in self._order.devices:
+                if self._stop.is_set():
+                    return
+                with _Hosted(device, Path(doors), self._order.folder) as host:
+                    self._test(device, host)
+
+    def _test(self, device: DeviceOrder, host: _Hosted) -> None:
+        try:
+            about = host.about()
+        except CrtkError as error:
+            self._ask(Reached(device.name, None, str(error)))
+            return
+        wanted: tuple[str, ...] = self._ask(Reached(device.name, about))
+        box = None if device.space is None else device.space.tool_box
+        for name in wanted:
+            if self._stop.is_set():
+                return
+            acquisition = self._acquisitions[name]
+            with host.connected() as watching:
+                watch = Watch(watching, about, box, self._stop)
+                bed = Bed(
+                    device.name, about, host.door, watch, self._order.thorough, self._order.features
+                )
+                goes_on = self._acquire(bed, watch, acquisition, host)
+            if not goes_on:
+                return
+
+    def _acquire(self, bed: Bed, watch: Watch, acquisition: Acquisition, host: _Hosted) -> bool:
+        """Carry out one acquisition and return whether the device is used any further."""
+        self._parent.send(Began(bed.name, acquisition.name))
+        path = self._order.folder / "data" / f"{bed.name}-{acquisition.name}.mcap"
+        begin = time.monotonic()
+        trouble, broken = "", False
+        try:
+            host.door.call("record", str(path))
+            watch.start()
+            try:
+                acquisition.run(bed)
+            finally:
+                watch.close()
+                host.door.call("stop_recording", within=10.0)
+        except Tripped as error:
+            trouble = str(error)
+        except (Broken, CrtkError) as error:
+            trouble = str(error)
+            broken = acquisition.safety > Safety.READ
+        except Exception as error:
+            logger.exception("%s: %s", bed.name, acquisition.name)
+            trouble, broken = f"the test itself broke: {type(error).__name__}: {error}", True
+        if trouble and acquisition.safety > Safety.READ:
+            host.settle()
+        goes_on: bool = self._ask(
+            Acquired(
+                bed.name,
+                acquisition.name,
+                time.monotonic() - begin,
+                path,
+                tuple(watch.lateness),
+                trouble,
+                bool(watch.tripped),
+                broken,
+            )
+        )
+        return goes_on
+
+    def _ask(self, message: object) -> Any:
+        self._parent.send(message)
+        return self._parent.recv()
+
+
+class _Hosted:
+    """A device's simulator, if it has one, and the process of its driver. A context manager."""
+
+    def __init__(self, order: DeviceOrder, doors: Path, folder: Path) -> None:
+        self._order = order
+        self._path = str(doors / f"{order.name}.door")
+        self._key = secrets.token_bytes(32)
+        self._log = folder / f"{order.name}.log"
+        self._process: subprocess.Popen[bytes] | None = None
+        self._sim: RunningSim | None = None
+        self._door: Door | None = None
+        self._trouble: CrtkError | None = None
+
+    def __enter__(self) -> _Hosted:
+        try:
+            self._start()
+        except CrtkError as error:
+            self._trouble = error
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._door is not None:
+            self.settle()
+            with contextlib.suppress(CrtkError):
+                self._door.call("leave")
+            self._door.close()
+        if self._process is not None:
+            try:
+                self._process.wait(LEAVE_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                logger.error("%s: its driver did not end, and was killed", self._order.name)
+                self._process.kill()
+                self._process.wait()
+        if self._sim is not None:
+            self._sim.stop()
+
+    @property
+    def door(self) -> Door:
+        """The connection by which it is supervised and moved."""
+        assert self._door is not None
+        return self._door
+
+    def about(self) -> About:
+        """Return what it is, once it measures.
+
+        Raises:
+            CrtkError: it does not.
+        """
+        if self._trouble is not None:
+            raise self._trouble
+        self._door = Door(self._path, self._key, START_TIMEOUT)
+        about: About = self._door.call("about", within=START_TIMEOUT)
+        return about
+
+    def connected(self) -> Door:
+        """Return another connection."""
+        return Door(self._path, self._key, START_TIMEOUT)
+
+    def settle(self) -> None:
+        """Hold it and disable it, however it is."""
+        for call in (("hold",), ("state_command", "disable", 10.0)):
+            try:
+                self.door.call(*call, within=10.0)
+            except CrtkError as error:
+                logger.info("%s: %s: %s", self._order.name, call[-1], error)
+
+    def _start(self) -> None:
+        order = self._order
+        plugin = plugins.device(order.plugin)
+        given = [from_values(dict(order.values))]
+        if order.space is not None:
+            given.append(from_values({"space": order.space.model_dump(exclude_none=True)}))
+        config: DeviceConfig = load(plugin.config, *given)
+        if order.sim and plugin.sim is not None:
+            self._sim = start_sim(
+                plugins.simulator(plugin.sim),
+                from_values(plugin.sim_options(config), f"the configuration of {plugin.name}"),
+                from_values(dict(order.sim_options), "the options of the simulator"),
+            )
+            config = plugin.sim_config(config, self._sim)
+        host = HostOrder(plugin.name, config, order.sim, self._path, self._key)
+        with self._log.open("ab") as log:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "crtk_drivers.labs.bench.host"],
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.write(pickle.dumps(host))
+            self._process.stdin.close()
+
+
+def ask_to_stop(pid: int) -> None:
+    """Ask the conductor to hold and leave everything, and to end."""
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGTERM)

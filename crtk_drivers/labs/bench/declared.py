@@ -1,0 +1,216 @@
+"""What a test of the bench is: an acquisition that moves and records, and an analysis of the recording."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from enum import IntEnum, StrEnum
+from typing import Final
+
+import numpy as np
+
+from crtk_drivers.device import JointLimits
+from crtk_drivers.labs.bench.bed import Bed
+from crtk_drivers.labs.bench.calls import About
+from crtk_drivers.labs.bench.trace import Trace
+from crtk_drivers.labs.lab_file import BoundEntry
+from crtk_drivers.labs.verdicts.estimates import Estimate
+from crtk_drivers.labs.verdicts.judging import Bound, Findings, Measurement, Quantity
+from crtk_drivers.samples import Vector
+
+__all__ = ["Acquisition", "BenchTest", "Safety", "Subject", "Suite"]
+
+
+LONGEST_GAP: Final = 0.03
+"""Seconds without a sample, where five periods are less, after which a time is worth nothing."""
+
+
+class Safety(IntEnum):
+    """What an acquisition may do; they are run in this order."""
+
+    READ = 0
+    ENABLE = 1
+    SMALL = 2
+    LARGE = 3
+    FAULT = 4
+    FAULT_IN_MOTION = 5
+
+
+SAFETY_LETTERS: Final = {
+    Safety.READ: "R",
+    Safety.ENABLE: "E",
+    Safety.SMALL: "S",
+    Safety.LARGE: "L",
+    Safety.FAULT: "X",
+    Safety.FAULT_IN_MOTION: "XL",
+}
+
+
+class Suite(StrEnum):
+    """Which tests, and how much is measured."""
+
+    REST = "rest"
+    QUICK = "quick"
+    FULL = "full"
+    NIGHTLY = "nightly"
+
+    @property
+    def thorough(self) -> float:
+        """How much longer than the shortest time something is measured."""
+        return {"rest": 1.0, "quick": 1.0, "full": 3.0, "nightly": 10.0}[self]
+
+    def holds(self, other: Suite) -> bool:
+        """Whether what belongs to `other` belongs to it: each holds those before it."""
+        order = list(Suite)
+        return order.index(other) <= order.index(self)
+
+
+@dataclass(frozen=True)
+class Acquisition:
+    """Moves a device, or waits, while everything is recorded.
+
+    Attributes:
+        name: of the recording.
+        summary: what is done, for people.
+        safety: what it may do.
+        run: does it.
+        needs: CRTK names without which it cannot be done.
+        suite: the smallest suite that it belongs to.
+        seconds: about how long it takes in the quick suite.
+    """
+
+    name: str
+    summary: str
+    safety: Safety
+    run: Callable[[Bed], None]
+    needs: tuple[str, ...] = ()
+    suite: Suite = Suite.QUICK
+    seconds: float = 2.0
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What an analysis knows beside the recording; kept beside that, as JSON.
+
+    Attributes:
+        joints: names.
+        limits: one for each joint, as they held in the run.
+        rate: cycles a second that the device declares.
+        lag: seconds that it declares to need to carry out a setpoint.
+        stop_time: seconds within which it declares to stand.
+        silence: seconds without a command after which a servo stream has ended.
+        lateness: by how many seconds the bench's own timer was late during the acquisition.
+        bounds: of the lab file, by the id of a quantity.
+    """
+
+    joints: tuple[str, ...]
+    limits: tuple[JointLimits, ...]
+    rate: float
+    lag: float
+    stop_time: float
+    silence: float
+    lateness: tuple[float, ...] = ()
+    bounds: Mapping[str, BoundEntry] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, about: About, lateness: tuple[float, ...], bounds: Mapping[str, BoundEntry]
+    ) -> Subject:
+        """Return what counts of a device."""
+        own = about.capabilities
+        lag = 0.0 if own.following is None else own.following.lag
+        times = own.rate, lag, own.stop.time, about.silence
+        return cls(own.joints, own.limits, *times, lateness, bounds)
+
+    def as_json(self) -> str:
+        """Return it as text, without the bounds."""
+        return json.dumps({key: value for key, value in asdict(self).items() if key != "bounds"})
+
+    @classmethod
+    def from_json(cls, text: str, bounds: Mapping[str, BoundEntry]) -> Subject:
+        """Return what `as_json` wrote, with bounds.
+
+        Raises:
+            ValueError, TypeError, KeyError: it did not.
+        """
+        values = json.loads(text)
+        values["joints"] = tuple(values["joints"])
+        values["limits"] = tuple(JointLimits(**limit) for limit in values["limits"])
+        values["lateness"] = tuple(values["lateness"])
+        return cls(**values, bounds=bounds)
+
+    @property
+    def period(self) -> float:
+        """Seconds of one cycle of the device."""
+        return 1.0 / self.rate
+
+    def too_busy(self, allowed: float) -> tuple[str, ...]:
+        """Return a doubt if one in a hundred times the bench was later than `allowed` s."""
+        late = sorted(self.lateness)
+        if not late:
+            return ()
+        found = late[min(len(late) - 1, int(0.99 * len(late)))]
+        if found <= allowed:
+            return ()
+        return (
+            f"the machine is too busy: the bench's own timer was late by {1e3 * found:.1f} ms, "
+            f"at most {1e3 * allowed:.1f} ms are allowed",
+        )
+
+    def gaps(self, stamps: Vector) -> tuple[str, ...]:
+        """Return a doubt if samples, of these times of acquisition (N,), stayed away for long."""
+        made = stamps[np.isfinite(stamps)]
+        longest = float(np.diff(made).max()) if made.size > 1 else math.inf
+        if longest <= max(5.0 * self.period, LONGEST_GAP):
+            return ()
+        return (f"no sample came for {1e3 * longest:.0f} ms in the midst of it",)
+
+    def measured(
+        self,
+        quantity: Quantity,
+        estimate: Estimate | None,
+        bound: Bound | None = None,
+        *,
+        part: str = "",
+        why: str = "",
+    ) -> Measurement:
+        """Return a measurement, against the bound of the lab file if that has one."""
+        own = self.bounds.get(quantity.id)
+        if own is not None:
+            lower = -math.inf if own.lower is None else own.lower
+            bound = Bound(own.value, f"the lab file: {own.because}", lower)
+        return Measurement(quantity, estimate, bound, why, part)
+
+
+@dataclass(frozen=True)
+class BenchTest:
+    """A test: what is judged of an acquisition.
+
+    Attributes:
+        id: short, the same for ever: ``M2``.
+        name: for people.
+        group: first part of the ids of its quantities.
+        acquisition: whose recording is judged.
+        analyse: pure: judges it.
+        quantities: that it measures.
+        needs: CRTK names without which it cannot be judged.
+        suite: the smallest suite that it belongs to, if that is not its acquisition's.
+        guards: a FAIL of it ends all motion of the device.
+    """
+
+    id: str
+    name: str
+    group: str
+    acquisition: Acquisition
+    analyse: Callable[[Trace, Subject], Findings]
+    quantities: tuple[Quantity, ...]
+    needs: tuple[str, ...] = ()
+    suite: Suite | None = None
+    guards: bool = False
+
+    @property
+    def smallest_suite(self) -> Suite:
+        """The smallest suite that it belongs to."""
+        return self.suite or self.acquisition.suite

@@ -1,0 +1,100 @@
+"""The other side of a host's door: a device under test, as the conductor of a bench has it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from multiprocessing.connection import Client, Connection
+from typing import Any, Final, Self
+
+from crtk_drivers.errors import CrtkError, DeviceError
+from crtk_drivers.labs.bench.calls import Failed
+from crtk_drivers.samples import Value
+
+__all__ = ["Door", "DoorClosed", "Refused"]
+
+ANSWER_TIMEOUT: Final = 5.0
+"""Seconds for an answer, beside what the call itself may take."""
+
+
+class DoorClosed(DeviceError):
+    """The process of the device is gone, or does not answer."""
+
+
+class Refused(CrtkError):
+    """The device did not do what it was asked to; `reason` as in a refusal, empty otherwise."""
+
+    def __init__(self, text: str, reason: str) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+
+class Door:
+    """One connection. Thread-safe: calls wait for each other.
+
+    Args:
+        path, key: of the door.
+        timeout: seconds in which it must be there.
+
+    Raises:
+        DoorClosed: it is not.
+    """
+
+    def __init__(self, path: str, key: bytes, timeout: float) -> None:
+        self._path = path
+        self._lock = threading.Lock()
+        self._connection = self._connected(key, timeout)
+
+    def close(self) -> None:
+        """Leave; commands of this connection end. May be called twice."""
+        self._connection.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def call(self, name: str, *arguments: Any, within: float = 0.0) -> Any:
+        """Ask for something and return the answer.
+
+        Args:
+            name: of the call, see `crtk_drivers.labs.bench.host`.
+            arguments: of it.
+            within: seconds that it may take.
+
+        Raises:
+            Refused: with what the device says.
+            DoorClosed: no answer in time.
+        """
+        with self._lock:
+            try:
+                self._connection.send((name, *arguments))
+                if not self._connection.poll(within + ANSWER_TIMEOUT):
+                    raise DoorClosed(f"{name}: no answer in {within + ANSWER_TIMEOUT:g} s")
+                answer = self._connection.recv()
+            except (EOFError, OSError) as error:
+                raise DoorClosed(f"{name}: the driver's process is gone") from error
+        if isinstance(answer, Failed):
+            raise Refused(answer.text, answer.reason)
+        return answer
+
+    def submit(self, name: str, value: Value | None = None, stamp_ns: int = 0) -> None:
+        """Send a CRTK command.
+
+        Raises:
+            Refused, DoorClosed: as `call`.
+        """
+        self.call("submit", name, value, stamp_ns)
+
+    def _connected(self, key: bytes, timeout: float) -> Connection:
+        deadline = time.monotonic() + timeout
+        while True:
+            try:
+                return Client(self._path, "AF_UNIX", authkey=key)
+            except (FileNotFoundError, ConnectionRefusedError) as error:
+                if time.monotonic() > deadline:
+                    raise DoorClosed(
+                        f"the driver's process does not answer within {timeout:g} s"
+                    ) from error
+                time.sleep(0.02)

@@ -1,0 +1,639 @@
+"""Small motions: does it follow, arrive, repeat, and tell the truth about it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from crtk_drivers.labs.bench.bed import Bed
+from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject
+from crtk_drivers.labs.bench.signals import fit_sine, noise, resolution, rest_time
+from crtk_drivers.labs.bench.trace import JointTrack, Trace
+from crtk_drivers.labs.verdicts.estimates import (
+    Estimate,
+    exact,
+    in_percent,
+    mean,
+    quantile,
+    share,
+    within,
+)
+from crtk_drivers.labs.verdicts.judging import (
+    Bound,
+    Comparison,
+    Findings,
+    Measurement,
+    Plot,
+    Quantity,
+    Series,
+    Worse,
+)
+from crtk_drivers.samples import Array, JointState, Pose, Vector, vector
+
+__all__ = ["TESTS"]
+
+FREQUENCIES: Final = {
+    1.0: (1.0, 4.0),
+    3.0: (0.5, 1.0, 2.0, 4.0, 8.0),
+    10.0: (0.5, 1.0, 2.0, 4.0, 8.0),
+}
+"""Hz, by how thorough the run is."""
+
+PERIODS: Final = 5
+"""That are judged of each frequency; more, of the higher ones, in a run that takes its time."""
+
+BEFORE: Final = 1.2
+"""Periods before those: in the first it begins."""
+
+SHARE_OF_LIMITS: Final = 0.2
+"""Share of the velocity and acceleration limits that a sine uses."""
+
+STEPS: Final = 20.0
+"""Steps of the encoder that an amplitude has at the least, else nothing is judged by it."""
+
+BUSY: Final = 5e-3
+"""Seconds by which the bench's own timer, which paces what it sends, may be late."""
+
+STEP: Final = 0.5
+"""Share of the reach of a small motion that one move goes."""
+
+GAIN = Quantity("motion.bode.gain", "gain", "", Comparison.WITHIN, Worse.EITHER, 0.02)
+PHASE = Quantity("motion.bode.phase", "phase", "deg", Comparison.TOLD, Worse.LOWER, 3.0)
+ERROR = Quantity("motion.bode.error", "rms left over", "mrad or mm", Comparison.TOLD, guard=0.1)
+LAG = Quantity("motion.lag.lag", "lag", "ms", Comparison.AT_MOST, guard=2.0)
+SLOPE = Quantity(
+    "joints.velocity.slope",
+    "velocity over the derivative of position",
+    "",
+    Comparison.WITHIN,
+    Worse.EITHER,
+    0.01,
+)
+DELAY = Quantity(
+    "joints.velocity.delay",
+    "velocity behind the derivative",
+    "ms",
+    Comparison.WITHIN,
+    Worse.EITHER,
+    2.0,
+)
+FROZEN = Quantity(
+    "sampling.frozen.share",
+    "samples that repeat the one before in motion",
+    "%",
+    Comparison.AT_MOST,
+    guard=1.0,
+)
+SEEN = Quantity(
+    "motion.rate.seen",
+    "commands whose stamp a setpoint carries",
+    "%",
+    Comparison.AT_LEAST,
+    Worse.LOWER,
+    1.0,
+)
+ECHO = Quantity(
+    "motion.rate.age", "p99 from command to setpoint", "ms", Comparison.AT_MOST, guard=2.0
+)
+ARRIVAL = Quantity(
+    "motion.arrival.error", "distance from the goal", "mrad or mm", Comparison.AT_MOST, guard=0.2
+)
+OVERSHOOT = Quantity("motion.step.overshoot", "overshoot", "%", Comparison.AT_MOST, guard=0.3)
+SETTLING = Quantity(
+    "motion.step.settling", "settling after the end of a move", "s", Comparison.AT_MOST, guard=0.02
+)
+REPEATABILITY = Quantity(
+    "motion.repeatability.encoder",
+    "encoder repeatability, l + 3 S",
+    "mrad or mm",
+    Comparison.TOLD,
+    guard=0.05,
+)
+DIRECTION = Quantity(
+    "motion.direction.distance",
+    "between arrivals from both sides",
+    "mrad or mm",
+    Comparison.AT_MOST,
+    guard=0.1,
+)
+POSITION_AGREES = Quantity(
+    "joints.kinematics.position",
+    "measured pose off the kinematics",
+    "mm",
+    Comparison.AT_MOST,
+    guard=0.02,
+)
+TURN_AGREES = Quantity(
+    "joints.kinematics.orientation",
+    "measured orientation off the kinematics",
+    "mrad",
+    Comparison.AT_MOST,
+    guard=0.05,
+)
+
+
+# ------------------------------------------------------------------------------------------------ sines
+
+
+def _amplitude(bed: Bed, frequency: float) -> Vector:
+    """Return the amplitude of each joint (n,) that reach, velocity and acceleration allow."""
+    omega = 2.0 * math.pi * frequency
+    limits = bed.about.capabilities.limits
+    allowed = [
+        min(
+            SHARE_OF_LIMITS * limit.velocity / omega,
+            SHARE_OF_LIMITS * limit.acceleration / omega**2,
+        )
+        for limit in limits
+    ]
+    return vector(np.minimum(bed.reach(0.5), allowed))
+
+
+def _wave(home: Vector, amplitude: Vector, frequency: float) -> Callable[[float], JointState]:
+    """Return a sine that begins as a smooth swing: one that is there at once has a velocity at once."""
+    omega = 2.0 * math.pi * frequency
+
+    def wave(t: float) -> JointState:
+        swell = 0.5 - 0.5 * math.cos(min(1.0, t * frequency) * math.pi)
+        return JointState(position=home + amplitude * (swell * math.sin(omega * t)))
+
+    return wave
+
+
+def _sines(bed: Bed) -> None:
+    bed.enable()
+    home = bed.setpoint
+    for frequency in FREQUENCIES[bed.thorough]:
+        amplitude = _amplitude(bed, frequency)
+        bed.note(**{f"amplitude {frequency:g}": amplitude.tolist()})
+        bed.mark(f"begin {frequency:g}")
+        periods = BEFORE + PERIODS * max(1.0, min(bed.thorough, frequency)) + 0.1
+        bed.stream("servo_jp", _wave(home, amplitude, frequency), periods / frequency)
+        bed.mark(f"end {frequency:g}")
+        bed.rest(bed.about.silence + 0.1)
+        bed.move_to(home)
+    bed.note(frequencies=list(FREQUENCIES[bed.thorough]), stream_rate=bed.stream_rate)
+    bed.disable()
+
+
+SINES: Final = Acquisition(
+    "sines",
+    "Streams sines of all joints, at most 0.05 rad (10 mm) and a fifth of the limits.",
+    Safety.SMALL,
+    _sines,
+    ("servo_jp", "move_jp", "measured_js"),
+    seconds=13.0,
+)
+
+
+def _judged(trace: Trace, frequency: float) -> tuple[float, float]:
+    """Return begin and end of the whole periods that are judged."""
+    begin = trace.mark(f"begin {frequency:g}") + BEFORE / frequency
+    return begin, trace.mark(f"end {frequency:g}")
+
+
+def _windows(trace: Trace, frequency: float) -> list[tuple[float, float]]:
+    begin, end = _judged(trace, frequency)
+    count = max(1, int((end - begin) * frequency))
+    return [(begin + index / frequency, begin + (index + 1) / frequency) for index in range(count)]
+
+
+def _commanded(trace: Trace) -> tuple[Vector, Array]:
+    sent = [
+        (at, value.position)
+        for at, _, value in trace.commands("servo_jp")
+        if isinstance(value, JointState)
+    ]
+    return np.array([at for at, _ in sent]), np.array([position for _, position in sent])
+
+
+def _by_stamp(joints: JointTrack) -> JointTrack:
+    """Return only what is valid, on the axis of acquisition."""
+    sound = np.isfinite(joints.stamp)
+    return JointTrack(
+        joints.stamp[sound],
+        joints.stamp[sound],
+        joints.position[sound],
+        joints.velocity[sound],
+        joints.effort[sound],
+    )
+
+
+def _transfer(trace: Trace, frequency: float) -> tuple[list[float], list[float], list[float]]:
+    """Return gains, lags in s, and rms left over: one a window, of the joint that moves most."""
+    joints = _by_stamp(trace.joints)
+    at, position = _commanded(trace)
+    gains, lags, rests = [], [], []
+    column = int(np.argmax(trace.notes[f"amplitude {frequency:g}"]))
+    for begin, end in _windows(trace, frequency):
+        part = joints.between(begin, end)
+        sent = (at >= begin) & (at <= end)
+        if part.at.size < 8 or sent.sum() < 8:
+            continue
+        asked = fit_sine(at[sent], position[sent][:, column], frequency)
+        found = fit_sine(part.at, part.position[:, column], frequency)
+        gains.append(found.amplitude / asked.amplitude)
+        behind = (asked.phase - found.phase) % (2.0 * math.pi)
+        if behind > 1.5 * math.pi:
+            behind -= 2.0 * math.pi
+        lags.append(behind / (2.0 * math.pi * frequency))
+        rests.append(found.rms)
+    return gains, lags, rests
+
+
+def _too_small(trace: Trace, frequency: float) -> str:
+    """Say why nothing can be judged at a frequency, if the amplitude is only some steps of the encoder."""
+    amplitude = np.asarray(trace.notes[f"amplitude {frequency:g}"])
+    column = int(np.argmax(amplitude))
+    step = float(resolution(trace.joints.position)[column])
+    if amplitude[column] >= STEPS * step:
+        return ""
+    steps = amplitude[column] / max(step, 1e-12)
+    return f"at {frequency:g} Hz the amplitude is {steps:.0f} steps of the encoder"
+
+
+def _disturbed(trace: Trace, subject: Subject) -> tuple[str, ...]:
+    """Return why nothing can be said of times: the bench was late, or samples stayed away."""
+    parts = [trace.joints.between(*_judged(trace, each)) for each in trace.notes["frequencies"]]
+    gaps = (doubt for part in parts for doubt in subject.gaps(part.stamp))
+    return (*subject.too_busy(BUSY), *tuple(gaps)[:1])
+
+
+def _bode(trace: Trace, subject: Subject) -> Findings:
+    found: list[Measurement] = []
+    frequencies: list[float] = trace.notes["frequencies"]
+    gains_at, lags_at = [], []
+    for frequency in frequencies:
+        part = f"{frequency:g} Hz"
+        gains, lags, rests = _transfer(trace, frequency)
+        why = _too_small(trace, frequency) or ("" if len(gains) > 1 else "too few samples of it")
+        if why:
+            found.append(subject.measured(GAIN, None, part=part, why=why))
+            continue
+        gain, lag = mean(gains), mean(lags)
+        gains_at.append((frequency, gain.value))
+        lags_at.append((frequency, -360.0 * frequency * lag.value))
+        judged = Bound(1.1, "default, up to 1 Hz", 0.9) if frequency <= 1.0 else None
+        found.append(subject.measured(GAIN, gain, judged, part=part))
+        found.append(subject.measured(PHASE, _scaled(lag, -360.0 * frequency), part=part))
+        found.append(subject.measured(ERROR, _scaled(mean(rests), 1e3), part=part))
+    return Findings(
+        tuple(found),
+        doubts=_disturbed(trace, subject),
+        plots=(
+            Plot(
+                "Gain",
+                "Hz",
+                "",
+                (Series("", tuple(f for f, _ in gains_at), tuple(g for _, g in gains_at)),),
+            ),
+            Plot(
+                "Phase",
+                "Hz",
+                "deg",
+                (Series("", tuple(f for f, _ in lags_at), tuple(p for _, p in lags_at)),),
+            ),
+            _following_plot(trace, frequencies[-1]),
+        ),
+    )
+
+
+def _following_plot(trace: Trace, frequency: float) -> Plot:
+    begin, end = _judged(trace, frequency)
+    column = int(np.argmax(trace.notes[f"amplitude {frequency:g}"]))
+    at, position = _commanded(trace)
+    joints = _by_stamp(trace.joints).between(begin, end)
+    sent = (at >= begin) & (at <= end)
+    middle = position[sent][:, column].mean() if sent.any() else 0.0
+    return Plot(
+        f"{frequency:g} Hz: asked and measured",
+        "time, s",
+        "mrad or mm",
+        (
+            Series("asked", tuple(at[sent]), tuple(1e3 * (position[sent][:, column] - middle))),
+            Series(
+                "measured", tuple(joints.at), tuple(1e3 * (joints.position[:, column] - middle))
+            ),
+        ),
+    )
+
+
+def _scaled(estimate: Estimate, factor: float) -> Estimate:
+    ends = sorted((factor * estimate.lower, factor * estimate.upper))
+    return Estimate(factor * estimate.value, ends[0], ends[1], estimate.n)
+
+
+def _lag(trace: Trace, subject: Subject) -> Findings:
+    slow = [frequency for frequency in trace.notes["frequencies"] if frequency <= 1.0]
+    lags = [lag for frequency in slow for lag in _transfer(trace, frequency)[1]]
+    doubts = tuple(filter(None, (_too_small(trace, frequency) for frequency in slow)))
+    if len(lags) < 2:
+        return Findings(doubts=(*doubts, "too few samples"))
+    held = 1.0 / trace.notes["stream_rate"]
+    allowed = subject.lag + 3.0 * subject.period + held
+    bound = Bound(1e3 * allowed, "the declared lag, three periods and one of the stream")
+    found = subject.measured(LAG, _scaled(mean(lags), 1e3), bound)
+    return Findings((found,), doubts=(*doubts, *_disturbed(trace, subject)))
+
+
+def _velocity(trace: Trace, subject: Subject) -> Findings:
+    joints = _by_stamp(trace.joints)
+    names = subject.joints
+    frequency = max(trace.notes["frequencies"], key=lambda f: -abs(f - 1.0))
+    amplitude = np.asarray(trace.notes[f"amplitude {frequency:g}"])
+    steps = resolution(joints.position)
+    found: list[Measurement] = []
+    for column, name in enumerate(names):
+        if amplitude[column] < STEPS * steps[column]:
+            found.append(
+                subject.measured(
+                    SLOPE, None, part=name, why="it moves less than twenty steps of its encoder"
+                )
+            )
+            continue
+        slopes, delays = [], []
+        for begin, end in _windows(trace, frequency):
+            part = joints.between(begin, end)
+            if part.at.size < 8 or not np.isfinite(part.velocity[:, column]).all():
+                continue
+            position = fit_sine(part.at, part.position[:, column], frequency)
+            velocity = fit_sine(part.at, part.velocity[:, column], frequency)
+            omega = 2.0 * math.pi * frequency
+            slopes.append(velocity.amplitude / (omega * position.amplitude))
+            ahead = (velocity.phase - position.phase - 0.5 * math.pi + math.pi) % (2.0 * math.pi)
+            delays.append((math.pi - ahead) / omega)
+        if len(slopes) < 2:
+            found.append(subject.measured(SLOPE, None, part=name, why="no velocities, or too few"))
+            continue
+        found.append(subject.measured(SLOPE, mean(slopes), Bound(1.02, "default", 0.98), part=name))
+        room = 1e3 * max(0.02, 3.0 * subject.period)
+        found.append(
+            subject.measured(
+                DELAY,
+                _scaled(mean(delays), 1e3),
+                Bound(room, "20 ms, or three periods", -room),
+                part=name,
+            )
+        )
+    return Findings(tuple(found), doubts=_disturbed(trace, subject))
+
+
+def _frozen(trace: Trace, subject: Subject) -> Findings:
+    frequency = max(trace.notes["frequencies"], key=lambda f: -abs(f - 1.0))
+    begin, end = _judged(trace, frequency)
+    joints = _by_stamp(trace.joints).between(begin, end)
+    steps = resolution(joints.position)
+    amplitude = np.asarray(trace.notes[f"amplitude {frequency:g}"])
+    # Where even the slowest of it would show: the middle of the swing, at over five steps a sample.
+    speed = 2.0 * math.pi * frequency * amplitude * 0.7
+    column = int(np.argmax(speed / np.maximum(steps, 1e-9)))
+    if speed[column] * subject.period < 5.0 * steps[column]:
+        return Findings(doubts=("it moves less than five steps of its encoder in a sample",))
+    middle = joints.position[:, column].mean()
+    in_swing = np.abs(joints.position[1:, column] - middle) < 0.7 * amplitude[column]
+    repeats = (np.diff(joints.position, axis=0) == 0.0).all(axis=1)
+    count = int(in_swing.sum())
+    if count < 50:
+        return Findings(doubts=(f"{count} samples in motion",))
+    found = share(int((repeats & in_swing).sum()), count)
+    return Findings(
+        (subject.measured(FROZEN, in_percent(found), Bound(5.0, "default")),),
+        doubts=_disturbed(trace, subject),
+    )
+
+
+def _effective_rate(trace: Trace, subject: Subject) -> Findings:
+    sent = {round(stamp, 6): at for at, stamp, _ in trace.commands("servo_jp")}
+    setpoints = trace.joint_states("setpoint_js")
+    seen: dict[float, float] = {}
+    for at, stamp in zip(setpoints.at, setpoints.stamp, strict=True):
+        key = round(float(stamp), 6)
+        if key in sent:
+            seen.setdefault(key, float(at))
+    if len(sent) < 20:
+        return Findings(doubts=(f"{len(sent)} commands",))
+    if not seen:
+        return Findings(doubts=("its setpoints do not carry the stamps of commands",))
+    ages = [1e3 * (at - sent[key]) for key, at in seen.items()]
+    return Findings(
+        (
+            subject.measured(SEEN, in_percent(share(len(seen), len(sent))), Bound(97.0, "default")),
+            subject.measured(
+                ECHO,
+                quantile(ages, 0.99),
+                Bound(3e3 * subject.period + 2.0, "three periods and 2 ms"),
+            ),
+        )
+    )
+
+
+# -------------------------------------------------------------------------------------------- approaches
+
+
+def _approaches(bed: Bed) -> None:
+    bed.enable()
+    home = bed.setpoint
+    step = bed.reach(STEP)
+    bed.note(goal=home.tolist(), step=step.tolist())
+    for index in range(int(5 * bed.thorough)):
+        for side, name in ((-1.0, "below"), (1.0, "above")):
+            if name == "above" and index >= int(3 * bed.thorough):
+                continue
+            bed.move_to(vector(home + side * step))
+            bed.mark(f"leave {name}")
+            bed.move_to(home)
+            bed.mark(f"planned {name}")
+            bed.rest(0.3)
+            bed.mark(f"there {name}")
+    bed.rest(0.5)
+    bed.mark("end")
+    if bed.about.has_kinematics:
+        _look_at_poses(bed)
+    bed.disable()
+
+
+def _look_at_poses(bed: Bed) -> None:
+    """Write down measured poses and what the kinematics say of the same joints."""
+    pairs = []
+    for _ in range(3):
+        values = bed.glance().values
+        joints, _ = values["measured_js"]
+        pose, _ = values.get("measured_cp", (None, None))
+        if not (isinstance(pose, Pose) and isinstance(joints, JointState)):
+            return
+        expected = bed.forward(joints.position)
+        if expected is not None:
+            pairs.append(
+                [
+                    *(pose.position.tolist(), pose.orientation.tolist()),
+                    *(expected.position.tolist(), expected.orientation.tolist()),
+                ]
+            )
+        bed.rest(0.05)
+    bed.note(poses=pairs)
+
+
+APPROACHES: Final = Acquisition(
+    "approaches",
+    "Moves to where it is, again and again, from either side, by at most 0.05 rad (10 mm).",
+    Safety.SMALL,
+    _approaches,
+    ("move_jp", "measured_js"),
+    seconds=12.0,
+)
+
+
+def _ends(trace: Trace, side: str) -> Array:
+    """Return where the joints were (k, n) at each arrival from a side: the mean of the last 0.1 s."""
+    joints = trace.joints
+    return np.array(
+        [joints.between(at - 0.1, at).position.mean(axis=0) for at in trace.marks(f"there {side}")]
+    )
+
+
+def _arrives(trace: Trace, subject: Subject) -> Findings:
+    goal = np.asarray(trace.notes["goal"])
+    steps = resolution(trace.joints.position)
+    ends = np.concatenate([_ends(trace, "below"), _ends(trace, "above")])
+    errors = np.abs(ends - goal)
+    allowed = np.maximum(2.0 * steps, 1e-3)
+    worst = int(np.argmax(errors.mean(axis=0) / allowed))
+    bound = Bound(1e3 * float(allowed[worst]), "two steps of its encoder, or 1 mrad")
+    found = subject.measured(
+        ARRIVAL,
+        _scaled(mean(errors[:, worst]), 1e3),
+        bound,
+        part=subject.joints[worst],
+    )
+    return Findings((found,))
+
+
+def _step(trace: Trace, subject: Subject) -> Findings:
+    joints = trace.joints
+    step = np.asarray(trace.notes["step"])
+    goal = np.asarray(trace.notes["goal"])
+    resolved = resolution(joints.position)
+    rough = np.maximum(
+        3.0 * noise(joints.between(trace.marks("end")[0] - 0.4, trace.mark("end")).position),
+        resolved,
+    )
+    column = int(np.argmax(step))
+    overshoots, settlings = [], []
+    for side, sign in (("below", 1.0), ("above", -1.0)):
+        starts = zip(
+            *(trace.marks(f"{word} {side}") for word in ("leave", "planned", "there")), strict=True
+        )
+        for leave, planned, there in starts:
+            part = joints.between(leave, there)
+            beyond = sign * (part.position[:, column] - goal[column])
+            overshoots.append(100.0 * max(0.0, float(beyond.max())) / step[column])
+            tolerance = np.maximum(rough, 0.01 * np.maximum(step, 1e-9))
+            settlings.append(max(0.0, rest_time(part.at, part.position, planned, tolerance)))
+    allowed = max(1.0, 100.0 * 2.0 * float(rough[column]) / step[column])
+    return Findings(
+        (
+            subject.measured(
+                OVERSHOOT, mean(overshoots), Bound(allowed, "1 %, or two steps of its encoder")
+            ),
+            subject.measured(
+                SETTLING,
+                within(float(np.mean(settlings)), subject.period, len(settlings)),
+                Bound(0.3, "default"),
+            ),
+        ),
+        plots=(
+            Plot(
+                "Arrivals, from the goal",
+                "time, s",
+                "mrad or mm",
+                (
+                    Series(
+                        subject.joints[column],
+                        tuple(joints.at),
+                        tuple(1e3 * (joints.position[:, column] - goal[column])),
+                    ),
+                ),
+            ),
+        ),
+    )
+
+
+def _repeats(trace: Trace, subject: Subject) -> Findings:
+    ends = _ends(trace, "below")
+    distances = np.linalg.norm(ends - ends.mean(axis=0), axis=1)
+    value = float(distances.mean() + 3.0 * distances.std(ddof=1))
+    found = subject.measured(
+        REPEATABILITY,
+        exact(1e3 * value, len(ends)),
+        why=f"{len(ends)} arrivals, by its own encoders",
+    )
+    return Findings((found,))
+
+
+def _direction(trace: Trace, subject: Subject) -> Findings:
+    below, above = _ends(trace, "below"), _ends(trace, "above")
+    apart = np.abs(below.mean(axis=0) - above.mean(axis=0))
+    spread = np.sqrt(
+        below.var(axis=0, ddof=1) / len(below) + above.var(axis=0, ddof=1) / len(above)
+    )
+    steps = resolution(trace.joints.position)
+    allowed = np.maximum(3.0 * steps, 1e-3)
+    worst = int(np.argmax(apart / allowed))
+    return Findings(
+        (
+            subject.measured(
+                DIRECTION,
+                within(
+                    1e3 * float(apart[worst]), 2e3 * float(spread[worst]), len(below) + len(above)
+                ),
+                Bound(1e3 * float(allowed[worst]), "three steps of its encoder, or 1 mrad"),
+                part=subject.joints[worst],
+            ),
+        )
+    )
+
+
+def _kinematics(trace: Trace, subject: Subject) -> Findings:
+    pairs = trace.notes.get("poses", [])
+    if not pairs:
+        return Findings(doubts=("no poses were measured",))
+    distances, angles = [], []
+    for position, orientation, expected, turned in pairs:
+        distances.append(1e3 * math.dist(position, expected))
+        cosine = min(1.0, abs(float(np.dot(orientation, turned))))
+        angles.append(2e3 * math.acos(cosine))
+    return Findings(
+        (
+            subject.measured(
+                POSITION_AGREES, exact(max(distances), len(pairs)), Bound(0.1, "default")
+            ),
+            subject.measured(TURN_AGREES, exact(max(angles), len(pairs)), Bound(0.2, "default")),
+        )
+    )
+
+
+TESTS: Final = (
+    BenchTest("J3", "velocity is true", "joints", SINES, _velocity, (SLOPE, DELAY)),
+    BenchTest("T5", "frozen", "sampling", SINES, _frozen, (FROZEN,)),
+    BenchTest("M4", "frequency response", "motion", SINES, _bode, (GAIN, PHASE, ERROR)),
+    BenchTest("M5", "lag", "motion", SINES, _lag, (LAG,)),
+    BenchTest(
+        "M7", "effective rate", "motion", SINES, _effective_rate, (SEEN, ECHO), ("setpoint_js",)
+    ),
+    BenchTest("M2", "arrives", "motion", APPROACHES, _arrives, (ARRIVAL,)),
+    BenchTest("M3", "step", "motion", APPROACHES, _step, (OVERSHOOT, SETTLING)),
+    BenchTest("M8", "encoder repeatability", "motion", APPROACHES, _repeats, (REPEATABILITY,)),
+    BenchTest("M10", "direction", "motion", APPROACHES, _direction, (DIRECTION,)),
+    BenchTest(
+        "J4",
+        "kinematics agree",
+        "joints",
+        APPROACHES,
+        _kinematics,
+        (POSITION_AGREES, TURN_AGREES),
+        ("measured_cp",),
+    ),
+)

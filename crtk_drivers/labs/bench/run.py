@@ -1,0 +1,511 @@
+"""One run of the bench: who may do what, the judging of recordings, and results that are kept as they come.
+
+This is the parent of the conductor. It moves nothing; what it reckons keeps no driver from its cycle, since
+that is another process.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import logging
+import multiprocessing
+import os
+import platform
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Final
+
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.labs.bench import results
+from crtk_drivers.labs.bench.calls import About
+from crtk_drivers.labs.bench.catalogue import TESTS, chosen
+from crtk_drivers.labs.bench.conductor import (
+    Acquired,
+    Began,
+    DeviceOrder,
+    Reached,
+    RunOrder,
+    ask_to_stop,
+    conduct,
+)
+from crtk_drivers.labs.bench.declared import BenchTest, Safety, Subject, Suite
+from crtk_drivers.labs.bench.recorder import read_recording
+from crtk_drivers.labs.bench.trace import Trace
+from crtk_drivers.labs.lab_file import BoundEntry, Lab, LabDevice, load_lab
+from crtk_drivers.labs.verdicts.judging import Findings, Verdict
+from crtk_drivers.status.stop_request import StopRequest
+
+__all__ = ["BenchOptions", "Judge", "Progress", "judged_again", "run_bench"]
+
+FAULTS_VARIABLE: Final = "CRTK_BENCH_FAULTS"
+"""Set to 1 beside `faults` of the lab file, before anything is injected into real hardware."""
+
+POLL_PERIOD: Final = 0.1
+
+END_TIMEOUT: Final = 60.0
+"""Seconds in which the conductor has held and left everything."""
+
+logger = logging.getLogger(__name__)
+
+Progress = Callable[[str, str, Verdict | None, str], None]
+"""Told of each test as it begins (None) and ends: device, test, verdict, reason."""
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """What a run is asked to do.
+
+    Attributes:
+        suite: which tests.
+        only: ids of tests, instead of those of the suite.
+        may_move: whoever started it stands beside it, and wants motion.
+        out: folder of the run; it may not exist.
+    """
+
+    suite: Suite
+    only: tuple[str, ...]
+    may_move: bool
+    out: Path
+
+
+@dataclass
+class _Tested:
+    """A device while it is tested."""
+
+    lab: LabDevice
+    device: results.DeviceResult
+    tests: tuple[BenchTest, ...]
+    wanted: tuple[str, ...] = ()
+    about: About | None = None
+    done: dict[str, results.Result] = field(default_factory=dict)
+    stopped: str = ""
+
+
+def lacking(
+    test: BenchTest, about: About, lab: Lab, device: LabDevice, options: BenchOptions
+) -> str:
+    """Return why a test is skipped, in words; empty if it is not."""
+    missing = [
+        name for name in (*test.acquisition.needs, *test.needs) if name not in about.commands
+    ]
+    if missing:
+        return f"the device does not offer {', '.join(missing)}"
+    safety = test.acquisition.safety
+    if safety is Safety.READ or device.sim or device.plugin.is_model:
+        return ""
+    if not options.may_move:
+        return "needs --may-move: it enables the device"
+    wrong = [
+        f"{name} is {about.readings.get(name, 'not told')}, not {value}"
+        for name, value in device.entry.identity.items()
+        if about.readings.get(name) != value
+    ]
+    if wrong:
+        return f"it is another device than the lab file says: {'; '.join(wrong)}"
+    if safety >= Safety.SMALL and device.entry.space is None:
+        return "needs `space` in the lab file: where it may go"
+    if safety in (Safety.LARGE, Safety.FAULT_IN_MOTION) and not lab.settings.unattended:
+        return "needs `unattended` in the lab file, or to be asked for by --only"
+    if safety >= Safety.FAULT:
+        if not lab.settings.faults:
+            return "needs `faults` in the lab file"
+        if os.environ.get(FAULTS_VARIABLE) != "1":
+            return f"needs {FAULTS_VARIABLE}=1 in the environment"
+    return ""
+
+
+def run_bench(
+    lab: Lab, options: BenchOptions, progress: Progress, stop: StopRequest
+) -> results.Run:
+    """Test the devices of a lab.
+
+    Returns:
+        what was found; it is in the folder too.
+
+    Raises:
+        ConfigError: another bench tests one of the devices, there is no such test, or the folder is there.
+        OSError: the folder cannot be written.
+    """
+    tests = chosen(options.suite, options.only)
+    with ExitStack() as stack:
+        for name in _locks(lab):
+            stack.enter_context(_locked(*name))
+        _make_folder(options.out)
+        return _Bench(lab, options, tests, progress, stop).run()
+
+
+class _Bench:
+    def __init__(
+        self,
+        lab: Lab,
+        options: BenchOptions,
+        tests: tuple[BenchTest, ...],
+        progress: Progress,
+        stop: StopRequest,
+    ) -> None:
+        self._lab = lab
+        self._options = options
+        self._progress = progress
+        self._stop = stop
+        self._began = time.monotonic()
+        self._tested = {
+            name: _Tested(device, _described(device), tests) for name, device in lab.devices.items()
+        }
+        self._run = results.Run(
+            lab=lab.name,
+            lab_file=str(lab.path),
+            lab_file_sha256=_sha256(lab.path.read_bytes()),
+            suite=str(options.suite) if not options.only else f"only {', '.join(options.only)}",
+            started=datetime.now(UTC).isoformat(timespec="seconds"),
+            machine=_machine(),
+        )
+
+    def run(self) -> results.Run:
+        """Start the conductor, judge what it records, and return what was found."""
+        self._keep()
+        order = RunOrder(
+            tuple(_order(device, self._options) for device in self._lab.devices.values()),
+            self._options.out,
+            self._options.suite.thorough,
+            self._lab.settings.features,
+        )
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(target=conduct, args=(order, theirs), name="bench conductor")
+        process.start()
+        theirs.close()
+        ended_by = "the conductor's process died"
+        try:
+            ended_by = self._follow(process, ours)
+        finally:
+            ours.close()
+            process.join(END_TIMEOUT)
+            if process.is_alive():
+                logger.error("the conductor did not end, and is killed")
+                process.kill()
+                process.join()
+            if ended_by and not self._stop.is_set():
+                self._power_off()
+        for tested in self._tested.values():
+            for test in tested.tests:
+                if test.id not in tested.done:
+                    why = tested.stopped or tested.device.trouble or ended_by or "not carried out"
+                    verdict = Verdict.INCONCLUSIVE if tested.device.trouble else Verdict.SKIPPED
+                    self._record(tested, _untested(test, verdict, why))
+        self._run = self._run.model_copy(update={"complete": not ended_by, "ended_by": ended_by})
+        self._keep()
+        return self._run
+
+    def _follow(self, process: BaseProcess, pipe: Connection) -> str:
+        """Answer the conductor until it ends; return why that was too early, or nothing."""
+        asked = False
+        while True:
+            if self._stop.is_set() and not asked:
+                asked = True
+                assert process.pid is not None
+                ask_to_stop(process.pid)
+            try:
+                if not pipe.poll(POLL_PERIOD):
+                    continue
+                message = pipe.recv()
+            except (EOFError, OSError):
+                process.join(END_TIMEOUT)
+                if asked:
+                    return "stopped by the operator"
+                return "" if process.exitcode == 0 else "the conductor's process died"
+            match message:
+                case Reached():
+                    pipe.send(self._reached(message))
+                case Began():
+                    for test in self._judging(message.device, message.acquisition):
+                        self._progress(message.device, test.id, None, test.name)
+                case Acquired():
+                    pipe.send(self._acquired(message))
+            self._keep()
+
+    # ------------------------------------------------------------------------------- what it answers
+
+    def _reached(self, message: Reached) -> tuple[str, ...]:
+        """Note what a device is, skip what it cannot do, and return the acquisitions that are wanted."""
+        tested = self._tested[message.device]
+        about = message.about
+        if about is None:
+            tested.device = tested.device.model_copy(update={"trouble": message.trouble})
+            self._progress(message.device, "", Verdict.INCONCLUSIVE, message.trouble)
+            return ()
+        tested.about = about
+        tested.device = tested.device.model_copy(
+            update={"address": about.name, "firmware": dict(about.readings)}
+        )
+        wanted: list[str] = []
+        for test in tested.tests:
+            why = lacking(test, about, self._lab, tested.lab, self._options)
+            if why:
+                self._record(tested, _untested(test, Verdict.SKIPPED, why))
+            elif test.acquisition.name not in wanted:
+                wanted.append(test.acquisition.name)
+        tested.wanted = tuple(wanted)
+        return tested.wanted
+
+    def _acquired(self, message: Acquired) -> bool:
+        """Judge a recording; return whether the device is used any further."""
+        tested = self._tested[message.device]
+        assert tested.about is not None
+        subject = Subject.of(tested.about, message.lateness, self._lab.settings.bounds)
+        self._keep_subject(message.recording, subject)
+        guarded = ""
+        judge = Judge(message.recording, subject, message.trouble)
+        for test in self._judging(message.device, message.acquisition):
+            findings = judge.findings(test)
+            stored = results.test_of(
+                test,
+                findings,
+                message.seconds,
+                str(message.recording.relative_to(self._options.out)),
+            )
+            self._record(tested, stored)
+            if test.guards and stored.verdict is Verdict.FAIL:
+                guarded = f"no more motion after {test.id} failed: {stored.reason}"
+        if message.tripped or message.broken:
+            guarded = guarded or f"no more motion after {message.acquisition}: {message.trouble}"
+        if message.tripped:
+            self._power_off_of(tested)
+        tested.stopped = guarded
+        return not guarded
+
+    def _judging(self, device: str, acquisition: str) -> tuple[BenchTest, ...]:
+        tested = self._tested[device]
+        found = [test for test in tested.tests if test.acquisition.name == acquisition]
+        return tuple(test for test in found if test.id not in tested.done)
+
+    def _record(self, tested: _Tested, test: results.Result) -> None:
+        tested.done[test.id] = test
+        self._progress(tested.lab.name, test.id, test.verdict, test.reason)
+
+    # ----------------------------------------------------------------------------------- what is kept
+
+    def _keep_subject(self, recording: Path, subject: Subject) -> None:
+        """Keep beside a recording what its analysis knows."""
+        try:
+            _subject_of(recording).write_text(subject.as_json(), "utf-8")
+        except OSError as error:
+            logger.error("%s: cannot be written: %s", recording.name, error.strerror)
+
+    def _keep(self) -> None:
+        """Write what there is so far; a full disk is told, and ends nothing that holds an arm."""
+        devices = []
+        for tested in self._tested.values():
+            in_order = [tested.done[test.id] for test in tested.tests if test.id in tested.done]
+            tested.device = tested.device.model_copy(update={"tests": tuple(in_order)})
+            devices.append(tested.device)
+        seconds = round(time.monotonic() - self._began, 1)
+        self._run = self._run.model_copy(update={"devices": tuple(devices), "seconds": seconds})
+        try:
+            results.write_run(self._run, self._options.out)
+        except OSError as error:
+            logger.error("%s: cannot be written: %s", self._options.out, error.strerror)
+
+    def _power_off(self) -> None:
+        for tested in self._tested.values():
+            if tested.about is not None:
+                self._power_off_of(tested)
+
+    def _power_off_of(self, tested: _Tested) -> None:
+        command = tested.lab.entry.power_off
+        if not command or tested.lab.sim:
+            return
+        logger.error("%s: its power is taken away: %s", tested.lab.name, " ".join(command))
+        try:
+            subprocess.run(command, check=True, timeout=10.0, cwd=self._lab.path.parent)
+        except (OSError, subprocess.SubprocessError) as error:
+            logger.error("%s: power_off: %s", tested.lab.name, error)
+
+
+class Judge:
+    """Judges one recording by several tests; whatever goes wrong in that is told as a doubt.
+
+    Args:
+        recording: its file.
+        subject: what is known beside it.
+        trouble: why the acquisition was not carried out to its end.
+    """
+
+    def __init__(self, recording: Path, subject: Subject, trouble: str = "") -> None:
+        self._subject = subject
+        self._trouble = trouble
+        self._trace: Trace | None = None
+        try:
+            self._trace = Trace.of(read_recording(recording))
+        except LookupError as error:
+            self._trouble = trouble or f"there is no recording: {error}"
+
+    def findings(self, test: BenchTest) -> Findings:
+        """Return what a test finds."""
+        if self._trouble or self._trace is None:
+            return Findings(doubts=(self._trouble,))
+        try:
+            return test.analyse(self._trace, self._subject)
+        except LookupError as error:
+            return Findings(doubts=(f"the recording lacks something: {error}",))
+        except Exception as error:
+            logger.exception("%s", test.id)
+            return Findings(doubts=(f"the test itself broke: {type(error).__name__}: {error}",))
+
+
+def judged_again(folder: Path, lab_file: Path | None) -> results.Run:
+    """Judge the recordings of a run anew; nothing is written.
+
+    Args:
+        folder: of the run.
+        lab_file: whose bounds are taken; that of the run if None, and none if that is gone.
+
+    Raises:
+        ConfigError: it is no run, or the lab file cannot be used.
+    """
+    run = results.read_run(folder)
+    path = lab_file or Path(run.lab_file)
+    bounds = load_lab(path, sim=True).settings.bounds if lab_file or path.is_file() else {}
+    known = {test.id: test for test in TESTS}
+    devices = []
+    for device in run.devices:
+        tests = []
+        judges: dict[str, Judge | None] = {}
+        for stored in device.tests:
+            test, judge = known.get(stored.id), None
+            if stored.recording:
+                if stored.recording not in judges:
+                    judges[stored.recording] = _judge(folder / stored.recording, bounds)
+                judge = judges[stored.recording]
+            if test is not None and judge is not None:
+                findings = judge.findings(test)
+                stored = results.test_of(test, findings, stored.seconds, stored.recording)
+            tests.append(stored)
+        devices.append(device.model_copy(update={"tests": tuple(tests)}))
+    return run.model_copy(update={"devices": tuple(devices)})
+
+
+def _untested(test: BenchTest, verdict: Verdict, why: str) -> results.Result:
+    return results.Result(
+        id=test.id,
+        name=test.name,
+        group=test.group,
+        acquisition=test.acquisition.name,
+        verdict=verdict,
+        reason=why,
+    )
+
+
+def _subject_of(recording: Path) -> Path:
+    return recording.with_suffix(".json")
+
+
+def _judge(recording: Path, bounds: Mapping[str, BoundEntry]) -> Judge | None:
+    """Return who judges a recording anew; None if what its analysis knew was not kept."""
+    try:
+        text = _subject_of(recording).read_text("utf-8")
+        return Judge(recording, Subject.from_json(text, bounds))
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _described(device: LabDevice) -> results.DeviceResult:
+    return results.DeviceResult(
+        name=device.name,
+        plugin=device.plugin.name,
+        address=device.address,
+        simulated=device.sim,
+        configuration_sha256=_sha256(json.dumps(dict(device.values), sort_keys=True).encode()),
+    )
+
+
+def _order(device: LabDevice, options: BenchOptions) -> DeviceOrder:
+    return DeviceOrder(
+        device.name,
+        device.plugin.name,
+        device.values,
+        device.sim,
+        device.sim_options,
+        device.entry.space,
+    )
+
+
+def _machine() -> dict[str, str]:
+    """Return what the results may depend on, of the machine that runs the bench."""
+    return {
+        "crtk-drivers": version("crtk-drivers"),
+        "python": platform.python_version(),
+        "kernel": platform.release(),
+        "machine": platform.machine(),
+        "cores": str(os.cpu_count()),
+        "load": " ".join(f"{value:.2f}" for value in os.getloadavg()),
+        "clock": _first_line("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
+    }
+
+
+def _first_line(path: str) -> str:
+    try:
+        return Path(path).read_text().strip().partition("\n")[0]
+    except OSError:
+        return ""
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True)
+        (folder / "data").mkdir()
+    except FileExistsError as error:
+        raise ConfigError(
+            "is there already",
+            where=str(folder),
+            remedy="Give another --out: nothing is overwritten.",
+        ) from error
+    except OSError as error:
+        raise ConfigError(f"cannot be made: {error.strerror}", where=str(folder)) from error
+
+
+def _locks(lab: Lab) -> Iterator[tuple[str, str]]:
+    """Yield what a run has for itself: the lab file, and each device that is real."""
+    yield f"lab {lab.path.resolve()}", lab.name
+    for device in lab.devices.values():
+        if device.address:
+            yield f"device {device.plugin.name} {device.address}", device.name
+
+
+@contextmanager
+def _locked(name: str, told: str) -> Iterator[None]:
+    """Hold a lock that ends with this process.
+
+    Raises:
+        ConfigError: another process holds it.
+    """
+    path = Path(tempfile.gettempdir()) / f"crtk-bench-{_sha256(name.encode())[:16]}.lock"
+    with path.open("a+") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            file.seek(0)
+            owner = file.read().strip() or "of which nothing is known"
+            raise ConfigError(
+                f"{told} is being tested by process {owner}",
+                where=name.partition(" ")[2],
+                remedy="Wait for it to end, or stop it.",
+            ) from error
+        file.truncate(0)
+        file.write(str(os.getpid()))
+        file.flush()
+        yield

@@ -1,0 +1,320 @@
+"""At rest: do samples come as declared, with true stamps, and how noisy are they."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from crtk_drivers.labs.bench.bed import Bed
+from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
+from crtk_drivers.labs.bench.signals import largest_line, noise, resolution, slope
+from crtk_drivers.labs.bench.trace import Trace
+from crtk_drivers.labs.verdicts.estimates import exact, in_percent, quantile, share, within
+from crtk_drivers.labs.verdicts.judging import (
+    Bound,
+    Comparison,
+    Findings,
+    Measurement,
+    Plot,
+    Quantity,
+    Series,
+    Worse,
+)
+from crtk_drivers.samples import Vector
+
+__all__ = ["TESTS"]
+
+REST: Final = 3.0
+"""Seconds of the quick suite."""
+
+SAMPLES: Final = 800
+"""That are taken at the least: of fewer, nothing can be said of half a per cent."""
+
+LONGEST: Final = 10.0
+"""Seconds after which the quick suite goes on all the same."""
+
+STREAMS: Final = ("measured_js", "measured_cf", "measured_cp", "measured_cv")
+
+BUSY: Final = 2e-3
+"""Seconds by which the bench's own timer may be late, where a quarter of a period is less."""
+
+MAINS: Final = (50.0, 60.0)
+
+
+def _rest(bed: Bed) -> None:
+    slow = min(LONGEST, SAMPLES / bed.about.capabilities.rate)
+    bed.rest(max(REST, slow) * bed.thorough)
+
+
+AT_REST: Final = Acquisition(
+    "rest", "Reads, and does nothing else.", Safety.READ, _rest, suite=Suite.REST, seconds=REST
+)
+
+RATE = Quantity(
+    "sampling.rate.error", "rate against declared", "%", Comparison.WITHIN, Worse.EITHER, 0.3
+)
+LOSS = Quantity("sampling.rate.gaps", "share of lost cycles", "%", Comparison.AT_MOST, guard=0.1)
+JITTER = Quantity(
+    "sampling.jitter.p99",
+    "p99 of the period's error",
+    "% of a period",
+    Comparison.AT_MOST,
+    guard=5.0,
+)
+LATE = Quantity(
+    "sampling.jitter.late", "periods over twice the declared", "%", Comparison.AT_MOST, guard=0.2
+)
+ORDER = Quantity("sampling.stamps.order", "stamps that do not increase", "", Comparison.AT_MOST)
+FUTURE = Quantity("sampling.stamps.future", "stamps in the future", "", Comparison.AT_MOST)
+CLOCK = Quantity(
+    "sampling.stamps.slope",
+    "device's clock against host's",
+    "ppm",
+    Comparison.WITHIN,
+    Worse.EITHER,
+    100.0,
+)
+TOGETHER = Quantity(
+    "sampling.stamps.together",
+    "poses and wrenches with the stamp of the joints",
+    "%",
+    Comparison.AT_LEAST,
+    Worse.LOWER,
+)
+AGE = Quantity("sampling.age.p99", "p99 of the age on arrival", "ms", Comparison.AT_MOST, guard=1.0)
+SIGMA = Quantity("joints.noise.sigma", "noise at rest", "mrad or mm", Comparison.TOLD, guard=0.02)
+DRIFT = Quantity(
+    "joints.noise.drift", "drift at rest", "mrad or mm a minute", Comparison.AT_MOST, guard=0.5
+)
+FORCE_SIGMA = Quantity(
+    "force.noise.sigma", "noise of the greatest force", "N", Comparison.TOLD, guard=0.02
+)
+TORQUE_SIGMA = Quantity(
+    "force.noise.torque", "noise of the greatest torque", "N·m", Comparison.TOLD, guard=0.002
+)
+FORCE_LINE = Quantity(
+    "force.noise.mains", "line of the mains over the floor", "", Comparison.AT_MOST, guard=1.0
+)
+FORCE_DRIFT = Quantity(
+    "force.noise.drift", "drift of a force", "N a minute", Comparison.TOLD, guard=0.5
+)
+
+
+def _main_stream(trace: Trace) -> tuple[Vector, Vector]:
+    """Return arrival and stamp of what the device measures first of all."""
+    for topic in STREAMS:
+        track = trace.joint_states(topic)
+        if track.at.size:
+            return track.at, track.stamp
+    return np.empty(0), np.empty(0)
+
+
+def _rate(trace: Trace, subject: Subject) -> Findings:
+    _, stamp = _main_stream(trace)
+    fresh = stamp[np.isfinite(stamp)]
+    if fresh.size < 10:
+        return Findings(doubts=(f"{fresh.size} valid samples in {REST:g} s",))
+    made = np.unique(fresh)
+    period = subject.period
+    span = made[-1] - made[0]
+    rate = (made.size - 1) / span
+    error = 100.0 * (rate * period - 1.0)
+    doubt = 100.0 * period / span
+    missing = np.maximum(0.0, np.round(np.diff(made) / period) - 1.0).sum()
+    lost = share(int(missing), int(made.size + missing))
+    return Findings(
+        (
+            subject.measured(RATE, within(error, doubt, made.size), Bound(1.0, "default", -1.0)),
+            subject.measured(LOSS, in_percent(lost), Bound(0.5, "default")),
+        ),
+        doubts=subject.too_busy(max(0.25 * subject.period, BUSY)),
+    )
+
+
+def _jitter(trace: Trace, subject: Subject) -> Findings:
+    _, stamp = _main_stream(trace)
+    made = np.unique(stamp[np.isfinite(stamp)])
+    if made.size < 100:
+        return Findings(doubts=(f"{made.size} valid samples",))
+    period = subject.period
+    steps = np.diff(made)
+    errors = np.abs(steps - period) / period
+    late = share(int((steps > 2.0 * period).sum()), steps.size)
+    return Findings(
+        (
+            subject.measured(JITTER, in_percent(quantile(errors, 0.99)), Bound(25.0, "default")),
+            subject.measured(LATE, in_percent(late), Bound(0.5, "default")),
+        ),
+        doubts=subject.too_busy(max(0.25 * subject.period, BUSY)),
+        plots=(
+            Plot(
+                "Time between two samples",
+                "time, s",
+                "ms",
+                (Series("", tuple(made[1:] - made[0]), tuple(1e3 * steps)),),
+            ),
+        ),
+    )
+
+
+def _stamps(trace: Trace, subject: Subject) -> Findings:
+    at, stamp = _main_stream(trace)
+    valid = np.isfinite(stamp)
+    at, stamp = at[valid], stamp[valid]
+    if stamp.size < 10:
+        return Findings(doubts=(f"{stamp.size} valid samples",))
+    backwards = int((np.diff(stamp) < 0.0).sum())
+    future = int((stamp > at + 1e-4).sum())
+    ppm = 1e6 * (slope(at, stamp) - 1.0)
+    # A line through n stamps with this jitter has its slope no better than that.
+    spread = float(np.std(at - stamp))
+    doubt = 2e6 * spread * np.sqrt(12.0 / at.size) / max(at[-1] - at[0], 1e-3)
+    found: list[Measurement] = [
+        subject.measured(
+            ORDER, exact(backwards, stamp.size), Bound(0.0, "CRTK: time of measurement")
+        ),
+        subject.measured(
+            FUTURE, exact(future, stamp.size), Bound(0.0, "CRTK: time of measurement")
+        ),
+        subject.measured(
+            CLOCK,
+            within(ppm, float(doubt), stamp.size),
+            Bound(500.0, "largest slew of NTP", -500.0),
+        ),
+    ]
+    joints = {row[2] for row in trace.rows.get("measured_js", ())}
+    others = [
+        row[2]
+        for topic in ("measured_cp", "measured_cv")
+        for row in trace.rows.get(topic, ())
+        if row[2]
+    ]
+    if joints and others:
+        hits = sum(made in joints for made in others)
+        found.append(
+            subject.measured(
+                TOGETHER,
+                in_percent(exact(hits / len(others), len(others))),
+                Bound(100.0, "CRTK: what is derived has the stamp of its source"),
+            )
+        )
+    return Findings(tuple(found))
+
+
+def _age(trace: Trace, subject: Subject) -> Findings:
+    at, stamp = _main_stream(trace)
+    valid = np.isfinite(stamp)
+    ages = 1e3 * (at[valid] - stamp[valid])
+    if ages.size < 20:
+        return Findings(doubts=(f"{ages.size} valid samples",))
+    bound = Bound(2e3 * subject.period + 2.0, "two periods and 2 ms")
+    return Findings(
+        (subject.measured(AGE, quantile(ages, 0.99), bound),),
+        doubts=subject.too_busy(max(0.25 * subject.period, BUSY)),
+        plots=(
+            Plot("Age on arrival", "time, s", "ms", (Series("", tuple(at[valid]), tuple(ages)),)),
+        ),
+    )
+
+
+def _noise(trace: Trace, subject: Subject) -> Findings:
+    joints = trace.joints
+    if joints.at.size < 20:
+        return Findings(doubts=(f"{joints.at.size} samples",))
+    steps = resolution(joints.position)
+    sigma = noise(joints.position)
+    seconds = joints.at[-1] - joints.at[0]
+    drifts = [abs(slope(joints.at, column)) * 60.0 for column in joints.position.T]
+    # The slope of noise alone, which a line of this length finds.
+    doubts = 2.0 * sigma * np.sqrt(12.0 / joints.at.size) / seconds * 60.0
+    worst = int(np.argmax(drifts))
+    name = subject.joints[worst]
+    allowed = 1e3 * max(2.0 * float(steps[worst]), 3.0 * float(sigma[worst]), 1e-4) * 60.0 / seconds
+    return Findings(
+        (
+            subject.measured(SIGMA, exact(1e3 * float(sigma.max()), joints.at.size)),
+            subject.measured(
+                DRIFT,
+                within(1e3 * drifts[worst], 1e3 * float(doubts[worst]), joints.at.size),
+                Bound(allowed, "three times the noise, or two steps, over the time"),
+                part=name,
+            ),
+        ),
+        plots=(
+            Plot(
+                "Positions at rest, from their mean",
+                "time, s",
+                "mrad or mm",
+                tuple(
+                    Series(label, tuple(joints.at), tuple(1e3 * (column - column.mean())))
+                    for label, column in zip(subject.joints, joints.position.T, strict=True)
+                ),
+            ),
+        ),
+    )
+
+
+def _force(trace: Trace, subject: Subject) -> Findings:
+    track = trace.vectors("measured_cf")
+    if track.at.size < 50:
+        return Findings(doubts=(f"{track.at.size} samples",))
+    sigma = noise(track.values)
+    worst = int(np.argmax(sigma[:3]))
+    rate = (track.at.size - 1) / (track.at[-1] - track.at[0])
+    found = [
+        subject.measured(FORCE_SIGMA, exact(float(sigma[:3].max()), track.at.size)),
+        subject.measured(TORQUE_SIGMA, exact(float(sigma[3:].max()), track.at.size)),
+        subject.measured(
+            FORCE_DRIFT,
+            exact(
+                60.0 * max(abs(slope(track.at, column)) for column in track.values.T[:3]),
+                track.at.size,
+            ),
+        ),
+    ]
+    if rate > 2.2 * max(MAINS):
+        frequency, amplitude, floor = largest_line(track.values[:, worst], rate, above=5.0)
+        is_mains = any(abs(frequency - line) < 1.0 for line in MAINS)
+        ratio = amplitude / floor if is_mains and floor > 0.0 else 0.0
+        found.append(
+            subject.measured(
+                FORCE_LINE,
+                exact(ratio, track.at.size),
+                Bound(6.0, "six times the floor of the spectrum"),
+            )
+        )
+    return Findings(
+        tuple(found),
+        plots=(
+            Plot(
+                "Forces at rest",
+                "time, s",
+                "N",
+                tuple(
+                    Series(axis, tuple(track.at), tuple(column))
+                    for axis, column in zip("xyz", track.values.T[:3], strict=True)
+                ),
+            ),
+        ),
+    )
+
+
+TESTS: Final = (
+    BenchTest("T1", "rate and loss", "sampling", AT_REST, _rate, (RATE, LOSS)),
+    BenchTest("T2", "jitter", "sampling", AT_REST, _jitter, (JITTER, LATE)),
+    BenchTest(
+        "T3", "stamps and clock", "sampling", AT_REST, _stamps, (ORDER, FUTURE, CLOCK, TOGETHER)
+    ),
+    BenchTest("T4", "age", "sampling", AT_REST, _age, (AGE,)),
+    BenchTest("J1", "noise and drift", "joints", AT_REST, _noise, (SIGMA, DRIFT), ("measured_js",)),
+    BenchTest(
+        "F1",
+        "noise, lines and drift of forces",
+        "force",
+        AT_REST,
+        _force,
+        (FORCE_SIGMA, TORQUE_SIGMA, FORCE_LINE, FORCE_DRIFT),
+        ("measured_cf",),
+    ),
+)

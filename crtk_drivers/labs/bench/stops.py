@@ -1,0 +1,222 @@
+"""Stops: how long, and how far, until it stands, whoever asks for that or falls silent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from crtk_drivers.labs.bench.bed import SMALL_SPEED, Bed
+from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject
+from crtk_drivers.labs.bench.signals import resolution, rest_time
+from crtk_drivers.labs.bench.trace import Trace
+from crtk_drivers.labs.verdicts.estimates import exact, within
+from crtk_drivers.labs.verdicts.judging import (
+    Bound,
+    Comparison,
+    Findings,
+    Plot,
+    Quantity,
+    Series,
+)
+from crtk_drivers.samples import Array, JointState, Vector, vector
+
+__all__ = ["TESTS"]
+
+RUN: Final = 0.5
+"""Seconds of motion before the stop."""
+
+AFTER: Final = 1.0
+
+BEHIND: Final = 1.2
+"""Share of the way that is asked for, in which a ramp begins: it is not there at once."""
+
+BUSY: Final = 5e-3
+"""Seconds by which the bench's own timer, which paces what it sends, may be late."""
+
+ENDINGS: Final = ("hold", "silence", "disable")
+
+TIME = {
+    kind: Quantity(
+        f"stop.{kind}.time", f"time to stand after {kind}", "s", Comparison.AT_MOST, guard=0.01
+    )
+    for kind in ENDINGS
+}
+WAY = {
+    kind: Quantity(
+        f"stop.{kind}.distance", f"way after {kind}", "mrad or mm", Comparison.AT_MOST, guard=1.0
+    )
+    for kind in ENDINGS
+}
+RETURN = {
+    kind: Quantity(
+        f"stop.{kind}.back", f"way back after {kind}", "mrad or mm", Comparison.AT_MOST, guard=1.0
+    )
+    for kind in ENDINGS
+}
+
+
+def _speeds(bed: Bed, reach: Vector) -> Vector:
+    """Return the speed of each joint (n,): a small share of its limit, and within its reach."""
+    limits = np.array([limit.velocity for limit in bed.about.capabilities.limits])
+    return vector(np.minimum(SMALL_SPEED * limits, reach / (BEHIND * RUN)))
+
+
+def _ramp(home: Vector, speed: Vector, begin: float, t: float) -> JointState:
+    """Return where a ramp is that gets to its speed in `begin` s."""
+    done = t - 0.5 * begin if t > begin else 0.5 * t * t / begin
+    return JointState(position=home + speed * done)
+
+
+def _stopping(kind: str) -> Acquisition:
+    def run(bed: Bed) -> None:
+        bed.enable()
+        home = bed.setpoint
+        reach = bed.reach(0.8)
+        limits = bed.about.capabilities.limits
+        upper = np.array([limit.upper for limit in limits])
+        # Upwards where there is room for that.
+        direction = np.where(upper - home > reach, 1.0, -1.0)
+        speed = vector(direction * _speeds(bed, reach))
+        bed.stream("servo_jp", lambda t: _ramp(home, speed, 0.2, t), RUN)
+        if kind == "hold":
+            bed.submit("hold")
+        elif kind == "disable":
+            bed.disable()
+        bed.mark("asked")
+        bed.rest(bed.about.silence + AFTER)
+        bed.mark("end")
+        bed.note(speed=speed.tolist(), state=str(bed.state))
+        if kind == "disable":
+            bed.enable()
+        bed.move_to(home)
+        bed.disable()
+
+    says = {
+        "hold": "Sends hold in a stream of all joints.",
+        "silence": "Ends a stream of all joints without a word.",
+        "disable": "Sends disable in a stream of all joints.",
+    }
+    needs = ("servo_jp", "move_jp", "hold", "measured_js")
+    return Acquisition(kind, says[kind], Safety.SMALL, run, needs, seconds=4.0)
+
+
+def _asked(trace: Trace, kind: str) -> float:
+    """Return when the device was asked to stop, on the axis of the recording."""
+    stream = trace.commands("servo_jp")
+    last = stream[-1][0]
+    if kind == "silence":
+        return last
+    if kind == "hold":
+        return trace.commands("hold")[-1][0]
+    # The state leaves ENABLED when it is done; it was asked for right after the last command.
+    return last
+
+
+def _analysis(kind: str) -> Callable[[Trace, Subject], Findings]:
+    def analyse(trace: Trace, subject: Subject) -> Findings:
+        joints = trace.joints
+        asked, end = _asked(trace, kind), trace.mark("end")
+        part = joints.between(asked - RUN, end)
+        speed = np.abs(np.asarray(trace.notes["speed"]))
+        if part.at.size < 20:
+            return Findings(doubts=(f"{part.at.size} samples",))
+        steps = resolution(joints.position)
+        tolerance = np.maximum.reduce([2.0 * steps, 0.01 * speed, np.full(speed.size, 1e-4)])
+        column = int(np.argmax(speed / tolerance))
+        moved = np.abs(part.position[-1] - part.position[0])[column]
+        if moved < 10.0 * tolerance[column]:
+            return Findings(doubts=("it hardly moved",))
+        at_asked = _at(part.at, part.position, asked)
+        time_to_rest = rest_time(part.at, part.position, asked, tolerance)
+        way = np.abs(part.position[-1] - at_asked)
+        back = _way_back(part.at, part.position, asked)
+        limits = subject.limits
+        deceleration = np.array([limit.acceleration for limit in limits])
+        silent = subject.silence if kind == "silence" else 0.0
+        declared = subject.stop_time
+        reaction = silent + 2.0 * subject.period + subject.lag
+        seconds = reaction + float((speed / deceleration).max())
+        source = "two periods, the declared lag and the time that its acceleration takes"
+        if kind == "disable":
+            seconds, source = max(seconds, declared), "the time in which it declares to stand"
+        ways = (
+            speed * (reaction + 2.0 * subject.period) + speed**2 / (2.0 * deceleration) + tolerance
+        )
+        worst = int(np.argmax(way / ways))
+        name = subject.joints[worst]
+        return Findings(
+            doubts=(*subject.too_busy(max(0.25 * seconds, BUSY)), *subject.gaps(part.stamp)),
+            measurements=(
+                subject.measured(
+                    TIME[kind],
+                    within(time_to_rest, subject.period, part.at.size),
+                    Bound(seconds + subject.period, f"{'the silence, ' if silent else ''}{source}"),
+                ),
+                subject.measured(
+                    WAY[kind],
+                    exact(1e3 * float(way[worst])),
+                    Bound(1e3 * float(ways[worst]), "the way in that time at that speed"),
+                    part=name,
+                ),
+                subject.measured(
+                    RETURN[kind],
+                    exact(1e3 * float((back / np.maximum(ways, 1e-9)).max() * ways[worst])),
+                    Bound(
+                        1e3 * float(max(0.3 * ways[worst], tolerance[worst])),
+                        "three tenths of that way",
+                    ),
+                    part=name,
+                ),
+            ),
+            plots=(
+                Plot(
+                    f"The stop after {kind}",
+                    "time since then, s",
+                    "mrad or mm",
+                    tuple(
+                        Series(label, tuple(part.at - asked), tuple(1e3 * (values - values[0])))
+                        for label, values in zip(subject.joints, part.position.T, strict=True)
+                    ),
+                ),
+            ),
+        )
+
+    return analyse
+
+
+def _at(at: Vector, position: Array, when: float) -> Array:
+    """Return the position (n,) at a time, between two samples."""
+    return np.array([np.interp(when, at, column) for column in position.T])
+
+
+def _way_back(at: Vector, position: Array, since: float) -> Array:
+    """Return how far each joint (n,) came back after its furthest point."""
+    after = position[at >= since]
+    found: Array = np.maximum(
+        np.abs(np.max(after, axis=0) - after[-1]) * (after[-1] > position[0]),
+        np.abs(np.min(after, axis=0) - after[-1]) * (after[-1] < position[0]),
+    )
+    return found
+
+
+_NAMES: Final = {
+    "hold": ("S1", "hold"),
+    "silence": ("S2", "silence"),
+    "disable": ("S1b", "disable in motion"),
+}
+
+
+TESTS: Final = tuple(
+    BenchTest(
+        _NAMES[kind][0],
+        _NAMES[kind][1],
+        "stop",
+        _stopping(kind),
+        _analysis(kind),
+        (TIME[kind], WAY[kind], RETURN[kind]),
+        guards=kind == "hold",
+    )
+    for kind in ENDINGS
+)

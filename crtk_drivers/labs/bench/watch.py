@@ -1,0 +1,157 @@
+"""The watch over a device under test: it looks fifty times a second, and stops what goes wrong.
+
+It is no safety system: it is Python on the machine that runs the bench.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+import numpy as np
+
+from crtk_drivers.config import BoxConfig
+from crtk_drivers.errors import CrtkError
+from crtk_drivers.labs.bench.calls import About, Glance
+from crtk_drivers.labs.bench.door import Door
+from crtk_drivers.samples import JointState, Pose
+from crtk_drivers.state import OperatingState
+from crtk_drivers.status.stop_request import StopRequest
+
+__all__ = ["Watch", "judged"]
+
+PERIOD: Final = 0.02
+
+BEYOND: Final = 0.1
+"""Share of a range by which a joint may be outside of it, and of a speed limit."""
+
+OVERSPEED: Final = 1.5
+"""Times its velocity limit that a joint may be measured at: what is measured is noisier than what moves."""
+
+OLDEST: Final = 0.5
+"""Seconds: a device whose newest sample is older is stopped."""
+
+HOLD_TIME: Final = 0.5
+"""Seconds between hold and disable."""
+
+logger = logging.getLogger(__name__)
+
+
+def judged(glance: Glance, about: About, box: BoxConfig | None) -> str:
+    """Return what is wrong with a device that is moved, as it is seen at one moment; empty if nothing is."""
+    if glance.status.state is OperatingState.FAULT:
+        return f"FAULT: {glance.status.cause}"
+    if glance.status.state is not OperatingState.ENABLED:
+        return ""
+    if glance.age > OLDEST:
+        return f"its newest sample is {glance.age:.2f} s old"
+    found, _ = glance.values.get("measured_js", (None, None))
+    if isinstance(found, JointState) and found.position.size:
+        wrong = _judged_joints(found, about)
+        if wrong:
+            return wrong
+    pose, _ = glance.values.get("measured_cp", (None, None))
+    if box is not None and isinstance(pose, Pose):
+        lower, upper = np.array(box.lower), np.array(box.upper)
+        room = BEYOND * (upper - lower)
+        if (pose.position < lower - room).any() or (pose.position > upper + room).any():
+            at = ", ".join(f"{value:.3f}" for value in pose.position)
+            return f"its tool is at {at} m, outside of its space"
+    return ""
+
+
+def _judged_joints(found: JointState, about: About) -> str:
+    capabilities = about.capabilities
+    for index, (name, limit) in enumerate(
+        zip(capabilities.joints, capabilities.limits, strict=True)
+    ):
+        room = BEYOND * (limit.upper - limit.lower)
+        at = found.position[index]
+        if not limit.lower - room <= at <= limit.upper + room:
+            return f"{name} is at {at:.3f}, outside of {limit.lower:g} to {limit.upper:g}"
+        if found.velocity.size and abs(found.velocity[index]) > OVERSPEED * limit.velocity:
+            return f"{name} moves at {found.velocity[index]:.2f}, its limit is {limit.velocity:g}"
+    return ""
+
+
+class Watch:
+    """Watches one device from a thread of its own, through a connection of its own.
+
+    Args:
+        door: to the device; closed by `close`.
+        about: the device.
+        box: for its tool.
+        stop: set when the run is to end.
+    """
+
+    def __init__(self, door: Door, about: About, box: BoxConfig | None, stop: StopRequest) -> None:
+        self.tripped = ""
+        """Why the device was stopped; empty while it was not."""
+        self.lateness: list[float] = []
+        """By how many seconds each look was late; of the machine that runs the bench."""
+        self._door = door
+        self._about = about
+        self._box = box
+        self._stop = stop
+        self._expected = 0
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="bench watch", daemon=True)
+
+    def start(self) -> None:
+        """Watch from now on."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread and the connection."""
+        self._ended.set()
+        if self._thread.is_alive():
+            self._thread.join(2.0)
+        self._door.close()
+
+    @contextmanager
+    def during(self, what: str) -> Iterator[None]:
+        """Within, nothing trips: `what` leads through states that would be unexpected otherwise."""
+        logger.debug("watch: %s", what)
+        self._expected += 1
+        try:
+            yield
+        finally:
+            self._expected -= 1
+
+    def trip(self, why: str) -> None:
+        """Hold the device, disable it, and say why. The first reason counts."""
+        if self.tripped:
+            return
+        self.tripped = why
+        logger.error("%s: stopped by the watch: %s", self._about.name, why)
+        for step in ("hold", "disable"):
+            try:
+                if step == "hold":
+                    self._door.call("hold")
+                    time.sleep(HOLD_TIME)
+                else:
+                    timeout = self._about.capabilities.transition_timeout
+                    self._door.call("state_command", "disable", timeout, within=timeout)
+            except CrtkError as error:
+                logger.error("%s: %s: %s", self._about.name, step, error)
+
+    def _run(self) -> None:
+        due = time.monotonic()
+        while not self._ended.wait(max(0.0, due - time.monotonic())):
+            self.lateness.append(max(0.0, time.monotonic() - due))
+            due = max(due + PERIOD, time.monotonic())
+            try:
+                glance: Glance = self._door.call("glance")
+            except CrtkError as error:
+                if not self._ended.is_set() and not self._expected:
+                    self.trip(str(error))
+                return
+            wrong = judged(glance, self._about, self._box)
+            if self._stop.is_set():
+                self.trip("the run was stopped")
+            if wrong and not self._expected and not self.tripped:
+                self.trip(wrong)

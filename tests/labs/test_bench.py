@@ -1,0 +1,282 @@
+"""The bench over devices that exist in memory: what it finds, keeps and refuses."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable
+from functools import partial
+from html import escape
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.bench import history, report
+from crtk_drivers.labs.bench.catalogue import TESTS, chosen
+from crtk_drivers.labs.bench.declared import Safety, Suite
+from crtk_drivers.labs.bench.results import Run, read_run, write_run
+from crtk_drivers.labs.bench.run import BenchOptions, judged_again, run_bench
+from crtk_drivers.labs.verdicts.judging import Verdict
+from crtk_drivers.status.stop_request import StopRequest
+
+GANTRY = '[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 500 }\n'
+
+Bench = Callable[..., Run]
+
+
+def carried_out(
+    folder: Path,
+    lab: str,
+    *only: str,
+    stop: StopRequest | None = None,
+    progress: Callable[..., None] = lambda *_: None,
+    out: str = "run",
+) -> Run:
+    path = folder / "lab.toml"
+    path.write_text(lab)
+    options = BenchOptions(Suite.QUICK, only, may_move=False, out=folder / "runs" / out)
+    return run_bench(load_lab(path), options, progress, stop or StopRequest())
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    return partial(carried_out, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of a run that passed."""
+    path = tmp_path_factory.mktemp("bench")
+    carried_out(path, GANTRY, "T3", "M1")
+    return path / "runs" / "run"
+
+
+@pytest.fixture
+def run(folder: Path) -> Run:
+    return read_run(folder)
+
+
+def test_ids_are_the_same_for_ever_and_each_is_there_once() -> None:
+    ids = [test.id for test in TESTS]
+    assert len(ids) == len(set(ids))
+    assert {"T1", "T2", "T3", "T4", "J1", "M1", "M2", "S1", "S2", "S8"} <= set(ids)
+    quantities = [quantity.id for test in TESTS for quantity in test.quantities]
+    assert len(quantities) == len(set(quantities))
+    for test in TESTS:
+        assert all(quantity.id.startswith(f"{test.group}.") for quantity in test.quantities), (
+            test.id
+        )
+    safeties = [test.acquisition.safety for test in TESTS]
+    assert safeties == sorted(safeties), "what reads comes before what moves"
+
+
+def test_a_suite_holds_those_before_it() -> None:
+    sizes = [len(chosen(suite)) for suite in Suite]
+    assert sizes == sorted(sizes)
+    assert all(test.acquisition.safety is Safety.READ for test in chosen(Suite.REST))
+    with pytest.raises(ConfigError, match="no test 'T99'"):
+        chosen(Suite.QUICK, ["T99"])
+
+
+def test_a_sound_device_passes_and_everything_is_kept(bench: Bench, tmp_path: Path) -> None:
+    told: list[tuple[str, str, Verdict | None]] = []
+    run = bench(GANTRY, "T3", "M1", progress=lambda *what: told.append(what[:3]))
+    assert {test.id: test.verdict for _, test in run.tests} == {"T3": "PASS", "M1": "PASS"}
+    assert run.complete
+    assert told == [
+        ("gantry", "T3", None),
+        ("gantry", "T3", Verdict.PASS),
+        ("gantry", "M1", None),
+        ("gantry", "M1", Verdict.PASS),
+    ]
+    folder = tmp_path / "runs" / "run"
+    assert read_run(folder) == run
+    for _, test in run.tests:
+        assert (folder / test.recording).stat().st_size > 1000
+        assert test.measurements
+        assert all(found.bound_from for found in test.measurements if found.bound is not None)
+
+
+def test_the_same_recording_is_judged_again_with_the_bounds_of_the_lab_file(
+    run: Run, folder: Path, tmp_path: Path
+) -> None:
+    (_, (_, first)) = run.tests
+    assert (first.id, first.verdict) == ("M1", Verdict.PASS)
+    lab = tmp_path / "strict.toml"
+    bound = '[bounds."staying.enable.moved"]\nvalue = -1.0\nbecause = "nothing is that still"\n'
+    lab.write_text(GANTRY + bound)
+    ((_, stamps), (_, again)) = judged_again(folder, lab).tests
+    assert stamps.verdict is Verdict.PASS
+    assert again.verdict is Verdict.FAIL
+    (found, _) = again.measurements
+    assert found.value == first.measurements[0].value
+    assert found.bound_from == "the lab file: nothing is that still"
+
+
+def test_what_a_device_does_not_offer_is_skipped_with_the_reason(bench: Bench) -> None:
+    run = bench('[devices.ft]\nplugin = "ati-netft"\nsim = true\n', "M1", "T3")
+    tests = {test.id: test for _, test in run.tests}
+    assert tests["T3"].verdict is Verdict.PASS
+    assert tests["M1"].verdict is Verdict.SKIPPED
+    assert tests["M1"].reason == "the device does not offer measured_js"
+
+
+def test_one_that_is_not_reached_is_open_and_the_others_go_on(bench: Bench) -> None:
+    gone = '[devices.gone]\nplugin = "ati-netft"\nsettings = { host = "127.0.0.254", open_timeout = 0.2 }\n'
+    run = bench(f"{gone}{GANTRY}", "T3")
+    verdicts = {device.name: device.verdict for device in run.devices}
+    assert verdicts == {"gone": Verdict.INCONCLUSIVE, "gantry": Verdict.PASS}
+    assert run.devices[0].trouble
+
+
+def test_one_bench_at_a_time(bench: Bench, tmp_path: Path) -> None:
+    def progress(device: str, test: str, verdict: Verdict | None, reason: str) -> None:
+        if verdict is None:
+            with pytest.raises(ConfigError, match=f"being tested by process {os.getpid()}"):
+                bench(GANTRY, "T3", out="second")
+
+    bench(GANTRY, "T3", progress=progress)
+    assert not (tmp_path / "runs" / "second").exists()
+    assert bench(GANTRY, "T3", out="third").complete, "the lock ends with the run"
+
+
+def test_nothing_is_overwritten(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "runs" / "run").mkdir(parents=True)
+    with pytest.raises(ConfigError, match="is there already"):
+        bench(GANTRY, "T3")
+
+
+def test_stopped_in_a_motion_it_holds_and_keeps_what_it_had(bench: Bench, tmp_path: Path) -> None:
+    stop = StopRequest()
+
+    def progress(device: str, test: str, verdict: Verdict | None, reason: str) -> None:
+        if test == "M2" and verdict is None:
+            stop.set()
+
+    run = bench(GANTRY, "T3", "M2", stop=stop, progress=progress)
+    assert not run.complete
+    assert run.ended_by == "stopped by the operator"
+    verdicts = {test.id: (test.verdict, test.reason) for _, test in run.tests}
+    assert verdicts["T3"][0] is Verdict.PASS
+    assert verdicts["M2"] == (Verdict.INCONCLUSIVE, "the run was stopped")
+    assert report.exit_code(run) == 4
+    log = (tmp_path / "runs" / "run" / "log.txt").read_text()
+    assert "stopped by the watch: the run was stopped" in log
+
+
+def test_when_the_conductor_dies_the_results_so_far_are_kept(bench: Bench) -> None:
+    def progress(device: str, test: str, verdict: Verdict | None, reason: str) -> None:
+        if test == "M2" and verdict is None:
+            (conductor,) = multiprocessing.active_children()
+            assert conductor.pid is not None
+            os.kill(conductor.pid, signal.SIGKILL)
+
+    run = bench(GANTRY, "T3", "M2", progress=progress)
+    assert (run.complete, run.ended_by) == (False, "the conductor's process died")
+    verdicts = {test.id: test.verdict for _, test in run.tests}
+    assert verdicts == {"T3": Verdict.PASS, "M2": Verdict.SKIPPED}
+
+
+def test_a_real_device_is_only_read_unless_it_is_allowed(tmp_path: Path) -> None:
+    from crtk_drivers.labs.bench.calls import About
+    from crtk_drivers.labs.bench.run import lacking
+    from crtk_drivers.testing.loopback import LoopbackDevice
+
+    def why(test_id: str, *, may_move: bool, more: str = "", top: str = "") -> str:
+        path = tmp_path / "lab.toml"
+        path.write_text(
+            f'{top}\n[devices.arm]\nplugin = "ur"\nsettings = {{ host = "192.168.1.9" }}\n{more}'
+        )
+        lab = load_lab(path)
+        device = lab.devices["arm"]
+        about = About(
+            name="arm",
+            plugin="ur",
+            capabilities=LoopbackDevice().capabilities,
+            commands=("servo_jp", "move_jp", "hold", "measured_js", "setpoint_js"),
+            silence=0.1,
+            sample_timeout=0.5,
+            stale_after=0.05,
+            max_step=0.05,
+            has_kinematics=True,
+            readings={"serial": "7"},
+            simulated=False,
+            pid=1,
+            version="",
+        )
+        options = BenchOptions(Suite.QUICK, (), may_move, tmp_path)
+        test = next(test for test in TESTS if test.id == test_id)
+        return lacking(test, about, lab, device, options)
+
+    space = "space = { speed = 0.2 }\n"
+    assert why("T3", may_move=False) == ""
+    assert "--may-move" in why("M1", may_move=False, more=space)
+    assert why("M1", may_move=True) == ""
+    assert "`space`" in why("M2", may_move=True)
+    assert why("M2", may_move=True, more=space) == ""
+    other = f'{space}identity = {{ serial = "8" }}\n'
+    assert why("M2", may_move=True, more=other) == (
+        "it is another device than the lab file says: serial is 7, not 8"
+    )
+    assert why("T3", may_move=True, more=other) == ""
+
+
+def test_results_of_a_newer_version_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text(json.dumps({"schema": "crtk_bench/99"}))
+    with pytest.raises(ConfigError, match=r"crtk_bench/99.*reads crtk_bench/1"):
+        read_run(tmp_path)
+    (tmp_path / "run.json").write_text("{")
+    with pytest.raises(ConfigError, match="is no run"):
+        read_run(tmp_path)
+
+
+def test_a_full_disk_leaves_the_old_results(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_run(run, tmp_path)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write_run(run.model_copy(update={"lab": "other"}), tmp_path)
+    assert read_run(tmp_path) == run
+
+
+def test_the_report_has_what_was_found_and_loads_nothing(run: Run) -> None:
+    page = report.html(run)
+    assert "<script" not in page
+    assert "src=" not in page
+    for _, test in run.tests:
+        assert test.name in page
+        for found in test.measurements:
+            assert escape(found.title) in page
+    suites = ElementTree.fromstring(report.junit(run).encode())
+    assert [suite.get("name") for suite in suites] == ["gantry", "bench"]
+
+
+def test_worse_than_it_was_is_told_once_there_are_enough_runs(run: Run, tmp_path: Path) -> None:
+    (found, *_) = next(test for _, test in run.tests).measurements
+    assert found.value is not None
+    usual = [found.value - 5.0 + 0.01 * index for index in range(5)]
+    assert history.worse(found, usual[:4]) == "", "four runs are too few"
+    assert "usually" in history.worse(found, usual)
+    assert history.worse(found, [found.value + 5.0] * 5) == "", "better is not worse"
+    key = ("gantry", *found.key)
+    compared = history.compared(
+        run, {key: [(str(index), value) for index, value in enumerate(usual)]}
+    )
+    assert next(test for _, test in compared.tests).measurements[0].regressed
+    assert report.exit_code(compared) == 0
+    assert report.exit_code(compared, regression_fails=True) == 1
+    assert "REGRESSED" in report.html(compared)
+    history.add_to_index(run, tmp_path, "one")
+    with (tmp_path / history.INDEX).open("a") as index:
+        index.write('{"half a li')
+    assert history.read_index(tmp_path, run.lab)[key] == [("one", found.value)]
