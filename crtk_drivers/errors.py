@@ -14,6 +14,7 @@
     ├── CommandRefused             your command was not accepted, and nothing was sent (also ValueError)
     ├── MotionAborted              an accepted motion ended before its goal
     ├── DataTimeout                no data as fresh as you asked for (also TimeoutError)
+    ├── RecordingError             a recording that cannot be written or read (also ValueError)
     └── KinematicsError            no joint position reaches the pose (also ValueError)
 
 An error says what happened, on which device and address, and what to do next: `message`, `where` and
@@ -222,6 +223,10 @@ class MotionAborted(CrtkError):
 
 class DataTimeout(CrtkError, TimeoutError):
     """No data as fresh as was asked for arrived in time."""
+
+
+class RecordingError(CrtkError, ValueError):
+    """A recording that cannot be written or read: no space, damaged, or none at all."""
 
 
 class KinematicsError(CrtkError, ValueError):
