@@ -29,7 +29,7 @@ from crtk_drivers.cli.policy_command import PolicyGroup
 from crtk_drivers.cli.schema_command import print_schema
 from crtk_drivers.cli.sim_command import SimGroup
 from crtk_drivers.cli.terminal import print_error
-from crtk_drivers.cli.up_command import bring_up, check_lab, write_lab
+from crtk_drivers.cli.up_command import bring_up, check_lab, make_units, write_lab
 from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra, PluginError
 from crtk_drivers.labs.bench.declared import Suite
 
@@ -209,13 +209,24 @@ def _up(
     log_level: Annotated[
         str, typer.Option("--log-level", help="Least severe records that are shown.")
     ] = "info",
+    systemd: Annotated[
+        str | None,
+        typer.Option(
+            "--systemd",
+            metavar="DIR",
+            help="Start nothing: write units of systemd into this folder; - prints them.",
+        ),
+    ] = None,
 ) -> None:
     """Bring up all devices of a lab, one process each, until Ctrl-C.
 
     They start in order, each once what carries it measures; one that ends is started again, DISABLED.
     Ctrl-C stops programs first, then the devices.
     """
-    raise typer.Exit(bring_up(lab, tuple(devices or ()), sim, logs, log_level))
+    only = tuple(devices or ())
+    if systemd is not None:
+        raise typer.Exit(make_units(lab, only, sim, systemd))
+    raise typer.Exit(bring_up(lab, only, sim, logs, log_level))
 
 
 @lab_app.callback()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,11 +22,14 @@ from crtk_drivers.cli.terminal import ERR, OUT
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import Lab, load_lab
 from crtk_drivers.labs.supervisor import LOOK_PERIOD, Child, Phase, Supervisor
+from crtk_drivers.labs.units import units_of, write_units
 from crtk_drivers.ros import environment
 from crtk_drivers.state import OperatingState
 from crtk_drivers.status.stop_request import stop_signals
 
 logger = logging.getLogger(__name__)
+
+_UNITS: Final = Path("/etc/systemd/system")
 
 _PHASES: Final = {
     Phase.WAITING: "yellow",
@@ -70,6 +74,30 @@ def bring_up(
         failed = any(map(_has_failed, supervisor.children))
         ended_well = supervisor.stop(show)
     return 0 if ended_well and not failed else 1
+
+
+def make_units(path: Path, only: tuple[str, ...], sim: bool, folder: str) -> int:
+    """Write the units of a lab into a folder, or print those of /etc/systemd/system for ``-``; return 0.
+
+    Raises:
+        ConfigError: the lab file cannot be used, or the units cannot be written.
+    """
+    lab = load_lab(path, sim=sim, only=only)
+    if folder == "-":
+        for name, text in units_of(lab, _UNITS).items():
+            OUT.print(f"# ==> {name}\n{text}", soft_wrap=True, markup=False, highlight=False)
+    else:
+        for file in write_units(lab, Path(folder)):
+            OUT.print(str(file), soft_wrap=True, markup=False, highlight=False)
+    if lab.programs:
+        ERR.print(f"Without a unit: {', '.join(lab.programs)}. Programs are started by `up`.")
+    if any(Path(sys.prefix).is_relative_to(home) for home in ("/home", "/root")):
+        ERR.print(
+            f"{sys.prefix} is in a home, which the users of these units may not read: install "
+            "crtk-drivers elsewhere, for example in /opt.",
+            soft_wrap=True,
+        )
+    return 0
 
 
 def _has_failed(child: Child) -> bool:

@@ -7,12 +7,10 @@ is gone, so that no driver outlives its lab.
 from __future__ import annotations
 
 import contextlib
-import json
 import logging
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,6 +18,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import IO, Final
 
+from crtk_drivers.labs.invocation import device_command, settings_text
 from crtk_drivers.labs.lab_file import Lab, LabDevice
 from crtk_drivers.labs.reports import REPORT_FD, Report, read_reports
 
@@ -194,15 +193,8 @@ class Supervisor:
     def _command(self, device: LabDevice) -> tuple[str, ...]:
         """Return how a device is started, its settings in a file of their own."""
         settings = self.folder / f"{device.name}.yaml"
-        settings.write_text(json.dumps(dict(device.values), indent=2) + "\n", "utf-8")
-        simulated = ["--sim"] if device.sim else []
-        for key, value in device.sim_options.items():
-            simulated += ["--sim-set", f"{key}={json.dumps(value)}"]
-        return (
-            *(sys.executable, "-m", "crtk_drivers.cli", device.plugin.name),
-            *("--ns", device.namespace, "--config", str(settings.resolve())),
-            *simulated,
-        )
+        settings.write_text(settings_text(device), "utf-8")
+        return device_command(device, settings)
 
     def _may_start(self, child: Child, now: float) -> bool:
         missing = [
