@@ -7,6 +7,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from crtk_driver_virtual.defects_config import DefectsConfig
 from crtk_drivers.config import DeviceConfig, PoseConfig, Settings, ToolLimitsConfig
 
 Vector3 = tuple[float, float, float]
@@ -97,4 +98,8 @@ class VirtualConfig(DeviceConfig):
     needs_homing: bool = Field(default=False, description="Positions count only after home.")
     transition_time: float = Field(
         default=0.2, ge=0.0, le=4.0, description="What enable, disable and home take, in s."
+    )
+    defects: DefectsConfig = Field(
+        default=DefectsConfig(),
+        description="What is wrong with the arm, for benches that must find it.",
     )

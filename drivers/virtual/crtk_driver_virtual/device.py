@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from typing_extensions import override
 
 from crtk_driver_virtual.config import VirtualConfig, WallConfig
-from crtk_driver_virtual.models import load_arm
+from crtk_driver_virtual.models import Arm, load_arm
 from crtk_driver_virtual.plant import FREE, HOLD, LONGEST_RAMP, Command, Drive, Plant, Wall
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import (
@@ -28,7 +27,7 @@ from crtk_drivers.device import (
 )
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, ConnectionLost, Reason
 from crtk_drivers.kinematics.serial import SerialChain
-from crtk_drivers.samples import JointState, Sample, Stamp, Twist, Wrench, empty, vector
+from crtk_drivers.samples import JointState, Sample, Stamp, Twist, Vector, Wrench, empty, vector
 
 BASE_FRAME: Final = "base"
 TOOL_FRAME: Final = "tool"
@@ -58,14 +57,23 @@ _DRIVES: Mapping[Mode, Drive] = MappingProxyType(
 class VirtualDevice(Device):
     """One arm in memory. Its time is the monotonic clock; it moves while it is read.
 
+    Args:
+        config: of the arm.
+        now: the present on both clocks.
+
     Attributes:
         reachable: `open` fails while this is False, and `read` reports the link as lost: for tests.
         plant: what moves.
     """
 
-    def __init__(self, config: VirtualConfig) -> None:
+    def __init__(
+        self,
+        config: VirtualConfig,
+        now: Callable[[], Stamp] = Stamp.now,
+    ) -> None:
         self.reachable = True
         self._config = config
+        self._now = now
         arm = load_arm(config)
         tool = None if config.tool is None else config.tool.pose
         self._chain = SerialChain(
@@ -77,7 +85,7 @@ class VirtualDevice(Device):
         )
         self._joints = arm.chain.names
         self._has_masses = arm.has_masses
-        self.plant = Plant(
+        self.plant = self._plant_of(
             arm,
             gravity=config.gravity,
             tool=tool,
@@ -161,7 +169,7 @@ class VirtualDevice(Device):
             raise ConnectionFailed(
                 "no answer", where=self.address, remedy="Set `reachable` of the device again."
             )
-        self._updated = time.monotonic()
+        self._updated = self._now().monotonic
 
     @override
     def close(self) -> None:
@@ -172,16 +180,21 @@ class VirtualDevice(Device):
         """Let the plant catch up with the clock, and say where it is."""
         if not self.reachable:
             raise ConnectionLost("the link is gone", where=self.address)
-        stamp = Stamp.now()
+        stamp = self._now()
+        self._catch_up(stamp, LONGEST_STEP)
+        plant = self.plant
+        return self._sample(stamp, vector(plant.position), vector(plant.velocity))
+
+    def _catch_up(self, stamp: Stamp, longest: float) -> None:
+        """Let the plant go on to a stamp, but by no more than `longest` seconds."""
         elapsed = stamp.monotonic - self._updated
         self._updated = stamp.monotonic
-        self._skipped += max(0.0, elapsed - LONGEST_STEP)
-        self.plant.advance(min(elapsed, LONGEST_STEP))
-        return self._sample(stamp)
+        self._skipped += max(0.0, elapsed - longest)
+        self.plant.advance(min(elapsed, longest))
 
-    def _sample(self, stamp: Stamp) -> Sample:
+    def _sample(self, stamp: Stamp, position: Vector, velocity: Vector) -> Sample:
+        """Return what is told of joints (n,) as they were measured."""
         plant = self.plant
-        position, velocity = vector(plant.position), vector(plant.velocity)
         effort = vector(plant.effort) if self._has_masses else empty()
         twist, wrench = plant.jacobian @ velocity, plant.wrench
         return Sample(
@@ -257,8 +270,8 @@ class VirtualDevice(Device):
     def disable(self) -> Steps:
         """Wait for the arm to stand, and close the brakes."""
         self.stop()
-        deadline = time.monotonic() + STOP_TIMEOUT
-        while not self.plant.is_held and time.monotonic() < deadline:
+        deadline = self._time + STOP_TIMEOUT
+        while not self.plant.is_held and self._time < deadline:
             yield
         yield from self._transition()
         self.plant.braked = True
@@ -275,9 +288,16 @@ class VirtualDevice(Device):
         yield from ()
 
     def _transition(self) -> Steps:
-        end = time.monotonic() + self._config.transition_time
-        while time.monotonic() < end:
+        end = self._time + self._config.transition_time
+        while self._time < end:
             yield
+
+    @property
+    def _time(self) -> float:
+        return self._now().monotonic
+
+    def _plant_of(self, arm: Arm, **given: Any) -> Plant:
+        return Plant(arm, **given)
 
 
 def _wall(config: WallConfig) -> Wall:

@@ -55,7 +55,8 @@ class Command:
     values: Vector = field(default_factory=empty)
 
 
-_SERVOED: Final = (Drive.HOLD, Drive.POSITION, Drive.VELOCITY)
+SERVOED: Final = (Drive.HOLD, Drive.POSITION, Drive.VELOCITY)
+"""Drives in which the joints follow a reference."""
 
 HOLD: Final = Command(Drive.HOLD)
 FREE: Final = Command(Drive.FREE)
@@ -186,7 +187,7 @@ class Plant:
         q, v = self.position, self.velocity
         effort = self._motor_effort(command, q, v)
         self.effort = effort = np.minimum(np.maximum(effort, -self._strongest), self._strongest)
-        load = effort - self._damping * v + self.jacobian.T @ self.hand
+        load = effort - self._friction(v) + self.jacobian.T @ self.hand
         moved = v + SUBSTEP * self.dynamics.acceleration(q, v, load)
         moved, pushes = self._after_contacts(q, moved)
         self.velocity = np.minimum(np.maximum(moved, -self._overspeed), self._overspeed)
@@ -214,7 +215,7 @@ class Plant:
     def _begin(self, command: Command) -> None:
         """Take a new command. The servos go on from what they follow, or from where the joints are."""
         before = None if self._following is None else self._following.drive
-        if before not in _SERVOED:
+        if before not in SERVOED:
             joints = zip(self._servos, self.position.tolist(), self.velocity.tolist(), strict=True)
             for servo, q, v in joints:
                 servo.start(q, v)
@@ -237,11 +238,14 @@ class Plant:
                 servo.jump_to(goal)
         self._set_at = self.time
 
+    def _friction(self, v: Vector) -> Vector:
+        return self._damping * v
+
     def _motor_effort(self, command: Command, q: Vector, v: Vector) -> Vector:
         drive = command.drive
-        if drive in _SERVOED:
+        if drive in SERVOED:
             acceleration = self._servo_acceleration(command, q.tolist(), v.tolist())
-            return self.dynamics.effort(q, v, acceleration) + self._damping * v
+            return self.dynamics.effort(q, v, acceleration) + self._friction(v)
         weight = self.dynamics.weight(q)
         if drive is Drive.FREE:
             return weight

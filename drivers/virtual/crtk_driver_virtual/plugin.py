@@ -5,6 +5,8 @@ from __future__ import annotations
 from importlib.util import find_spec
 
 from crtk_driver_virtual.config import VirtualConfig
+from crtk_driver_virtual.defective_device import DefectiveDevice
+from crtk_driver_virtual.defects_config import DefectsConfig
 from crtk_driver_virtual.device import VirtualDevice
 from crtk_drivers.errors import MissingExtra
 from crtk_drivers.plugins import DevicePlugin
@@ -13,6 +15,8 @@ from crtk_drivers.plugins import DevicePlugin
 def _create(config: VirtualConfig) -> VirtualDevice:
     if find_spec("pinocchio") is None:
         raise MissingExtra("pinocchio", "kinematics")
+    if config.defects != DefectsConfig():
+        return DefectiveDevice(config)
     return VirtualDevice(config)
 
 

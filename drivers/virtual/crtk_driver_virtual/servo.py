@@ -70,6 +70,11 @@ class JointServo:
         """Whether the reference stands."""
         return abs(self.velocity) <= AT_REST
 
+    @property
+    def goal(self) -> float:
+        """The position setpoint that was taken last, in rad (m)."""
+        return self._goal if self._steps_left else self._ramp
+
     def start(self, position: float, velocity: float) -> None:
         """Begin from where the joint is, as it moves."""
         self.reference = self._ramp = position
