@@ -57,6 +57,12 @@ STEPS: Final = 20.0
 BUSY: Final = 5e-3
 """Seconds by which the bench's own timer, which paces what it sends, may be late."""
 
+BUSY_ECHO: Final = 2e-3
+"""The same, where single cycles of the device are judged."""
+
+SETTLES: Final = 0.5
+"""Seconds in which a joint is looked at after a move: longer than it may take to settle."""
+
 STEP: Final = 0.5
 """Share of the reach of a small motion that one move goes."""
 
@@ -430,6 +436,15 @@ def _effective_rate(trace: Trace, subject: Subject) -> Findings:
     )
 
 
+def _uneven(trace: Trace, subject: Subject) -> tuple[str, ...]:
+    """Return a doubt if samples came so unevenly that the age of what they carry tells nothing else."""
+    steps = np.diff(trace.joints.stamp[np.isfinite(trace.joints.stamp)])
+    late = float(np.quantile(steps, 0.99)) if steps.size else math.inf
+    if late <= 1.5 * subject.period:
+        return ()
+    return (f"one sample in a hundred came {1e3 * late:.0f} ms after the one before",)
+
+
 # -------------------------------------------------------------------------------------------- approaches
 
 
@@ -438,6 +453,8 @@ def _approaches(bed: Bed) -> None:
     home = bed.setpoint
     step = bed.reach(STEP)
     bed.note(goal=home.tolist(), step=step.tolist())
+    bed.rest(SETTLES)
+    bed.mark("rest")
     for index in range(int(5 * bed.thorough)):
         for side, name in ((-1.0, "below"), (1.0, "above")):
             if name == "above" and index >= int(3 * bed.thorough):
@@ -446,10 +463,8 @@ def _approaches(bed: Bed) -> None:
             bed.mark(f"leave {name}")
             bed.move_to(home)
             bed.mark(f"planned {name}")
-            bed.rest(0.3)
+            bed.rest(SETTLES)
             bed.mark(f"there {name}")
-    bed.rest(0.5)
-    bed.mark("end")
     if bed.about.has_kinematics:
         _look_at_poses(bed)
     bed.disable()
@@ -516,10 +531,8 @@ def _step(trace: Trace, subject: Subject) -> Findings:
     step = np.asarray(trace.notes["step"])
     goal = np.asarray(trace.notes["goal"])
     resolved = resolution(joints.position)
-    rough = np.maximum(
-        3.0 * noise(joints.between(trace.marks("end")[0] - 0.4, trace.mark("end")).position),
-        resolved,
-    )
+    rest = trace.mark("rest")
+    rough = np.maximum(3.0 * noise(joints.between(rest - SETTLES, rest).position), resolved)
     column = int(np.argmax(step))
     overshoots, settlings = [], []
     for side, sign in (("below", 1.0), ("above", -1.0)):

@@ -1,24 +1,28 @@
-"""Every sample of a device under test, and what was asked of it, in the order of arrival."""
+"""Every sample of a device under test, and what was asked of it, in the order of arrival, as MCAP.
+
+Topics are ``measured_js`` and others of the device, ``command/<name>`` for what it was asked, and ``events``:
+JSON with what happened, marks and notes of the test among it.
+"""
 
 from __future__ import annotations
 
 import json
-import logging
-import pickle
 import threading
 import time
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from crtk_drivers.engine import Engine
+from crtk_drivers.errors import RecordingError
 from crtk_drivers.labs.bench.trace import Row
-from crtk_drivers.samples import Value
+from crtk_drivers.recording import Recorder, Recording
+from crtk_drivers.samples import Stamp, Text, Value
 
 __all__ = ["SampleRecorder", "read_recording"]
 
 RECORDED: Final = ("measured_js", "setpoint_js", "measured_cp", "measured_cv", "measured_cf")
 
-logger = logging.getLogger(__name__)
+EVENTS: Final = "events"
 
 
 class SampleRecorder:
@@ -31,57 +35,66 @@ class SampleRecorder:
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self._names = tuple(name for name in RECORDED if name in engine.commands)
-        self._rows: list[tuple[str, int, int, Any]] | None = None
-        self._path: Path | None = None
+        self._recorder: Recorder | None = None
         self._lock = threading.Lock()
 
     def begin(self, path: str) -> None:
-        """Record into a new file from now on."""
+        """Record into a new file from now on.
+
+        Raises:
+            RecordingError: it cannot be made.
+        """
+        recorder = Recorder(path, metadata={"device": {"name": self._engine.where}})
+        recorder.start()
         with self._lock:
-            self._path, self._rows = Path(path), []
+            self._recorder = recorder
 
     def end(self) -> None:
-        """Write what was recorded and record no more. May be called twice."""
+        """Write what is left and record no more. May be called twice.
+
+        Raises:
+            RecordingError: the file is not complete.
+        """
         with self._lock:
-            rows, self._rows = self._rows, None
-            if rows is None or self._path is None:
-                return
-            self._path.write_bytes(pickle.dumps(rows))
+            recorder, self._recorder = self._recorder, None
+        if recorder is None:
+            return
+        totals = recorder.close()
+        if totals.lost:
+            raise RecordingError(f"the recording lacks {totals.lost} values: {totals.error}")
 
     def sample(self) -> None:
         """Take what is told now."""
-        rows = self._rows
-        if rows is None:
+        recorder = self._recorder
+        if recorder is None:
             return
-        now = time.time_ns()
         for name in self._names:
             found = self._engine.feedback(name)
             if found is not None:
-                value, stamp = found
-                rows.append((name, now, stamp.wall_ns, value))
+                recorder.take(name, *found)
 
     def command(self, name: str, value: Value | None, stamp_ns: int) -> None:
         """Take what was asked of the device."""
-        rows = self._rows
-        if rows is not None:
-            rows.append((f"command/{name}", time.time_ns(), stamp_ns, value))
+        recorder = self._recorder
+        if recorder is not None:
+            stamp = Stamp(stamp_ns, time.monotonic())
+            recorder.take(f"command/{name}", Text("") if value is None else value, stamp)
 
     def event(self, kind: str, text: str) -> None:
         """Take what happened: a change of state, a refusal, a mark of a test."""
-        rows = self._rows
-        if rows is not None:
-            now = time.time_ns()
-            rows.append(("events", now, now, json.dumps({"kind": kind, "text": text})))
+        recorder = self._recorder
+        if recorder is not None:
+            recorder.take(EVENTS, Text(json.dumps({"kind": kind, "text": text})), Stamp.now())
 
 
 def read_recording(path: Path) -> list[Row]:
-    """Return the rows of a recording.
+    """Return the rows of a recording, finished or cut off.
 
     Raises:
-        LookupError: there is none.
+        RecordingError: there is none, or it is broken.
     """
-    try:
-        found: list[Row] = pickle.loads(path.read_bytes())
-    except OSError as error:
-        raise LookupError(f"{path.name}: {error.strerror}") from error
-    return found
+    rows: list[Row] = []
+    for message in Recording(path).messages():
+        found = message.decoded()
+        rows.append((message.topic, message.log_time, found.stamp_ns, found.value))
+    return rows

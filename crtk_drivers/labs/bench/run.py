@@ -26,7 +26,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Final
 
-from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors import ConfigError, RecordingError
 from crtk_drivers.labs.bench import results
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.catalogue import TESTS, chosen
@@ -347,8 +347,8 @@ class Judge:
         self._trace: Trace | None = None
         try:
             self._trace = Trace.of(read_recording(recording))
-        except LookupError as error:
-            self._trouble = trouble or f"there is no recording: {error}"
+        except RecordingError as error:
+            self._trouble = trouble or str(error)
 
     def findings(self, test: BenchTest) -> Findings:
         """Return what a test finds."""

@@ -29,8 +29,11 @@ RUN: Final = 0.5
 
 AFTER: Final = 1.0
 
+BEGIN: Final = 0.2
+"""Seconds in which a ramp gets to its speed."""
+
 BEHIND: Final = 1.2
-"""Share of the way that is asked for, in which a ramp begins: it is not there at once."""
+"""Times the way of the ramp that fits into the reach: what follows the stop is on top of it."""
 
 BUSY: Final = 5e-3
 """Seconds by which the bench's own timer, which paces what it sends, may be late."""
@@ -63,9 +66,9 @@ def _speeds(bed: Bed, reach: Vector) -> Vector:
     return vector(np.minimum(SMALL_SPEED * limits, reach / (BEHIND * RUN)))
 
 
-def _ramp(home: Vector, speed: Vector, begin: float, t: float) -> JointState:
-    """Return where a ramp is that gets to its speed in `begin` s."""
-    done = t - 0.5 * begin if t > begin else 0.5 * t * t / begin
+def _ramp(home: Vector, speed: Vector, t: float) -> JointState:
+    """Return where a ramp is that gets to its speed in `BEGIN` s."""
+    done = t - 0.5 * BEGIN if t > BEGIN else 0.5 * t * t / BEGIN
     return JointState(position=home + speed * done)
 
 
@@ -77,9 +80,14 @@ def _stopping(kind: str) -> Acquisition:
         limits = bed.about.capabilities.limits
         upper = np.array([limit.upper for limit in limits])
         # Upwards where there is room for that.
-        direction = np.where(upper - home > reach, 1.0, -1.0)
+        direction = np.where(upper - home > 1.5 * reach, 1.0, -1.0)
         speed = vector(direction * _speeds(bed, reach))
-        bed.stream("servo_jp", lambda t: _ramp(home, speed, 0.2, t), RUN)
+        # Of positions the last one is where it stands, whoever stops it: only velocities go on in silence.
+        stream = "servo_jv" if kind == "silence" and bed.offers("servo_jv") else "servo_jp"
+        if stream == "servo_jv":
+            bed.stream(stream, lambda t: JointState(velocity=speed * min(1.0, t / BEGIN)), RUN)
+        else:
+            bed.stream(stream, lambda t: _ramp(home, speed, t), RUN)
         if kind == "hold":
             bed.submit("hold")
         elif kind == "disable":
@@ -87,7 +95,7 @@ def _stopping(kind: str) -> Acquisition:
         bed.mark("asked")
         bed.rest(bed.about.silence + AFTER)
         bed.mark("end")
-        bed.note(speed=speed.tolist(), state=str(bed.state))
+        bed.note(speed=speed.tolist(), stream=stream)
         if kind == "disable":
             bed.enable()
         bed.move_to(home)
@@ -104,14 +112,10 @@ def _stopping(kind: str) -> Acquisition:
 
 def _asked(trace: Trace, kind: str) -> float:
     """Return when the device was asked to stop, on the axis of the recording."""
-    stream = trace.commands("servo_jp")
-    last = stream[-1][0]
-    if kind == "silence":
-        return last
     if kind == "hold":
         return trace.commands("hold")[-1][0]
-    # The state leaves ENABLED when it is done; it was asked for right after the last command.
-    return last
+    # To disable it is asked right after the last command; the state tells only that it was done.
+    return trace.commands(trace.notes["stream"])[-1][0]
 
 
 def _analysis(kind: str) -> Callable[[Trace, Subject], Findings]:

@@ -110,7 +110,7 @@ class Trace:
             if topic != "events":
                 topics.setdefault(topic, []).append(row)
                 continue
-            said = json.loads(value)
+            said = json.loads(value.value)
             if said["kind"] == "note":
                 notes |= json.loads(said["text"])
             else:

@@ -1,0 +1,151 @@
+"""A bench that cannot fail proves nothing: with its defect a test fails, by the measurement that is for it.
+
+The same arm without a defect fails nowhere. On a machine that is too busy a test says so, and decides nothing.
+Of that its measurements know nothing, and they are what is looked at here.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from crtk_drivers.engine import Engine
+from crtk_drivers.labs.bench.catalogue import TESTS
+from crtk_drivers.labs.bench.declared import Acquisition, BenchTest
+from crtk_drivers.labs.verdicts.judging import Findings, Verdict
+from rigs.bench_bed import acquired, found
+
+ACQUISITIONS = {test.acquisition.name: test.acquisition for test in TESTS}
+BY_ID = {test.id: test for test in TESTS}
+
+PROOFS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
+    ("rest", {"slow": 0.9}, ("sampling.rate.error",)),
+    (
+        "rest",
+        {"lost_samples": 0.05, "position_drift": 0.005},
+        ("sampling.rate.gaps", "sampling.jitter.late", "joints.noise.drift"),
+    ),
+    ("rest", {"jitter": 0.002, "age": 0.008}, ("sampling.jitter.p99", "sampling.age.p99")),
+    ("rest", {"stamp_jitter": 0.004}, ("sampling.stamps.order",)),
+    ("rest", {"clock_drift": 5000.0}, ("sampling.stamps.slope", "sampling.stamps.future")),
+    ("idle", {"hunting": 0.002}, ("joints.hunting.line",)),
+    (
+        "transitions",
+        {"jump_on_enable": 0.01, "sag_on_disable": 0.02},
+        ("staying.enable.moved", "staying.disable.moved"),
+    ),
+    (
+        "sines",
+        {"frozen_share": 0.3, "velocity_scale": 0.5},
+        ("sampling.frozen.share", "joints.velocity.slope"),
+    ),
+    ("sines", {"velocity_lag": 0.08, "gain": 0.8}, ("joints.velocity.delay", "motion.bode.gain")),
+    ("sines", {"tracking_lag": 0.1}, ("motion.lag.lag",)),
+    (
+        "approaches",
+        {"resonance": 3.0, "damping": 0.05, "calibration": 0.01},
+        (
+            "motion.step.overshoot",
+            "motion.step.settling",
+            "joints.kinematics.position",
+            "joints.kinematics.orientation",
+        ),
+    ),
+    (
+        "approaches",
+        {"following_offset": 0.005, "backlash": 0.006},
+        ("motion.arrival.error", "motion.direction.distance"),
+    ),
+    ("hold", {"slow_stop": 40.0}, ("stop.hold.time", "stop.hold.distance")),
+    ("silence", {"slow_stop": 40.0}, ("stop.silence.time", "stop.silence.distance")),
+    ("disable", {"sag_on_disable": 0.05}, ("stop.disable.distance",)),
+]
+"""Acquisition, defects of a virtual arm, and the measurements that must fail by them."""
+
+ELSEWHERE = {
+    "sampling.stamps.together": "what is derived has the stamp of its source by construction",
+    "motion.rate.seen": "test_commands_that_are_not_carried_out_are_missed",
+    "motion.rate.age": "test_commands_that_are_not_carried_out_are_missed",
+    "staying.refusals.refused": "test_what_is_accepted_though_it_is_wrong_fails",
+    "staying.refusals.reasons": "test_what_is_accepted_though_it_is_wrong_fails",
+    "staying.refusals.moved": "test_what_is_accepted_though_it_is_wrong_fails",
+    "force.noise.mains": "a force sensor, not an arm",
+    "stop.hold.back": "no defect of the arm brings it back",
+    "stop.silence.back": "no defect of the arm brings it back",
+    "stop.disable.back": "no defect of the arm brings it back",
+    "stop.disable.time": "as stop.hold.time; its bound is the second in which the driver itself says FAULT",
+}
+"""Judged measurements that have no line above, and why."""
+
+
+def verdict_of(findings: list[Findings], quantity: str) -> Verdict:
+    """Return the worst verdict of a quantity, whatever the machine did meanwhile."""
+    measured = [one for each in findings for one in each.measurements]
+    verdicts = [one.verdict for one in measured if one.quantity.id == quantity]
+    assert verdicts, f"{quantity} was not measured: {[each.reason for each in findings]}"
+    return Verdict.FAIL if Verdict.FAIL in verdicts else verdicts[0]
+
+
+def test_every_judged_measurement_has_its_proof() -> None:
+    judged = {
+        quantity.id
+        for test in TESTS
+        for quantity in test.quantities
+        if quantity.comparison.value != "told"
+    }
+    proved = {quantity for _, _, quantities in PROOFS for quantity in quantities}
+    assert judged == proved | set(ELSEWHERE)
+    assert not proved & set(ELSEWHERE)
+
+
+@pytest.mark.sweep(4)
+@pytest.mark.parametrize(
+    ("name", "defects", "quantities"), PROOFS, ids=[",".join(defects) for _, defects, _ in PROOFS]
+)
+def test_a_defect_makes_its_test_fail(
+    name: str, defects: dict[str, Any], quantities: tuple[str, ...], tmp_path: Path
+) -> None:
+    trace, subject = acquired(ACQUISITIONS[name], "virtual", {"defects": defects}, tmp_path)
+    findings = [test.analyse(trace, subject) for test in TESTS if test.acquisition.name == name]
+    told = [one.told for each in findings for one in each.measurements]
+    verdicts = {quantity: verdict_of(findings, quantity) for quantity in quantities}
+    assert set(verdicts.values()) == {Verdict.FAIL}, (verdicts, told)
+
+
+@pytest.mark.sweep(3)
+@pytest.mark.parametrize("name", ACQUISITIONS)
+def test_a_sound_arm_fails_nowhere(name: str, tmp_path: Path) -> None:
+    acquisition: Acquisition = ACQUISITIONS[name]
+    trace, subject = acquired(acquisition, "virtual", {}, tmp_path)
+    for test in TESTS:
+        if test.acquisition is acquisition:
+            findings = test.analyse(trace, subject)
+            assert findings.verdict is not Verdict.FAIL, f"{test.id}: {findings.reason}"
+
+
+def test_what_is_accepted_though_it_is_wrong_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Engine, "submit", lambda *_: None)
+    findings = found(BY_ID["S8"], "loopback", {"rate": 500.0}, tmp_path)
+    assert findings.verdict is Verdict.FAIL
+    assert verdict_of([findings], "staying.refusals.refused") is Verdict.FAIL
+    assert "servo_jp that is not_finite was accepted" in findings.violations
+
+
+def test_commands_that_are_not_carried_out_are_missed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submit, count = Engine.submit, iter(range(10**9))
+
+    def sometimes(self: Engine, name: str, *rest: Any) -> object:
+        if name == "servo_jp" and next(count) % 3 == 0:
+            return None
+        return submit(self, name, *rest)
+
+    monkeypatch.setattr(Engine, "submit", sometimes)
+    test: BenchTest = BY_ID["M7"]
+    findings = found(test, "loopback", {"rate": 500.0}, tmp_path)
+    assert verdict_of([findings], "motion.rate.seen") is Verdict.FAIL

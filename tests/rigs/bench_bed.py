@@ -1,0 +1,59 @@
+"""One acquisition of the bench over a device in this process: its host, door and watch, without theirs."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from crtk_drivers import plugins
+from crtk_drivers.config import from_values, load
+from crtk_drivers.labs.bench.bed import Bed
+from crtk_drivers.labs.bench.calls import About, HostOrder
+from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Subject
+from crtk_drivers.labs.bench.door import Door
+from crtk_drivers.labs.bench.host import Host
+from crtk_drivers.labs.bench.recorder import read_recording
+from crtk_drivers.labs.bench.trace import Trace
+from crtk_drivers.labs.bench.watch import Watch
+from crtk_drivers.labs.verdicts.judging import Findings
+from crtk_drivers.session import Session
+from crtk_drivers.status.stop_request import StopRequest
+
+TIMEOUT = 20.0
+
+
+def acquired(
+    acquisition: Acquisition, plugin: str, values: Mapping[str, Any], folder: Path
+) -> tuple[Trace, Subject]:
+    """Carry out an acquisition; return what its analyses are given."""
+    declared = plugins.device(plugin)
+    config: Any = load(declared.config, from_values(values))
+    door = folder / "door"
+    recording = folder / "recording.mcap"
+    order = HostOrder(plugin, config, False, str(door), b"key")
+    host, stop = Host(Session(declared, config), order), StopRequest()
+    serving = threading.Thread(target=host.serve, args=(stop,))
+    serving.start()
+    try:
+        with Door(str(door), b"key", TIMEOUT) as own:
+            about: About = own.call("about", within=TIMEOUT)
+            watch = Watch(Door(str(door), b"key", TIMEOUT), about, None, StopRequest())
+            own.call("record", str(recording))
+            watch.start()
+            try:
+                acquisition.run(Bed("arm", about, own, watch, 1.0, {}))
+            finally:
+                watch.close()
+                own.call("stop_recording", within=TIMEOUT)
+                own.call("leave")
+    finally:
+        stop.set()
+        serving.join(TIMEOUT)
+    return Trace.of(read_recording(recording)), Subject.of(about, tuple(watch.lateness), {})
+
+
+def found(test: BenchTest, plugin: str, values: Mapping[str, Any], folder: Path) -> Findings:
+    """Return what a test finds of a device."""
+    return test.analyse(*acquired(test.acquisition, plugin, values, folder))
