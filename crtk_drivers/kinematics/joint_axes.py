@@ -58,7 +58,7 @@ def joint_kinds(device: Device) -> tuple[JointKind | None, ...]:
     if not count or kinematics is None:
         return (None,) * count
     try:
-        jacobian = kinematics.jacobian(_start(device))
+        jacobian = kinematics.jacobian(start_of(device))
     except CrtkError:
         return (None,) * count
     return tuple(_kind(column) for column in jacobian.T)
@@ -74,8 +74,8 @@ def chain_of(device: Device) -> RevoluteChain | None:
         return None
     back = _into_base(device)
     try:
-        chain = _chain(kinematics, back, _start(device))
-        poses = [(probe, _tool(kinematics, back, probe)) for probe in _probes(device)]
+        chain = _chain(kinematics, back, start_of(device))
+        poses = [(probe, _tool(kinematics, back, probe)) for probe in probes_of(device)]
     except CrtkError:
         return None
     lengths = [float(np.linalg.norm(each[:3, 3])) for each in (*chain.joints[2:], chain.tip)]
@@ -115,11 +115,13 @@ def _frame(before: Array, axis: Vector, on_axis: Vector) -> Array:
     return placed(rotation, (on_axis + along * axis).tolist())
 
 
-def _start(device: Device) -> Vector:
+def start_of(device: Device) -> Vector:
+    """Return the joint position nearest to zero within the limits."""
     return _within(device, [0.0] * len(device.capabilities.joints))
 
 
-def _probes(device: Device) -> list[Vector]:
+def probes_of(device: Device) -> list[Vector]:
+    """Return joint positions within the limits at which kinematics can be compared."""
     count = len(device.capabilities.joints)
     return [
         _within(device, [math.sin(1.0 + 2.0 * joint + probe) for joint in range(count)])
@@ -142,16 +144,17 @@ def _kind(column: Vector) -> JointKind | None:
 def _into_base(device: Device) -> Array:
     """Return the transform (4, 4) from the base frame into the device's own base."""
     pose = device.capabilities.base_pose
-    return np.eye(4) if pose is None else _matrix(inverse_pose(pose))
+    return np.eye(4) if pose is None else matrix_of(inverse_pose(pose))
 
 
 def _tool(kinematics: Kinematics, back: Array, q: Vector) -> Array:
     """Return the tool point (4, 4) in the device's own base."""
-    tool: Array = back @ _matrix(kinematics.forward(q))
+    tool: Array = back @ matrix_of(kinematics.forward(q))
     return tool
 
 
-def _matrix(pose: Pose) -> Array:
+def matrix_of(pose: Pose) -> Array:
+    """Return a pose as a transform (4, 4)."""
     return placed(matrix_from_quaternion(pose.orientation), pose.position.tolist())
 
 

@@ -12,6 +12,8 @@ SERVICES_NODE_NAME = "crtk_driver_services"
 
 AMONG_DRIVERS = "drivers"
 """Topic on which the drivers of a namespace tell each other that they are there."""
+DESCRIPTION = "robot_description"
+"""Topic on which a device is told as URDF."""
 ANOTHER_DRIVER = "another driver"
 """Key of the note that tells of one."""
 

@@ -16,6 +16,7 @@ from crtk_drivers.device import READINGS
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.ros import qos
+from crtk_drivers.ros.description import DescriptionTopic
 from crtk_drivers.ros.diagnostics import Diagnostics
 from crtk_drivers.ros.manifest import manifest, type_name
 from crtk_drivers.ros.messages import TYPES
@@ -108,6 +109,7 @@ class DriverNode:
         self._latched = LatchedTopics(node, self._thread, engine, frames)
         self._readings = ReadingTopics(node, self._thread, engine, frames)
         self._transforms = Transforms(node, self._thread, engine, frames)
+        self._description = DescriptionTopic(node, self._thread, engine, frames)
         shares = declare_share_namespace(node, config)
         self._presence = Presence(node, self._thread, engine, shares, self._serve_or_stand_by)
         admit = self._presence.admit
@@ -140,6 +142,7 @@ class DriverNode:
         logging.getLogger("crtk_drivers").addHandler(self._rosout)
         self._thread.start()
         self._latched.job.ask()
+        self._description.job.ask()
         self._device_services.start()
 
     def stop(self, timeout: float = PUBLISHER_TIMEOUT) -> bool:

@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 from crtk_drivers.commands import Direction
 from crtk_drivers.device import READINGS, Device
 from crtk_drivers.device.offered import offered
-from crtk_drivers.ros.names import AMONG_DRIVERS, NODE_NAME, SERVICES_NODE_NAME
+from crtk_drivers.ros.names import AMONG_DRIVERS, DESCRIPTION, NODE_NAME, SERVICES_NODE_NAME
 
 VERSION: Final = "0.2.0"
 
@@ -86,6 +86,7 @@ def interface(device: Device, namespace: str) -> Interface:
             *by_direction[Direction.PUBLISHED],
             *(f"{READINGS}/{name}" for name in device.readings),
             "refusals",
+            *([DESCRIPTION] if device.kinematics is not None else []),
             f"{NODE_NAME}/crtk_capabilities",
         ),
         shares=tuple(
