@@ -8,6 +8,7 @@ from typing import Final
 
 from crtk_sim_backends.canopen.aborts import Abort, SdoAbort
 from crtk_sim_backends.canopen.controller import PARAMETERS, Controller
+from crtk_sim_backends.canopen.defects import AxisDefects, Measuring
 from crtk_sim_backends.canopen.dictionary import DataType, ObjectDictionary
 from crtk_sim_backends.canopen.emcy import Emergency
 from crtk_sim_backends.canopen.homing import METHODS, Homing, Switch
@@ -65,6 +66,7 @@ class Axis:
         motor: what it drives.
         modes: of operation that it has.
         offset_to_zero: see `Personality`.
+        defects: that it has.
     """
 
     def __init__(
@@ -75,8 +77,11 @@ class Axis:
         motor: Motor,
         modes: frozenset[int] = frozenset(MODES),
         offset_to_zero: bool = False,
+        defects: AxisDefects | None = None,
     ) -> None:
         self.number = number
+        self._measuring = Measuring(motor, number, defects)
+        self._defects = self._measuring.defects
         self.motor = motor
         self._dictionary = dictionary
         self._offset = AXIS_STRIDE * number
@@ -131,11 +136,11 @@ class Axis:
             0x6041: self.statusword,
             0x6061: lambda: self._mode.number,
             0x6062: lambda: _wrapped(self._demand()),
-            0x6063: lambda: _wrapped(self.motor.revolutions * self.units.increments),
-            0x6064: lambda: _wrapped(self.position),
-            0x6069: lambda: _i32(self.velocity * self.units.velocity),
+            0x6063: lambda: _wrapped(self._sensed()[0] * self.units.increments),
+            0x6064: lambda: _wrapped((self._sensed()[0] - self._zero) * self.units.per_revolution),
+            0x6069: self._actual_velocity,
             0x606B: lambda: _i32(self.setpoint.velocity * self.units.velocity),
-            0x606C: lambda: _i32(self.velocity * self.units.velocity),
+            0x606C: self._actual_velocity,
             0x6074: self._torque_permille,
             0x6077: self._torque_permille,
             0x6078: self._torque_permille,
@@ -206,8 +211,14 @@ class Axis:
         return _wrapped(revolutions * self.units.increments)
 
     def _torque_permille(self) -> int:
-        permille = 1000 * self._torque / (self.value(0x6076) * 1e-3)
+        permille = 1000 * self._sensed()[2] / (self.value(0x6076) * 1e-3)
         return max(-0x8000, min(0x7FFF, round(permille))) * self.forward
+
+    def _actual_velocity(self) -> int:
+        return _i32(self._sensed()[1] * self._controller.scale * self.units.velocity)
+
+    def _sensed(self) -> tuple[float, float, float]:
+        return self._measuring.tell(self._torque)
 
     def _inputs(self) -> int:
         switches = sum(1 << switch.value for switch in Switch if self.switch(switch))
@@ -223,7 +234,7 @@ class Axis:
     @property
     def idle(self) -> bool:
         """Whether nothing changes with time."""
-        return not self.powered and self.motor.at_rest
+        return not self.powered and self.motor.at_rest and not self._measuring.changes
 
     @property
     def revolutions(self) -> float:
@@ -395,6 +406,8 @@ class Axis:
 
     def connection_lost(self, code: int) -> None:
         """Do what 6007 asks for when the master is gone or has stopped the node."""
+        if self._defects.ignores_watchdog:
+            return
         match self.value(0x6007):
             case 1:
                 self.fault(code)
@@ -405,6 +418,8 @@ class Axis:
 
     def sync_lost(self) -> None:
         """Fault when the mode needs SYNC."""
+        if self._defects.ignores_watchdog:
+            return
         if self.machine.enabled and isinstance(self._mode, _CYCLIC):
             self.fault(SYNC_LOST)
 
@@ -412,6 +427,7 @@ class Axis:
 
     def step(self, dt: float) -> None:
         """Advance by one control period."""
+        self._measuring.live(dt, powered=self.powered)
         if not self.powered:
             self._torque = 0.0
             self.motor.step(0.0, dt, powered=False)
@@ -425,7 +441,8 @@ class Axis:
             self._mode.step(dt)
         else:
             self._brake(ramp, dt)
-        self._torque = self._controller.torque(self.setpoint, self.position, dt)
+        aside = self._defects.following_offset / math.tau * self.units.per_revolution
+        self._torque = self._controller.torque(self.setpoint, self.position - aside, dt)
         self.motor.step(self._torque, dt, powered=True)
         self._measure()
         self._supervise(dt)
@@ -444,7 +461,7 @@ class Axis:
         setpoint = self.setpoint
         if setpoint.control is not Control.POSITION or not self._braking:
             self._begin_to_brake()
-        change = self.acceleration(_DECELERATION[ramp]) * dt
+        change = self.acceleration(_DECELERATION[ramp]) * dt / self._defects.slow_stop
         setpoint.velocity = math.copysign(
             max(0.0, abs(setpoint.velocity) - change), setpoint.velocity
         )

@@ -12,11 +12,13 @@ import yaml
 from typing_extensions import override
 
 from crtk_sim_backends.can.config import SimConfig as BusConfig
+from crtk_sim_backends.canopen.defects import AxisDefects
 from crtk_sim_backends.canopen.drive import DriveConfig
 from crtk_sim_backends.canopen.fitting import like
 from crtk_sim_backends.canopen.objects import MODES, MOST_AXES, MOST_PDOS, PDOS
 from crtk_sim_backends.canopen.personality import PERSONALITIES
 from crtk_sim_backends.canopen.plant import MotorConfig
+from crtk_sim_backends.defects import defects_of, read_defects
 from crtk_sim_backends.faults import FaultError, Parameter, unknown
 from crtk_sim_backends.options import ConfigError, check_choice, check_file, check_range, option
 
@@ -43,6 +45,10 @@ class SimConfig(BusConfig):
     drives: str = option("", "file (YAML) with motors and makes of single drives, by node-ID")
     from_eds: str = option("", "EDS file of a real drive that the drives are like")
     eds: str = option("", "where to write the EDS of the drives")
+    defects: str = option(
+        "",
+        "what is wrong with drives, such as 'position_noise=1e-3,joints=2+3;backlash=0.01,joints=5'",
+    )
     socketcand_port: int = option(0, "TCP port of the socketcand server; 0: any free one")
 
     @override
@@ -63,6 +69,12 @@ class SimConfig(BusConfig):
         _modes("modes", self.modes.split(",") if self.modes else MODES.values())
         check_file("drives", self.drives)
         check_file("from_eds", self.from_eds)
+        _ = self.wrong
+
+    @property
+    def wrong(self) -> tuple[AxisDefects, ...]:
+        """What `defects` says."""
+        return read_defects(AxisDefects, self.defects)
 
     @cached_property
     def common(self) -> DriveConfig:
@@ -127,6 +139,13 @@ def drive_configs(config: SimConfig) -> dict[int, DriveConfig]:
     Raises:
         ConfigError: the file is wrong, with the node-ID and the field.
     """
+    return {
+        node: replace(drive, defects=defects_of(config.wrong, node))
+        for node, drive in _drives(config).items()
+    }
+
+
+def _drives(config: SimConfig) -> dict[int, DriveConfig]:
     last = config.first_node + config.nodes
     result = dict.fromkeys(range(config.first_node, last), config.common)
     if not config.drives:

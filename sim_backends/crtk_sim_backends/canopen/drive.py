@@ -8,6 +8,7 @@ from typing import Final, TypeAlias
 
 from crtk_sim_backends.canopen.aborts import Abort, SdoAbort
 from crtk_sim_backends.canopen.axis import Axis
+from crtk_sim_backends.canopen.defects import AxisDefects
 from crtk_sim_backends.canopen.dictionary import Key, Object, ObjectDictionary
 from crtk_sim_backends.canopen.eds import electronic_data_sheet
 from crtk_sim_backends.canopen.emcy import Emergency
@@ -72,6 +73,7 @@ class DriveConfig:
         modes: of operation that it has (6502).
         pdos: of each direction that it has.
         like: the real drive that it is like; its objects are those of that one's EDS.
+        defects: of its axes.
     """
 
     motors: tuple[MotorConfig, ...] = (MotorConfig(),)
@@ -80,6 +82,7 @@ class DriveConfig:
     modes: frozenset[int] = frozenset(MODES)
     pdos: int = PDOS
     like: Likeness | None = None
+    defects: AxisDefects | None = None
 
 
 @dataclass
@@ -171,6 +174,7 @@ class Drive:
                 Motor(motor),
                 like.modes[number] if like else self.config.modes,
                 self.config.personality.offset_to_zero,
+                self.config.defects,
             )
             for number, motor in enumerate(self.config.motors)
         ]

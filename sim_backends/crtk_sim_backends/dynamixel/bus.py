@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final, NamedTuple
 
+from crtk_sim_backends.defects import defects_of
 from crtk_sim_backends.dynamixel.config import ServoSpec
+from crtk_sim_backends.dynamixel.defects import ServoDefects
 from crtk_sim_backends.dynamixel.legacy import LegacyServo
 from crtk_sim_backends.dynamixel.modern import REVERSE, ModernServo
 from crtk_sim_backends.dynamixel.packets import (
@@ -44,8 +46,13 @@ Item = tuple[int, int, int]
 """Id, address and length that a group read asks for."""
 
 
-def make_servos(specs: Sequence[ServoSpec], baud: int, return_delay: int) -> list[Servo]:
-    """Build the servos of one bus, set to a baud rate and Return Delay Time."""
+def make_servos(
+    specs: Sequence[ServoSpec],
+    baud: int,
+    return_delay: int,
+    defects: Sequence[ServoDefects] = (),
+) -> list[Servo]:
+    """Build the servos of one bus, set to a baud rate and Return Delay Time, with their defects."""
     servos: dict[int, Servo] = {}
     for spec in specs:
         make = LegacyServo if spec.model.series in OLDER else ModernServo
@@ -57,6 +64,7 @@ def make_servos(specs: Sequence[ServoSpec], baud: int, return_delay: int) -> lis
             joint.add_motor(spec.model.torque)
         servo = make(spec.model, spec.firmware, joint, mount)
         servo["id"] = spec.number
+        servo.have(defects_of(defects, spec.number))
         servo["return_delay_time"] = return_delay
         set_baud(servo, baud)
         if spec.partner is not None:

@@ -9,6 +9,8 @@ from typing import Final
 
 from typing_extensions import override
 
+from crtk_sim_backends.defects import read_defects
+from crtk_sim_backends.dynamixel.defects import ServoDefects
 from crtk_sim_backends.dynamixel.models import MODELS, Model
 from crtk_sim_backends.faults import unknown
 from crtk_sim_backends.options import (
@@ -104,6 +106,10 @@ class SimConfig(Options):
         0,
         "TCP port by which the first bus can be reached too, further ones follow; 0: any free ones",
     )
+    defects: str = option(
+        "",
+        "what is wrong with servos, such as 'position_noise=1e-3,joints=2+3;backlash=0.01,joints=5'",
+    )
     seed: int = option(0, "seed of everything random")
     trace_size: int = option(5000, "how many received instructions the trace keeps")
 
@@ -115,11 +121,17 @@ class SimConfig(Options):
         for name, low, high in _BOUNDS:
             check_range(name, getattr(self, name), low, high)
         _ = self.buses
+        _ = self.wrong
 
     @property
     def buses(self) -> list[list[ServoSpec]]:
         """The servos of every bus."""
         return [parse_servos(part) for part in PRESETS.get(self.servos, self.servos).split(";")]
+
+    @property
+    def wrong(self) -> tuple[ServoDefects, ...]:
+        """What `defects` says."""
+        return read_defects(ServoDefects, self.defects)
 
 
 _BOUNDS: Final = (

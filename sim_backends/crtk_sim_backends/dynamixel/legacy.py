@@ -100,9 +100,10 @@ class LegacyServo(Servo):
     def refresh(self, time: float, start: int = 0, end: int = 65536) -> None:
         drive, units = self.drive, self.model.units
         self.advance(time)
-        self["present_position"] = self._present_position()
-        self["present_speed"] = _signed_10(drive.velocity / units.velocity)
-        share = drive.applied / self.model.torque
+        angle, velocity, torque = self.sensed(time)
+        self["present_position"] = self._present_position(angle)
+        self["present_speed"] = _signed_10(velocity / units.velocity)
+        share = torque / self.model.torque
         self["present_load"] = _signed_10(share * units.full_load)
         self["present_voltage"] = round(10.0 * self.volts)
         self["present_temperature"] = max(0, min(255, round(self.temperature)))
@@ -129,8 +130,8 @@ class LegacyServo(Servo):
         if self.temperature > self["temperature_limit"]:
             self.force_error(OVERHEAT)
 
-    def _present_position(self) -> int:
-        count = round(self._count(self.drive.angle))
+    def _present_position(self, angle: float) -> int:
+        count = round(self._count(angle))
         if self._mode is Mode.EXTENDED_POSITION:
             return max(-32768, min(32767, count + self.get("multi_turn_offset")))
         if self.model.series is not Series.MX_LEGACY:
@@ -219,4 +220,4 @@ class LegacyServo(Servo):
         if self.model.series is Series.MX_LEGACY:
             self._turns = -(count // units.counts) * units.counts
         self["torque_limit"] = self["max_torque"]
-        self["goal_position"] = self._present_position()
+        self["goal_position"] = self._present_position(self.drive.angle)

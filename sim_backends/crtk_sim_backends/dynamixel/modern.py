@@ -89,6 +89,7 @@ class ModernServo(Servo):
         super().__init__(model, firmware, joint, mount)
         self._offset = RAM_OFFSET.get(model.series, 0)
         self._shut_down = False
+        self._aside = 0.0  # rad beside its goal, by a defect, until it has another one
         self._effects: Mapping[str, Callable[[float], None]] = {
             "torque_enable": self._torque,
             "operating_mode": self._mode_changed,
@@ -174,12 +175,13 @@ class ModernServo(Servo):
     def refresh(self, time: float, start: int = 0, end: int = 65536) -> None:
         drive, units, offset = self.drive, self.model.units, self._offset
         self.advance(time)
-        way, angle = self._way, drive.angle
-        velocity = self._per_velocity * drive.velocity
+        way = self._way
+        angle, speed, torque = self.sensed(time)
+        velocity = self._per_velocity * speed
         if self.stuffing is not None:
             measured = next(self.stuffing)
         else:
-            effort = _small(self._per_torque * drive.applied)
+            effort = _small(self._per_torque * torque)
             measured = effort, _wide(velocity), _wide(self._count(angle))
         if start >= _MEASURED_AT + offset and end <= _MEASURED_AT + _MEASURED.size + offset:
             _MEASURED.pack_into(self.memory, _MEASURED_AT + offset, *measured)
@@ -290,6 +292,7 @@ class ModernServo(Servo):
                 if name in ("goal_pwm", "goal_current"):
                     self._set_limits(time)
                 if name == self._goal:
+                    self._aside = 0.0
                     self._pursue(time)
 
         return effect
@@ -307,6 +310,7 @@ class ModernServo(Servo):
             self._forget_turns()
         self.drive.switch(self.mode, time)
         self._set_limits(time)
+        self._aside = self.defects.jump_on_enable if self.defects else 0.0
         self._pursue(time)
         self._feed_watchdog(time)
 
@@ -314,7 +318,10 @@ class ModernServo(Servo):
         """Go for the goal of the present mode."""
         drive, units, way, mode = self.drive, self.model.units, self._way, self.mode
         if drive.positions:
-            drive.follow(self._profile(self._angle(self["goal_position"]), time), time)
+            goal = self._angle(self["goal_position"]) + self._aside
+            if self.defects:
+                goal += self.defects.following_offset
+            drive.follow(self._profile(goal, time), time)
         elif mode is Mode.VELOCITY:
             acceleration = self["profile_acceleration"]
             velocity = way * self["goal_velocity"] * units.velocity
@@ -390,6 +397,8 @@ class ModernServo(Servo):
 
     def _feed_watchdog(self, time: float) -> None:
         value = self["bus_watchdog"]
+        if self.defects and self.defects.ignores_watchdog:
+            return
         if value > 0 and self.torque_enabled:
             self.drive.set_alarm(time + value * _WATCHDOG_UNIT)
 

@@ -125,7 +125,7 @@ class DynamixelServer:
             line = Line(
                 name,
                 Adapter(Tty(self._link(number, name)), self._doors[number - 1], config.baud),
-                make_servos(specs, config.baud, config.return_delay),
+                make_servos(specs, config.baud, config.return_delay, config.wrong),
                 lead=lead,
                 latency=config.adapter_latency * 1e-3,
                 chain=config.chain,

@@ -12,6 +12,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import ClassVar, Final
 
+from crtk_sim_backends.defects import Sense
+from crtk_sim_backends.dynamixel.defects import ServoDefects
 from crtk_sim_backends.dynamixel.drive import Drive
 from crtk_sim_backends.dynamixel.models import Model
 from crtk_sim_backends.dynamixel.packets import Code, Error
@@ -52,6 +54,8 @@ class Servo(ABC):
         self.temperature = AMBIENT
         self.heat_source: float | None = None  # °C that something outside forces on it
         self.claims: dict[int, int] = {}  # bytes that read otherwise than they are, by address
+        self.defects: ServoDefects | None = None
+        self._sense: Sense | None = None
         self.stuffing: Iterator[tuple[int, int, int]] | None = None  # what it claims to measure
         self.silent_until = -math.inf
         self.reboots = 0
@@ -64,6 +68,18 @@ class Servo(ABC):
         for register in self.table:
             self._put(register, register.default)
         self.derive()
+
+    def have(self, defects: ServoDefects | None) -> None:
+        """Have defects, or none."""
+        self.defects = defects
+        self._sense = None if defects is None else Sense(defects, self.number)
+
+    def sensed(self, time: float) -> tuple[float, float, float]:
+        """Angle (rad) and velocity (rad/s) of the horn, and torque (N·m), as the servo measures them."""
+        drive = self.drive
+        if self._sense is None:
+            return drive.angle, drive.velocity, drive.applied
+        return self._sense.tell(drive.angle, drive.velocity, drive.applied, time)
 
     # Memory
 

@@ -52,7 +52,7 @@ class Box:
             config.buffer_size,
             config.internal_rate or self.profile.rates[0],
         )
-        self.sensor = Sensor(self.settings, config.acting, now, config.ft_sequence)
+        self.sensor = Sensor(self.settings, config.acting, now, config.ft_sequence, config.wrong)
         self.stream: Stream | None = None
         self.counters = Counters()
         self.ignores_settings = False

@@ -9,6 +9,8 @@ from typing import Final
 
 from typing_extensions import override
 
+from crtk_sim_backends.defects import read_defects
+from crtk_sim_backends.netft.defects import TransducerDefects
 from crtk_sim_backends.netft.loads import Load, LoadError, parse_load
 from crtk_sim_backends.netft.profiles import PRESETS, PROFILES, USUAL_PRESET, Preset, Profile
 from crtk_sim_backends.netft.settings import MOST_RECORDS
@@ -44,6 +46,9 @@ class SimConfig(Options):
     )
     load: str = option(
         "", "what acts on the sensor, such as 'constant:fz=-20 + sine:axis=2,amplitude=5'"
+    )
+    defects: str = option(
+        "", "what is wrong with the transducer, such as 'noise=0.05,drift=0.01,bias_left=0.1'"
     )
     rdt_rate: int = option(
         1000, "records per second; the next fraction of the internal rate above it; 0: all"
@@ -81,11 +86,20 @@ class SimConfig(Options):
             _ = self.acting
         except LoadError as error:
             raise ConfigError(f"load: {error}") from error
+        _ = self.wrong
 
     @cached_property
     def acting(self) -> Load:
         """The load, read once: it may come from a large file."""
         return parse_load(self.load)
+
+    @property
+    def wrong(self) -> TransducerDefects | None:
+        """What `defects` says."""
+        found = read_defects(TransducerDefects, self.defects)
+        if len(found) > 1:
+            raise ConfigError("defects: one transducer has one group of them, without ';'")
+        return found[0] if found else None
 
     @property
     def family(self) -> Profile:

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from crtk_sim_backends.netft.defects import TransducerDefects, Wrongs
 from crtk_sim_backends.netft.loads import Array, Load
 from crtk_sim_backends.netft.settings import Settings
 
@@ -137,10 +138,20 @@ class Sensor:
         load: what acts on the transducer.
         now: monotonic time of the start, s.
         first_ft: ft_sequence of the first measurement.
+        defects: of the transducer.
     """
 
-    def __init__(self, settings: Settings, load: Load, now: float, first_ft: int = 0) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        load: Load,
+        now: float,
+        first_ft: int = 0,
+        defects: TransducerDefects | None = None,
+    ) -> None:
         self.load = load
+        self._wrongs = None if defects is None else Wrongs(defects)
+        self._bias_left = 0.0 if defects is None else defects.bias_left
         self.trouble = Trouble()
         self._settings = settings
         self._first_ft = first_ft
@@ -219,7 +230,7 @@ class Sensor:
 
     def set_bias(self, now: float) -> None:
         """Let the present load be the bias."""
-        self._settings.bias = self.measurement(now).smooth.copy()
+        self._settings.bias = (1.0 - self._bias_left) * self.measurement(now).smooth
 
     def freeze(self, now: float) -> None:
         """Repeat the newest measurement from now on."""
@@ -260,7 +271,10 @@ class Sensor:
         settings = self._settings
         size = max(8, int(settings.internal_rate * _AHEAD))
         numbers = np.arange(first, first + size)
-        load = self.load.wrench(self.clock.load_times(first, size)) + self.trouble.push
+        times = self.clock.load_times(first, size)
+        load = self.load.wrench(times) + self.trouble.push
+        if self._wrongs is not None:
+            load = self._wrongs.measured(load, times)
         for axis in self.trouble.overloaded:
             load[:, axis] = 2.0 * self._limit[axis]
         saturated = self._saturation(numbers, load)

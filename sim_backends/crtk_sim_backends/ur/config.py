@@ -11,6 +11,7 @@ from typing import ClassVar, Final
 
 from typing_extensions import override
 
+from crtk_sim_backends.defects import read_defects
 from crtk_sim_backends.options import (
     ConfigError,
     Options,
@@ -21,6 +22,7 @@ from crtk_sim_backends.options import (
     option,
 )
 from crtk_sim_backends.process import AUTO
+from crtk_sim_backends.ur.defects import ArmDefects
 from crtk_sim_backends.ur.models import MODELS, RobotModel
 from crtk_sim_backends.ur.motion.calibration import calibrated
 from crtk_sim_backends.ur.motion.contact import Surface, parse
@@ -81,6 +83,7 @@ class SimConfig(Options):
             "programs",
             "speed",
             "contact",
+            "defects",
         ),
         "Further servers": (
             "modbus",
@@ -163,6 +166,11 @@ class SimConfig(Options):
         "surfaces for the tool to touch, as point/normal[/stiffness[/damping[/friction]]] in m, N/m "
         "and N.s/m, such as '0,0,0.1/0,0,1/20000'; several with ';' between them",
     )
+    defects: str = option(
+        "",
+        "what is wrong with joints (1 to 6, from the base), such as 'position_noise=1e-3,joints=2+3; "
+        "velocity_scale=1.1,joints=5'",
+    )
     tool_speed_limit: float = option(5.0, "speed of the tool that stops the arm protectively, m/s")
     tool_force_limit: float = option(250.0, "force on the tool that stops it, N")
     power_limit: float = option(3000.0, "power of the joints that stops it, W")
@@ -206,6 +214,7 @@ class SimConfig(Options):
         if self.robot.is_cb3 and (self.tool_device or self.tool_communication):
             raise ConfigError("tool_device: a CB3 arm has no serial line to the tool")
         _ = self.wires
+        _ = self.wrong
         check_file("replay", self.replay)
         if self.replay and (self.modbus or self.tool_communication or self.tool_device):
             raise ConfigError(
@@ -259,6 +268,11 @@ class SimConfig(Options):
             return parse_wires(self.wiring)
         except WiringError as error:
             raise ConfigError(f"wiring: {error}") from error
+
+    @property
+    def wrong(self) -> tuple[ArmDefects, ...]:
+        """What `defects` says."""
+        return read_defects(ArmDefects, self.defects)
 
     @property
     def recorded(self) -> list[Variable]:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from crtk_sim_backends.ur.clock import Clock
+from crtk_sim_backends.ur.defects import ArmDefects
 from crtk_sim_backends.ur.messages import (
     ErrorMessage,
     Message,
@@ -80,6 +81,7 @@ class Controller:
         programs: what `load` finds.
         surfaces: what the tool can touch.
         limits: at which the arm stops protectively.
+        defects: of groups of joints.
         extra_builtins: URScript built-ins to add (the socket functions of `script_sockets`).
 
     Attributes:
@@ -113,6 +115,7 @@ class Controller:
         programs: ProgramFiles | None = None,
         surfaces: Sequence[Surface] = (),
         limits: SafetyLimits | None = None,
+        defects: Sequence[ArmDefects] = (),
         extra_builtins: Callable[[Controller], Iterable[Builtin]] = no_builtins,
     ) -> None:
         self.model = model
@@ -143,6 +146,7 @@ class Controller:
         self._power = ArmPower(boot_seconds)
         self._speed_slider = 1.0  # ramped towards target_speed_fraction
         self.player: ProgramPlayer = ProgramPlayer(self)
+        self.player.has_watchdogs = not any(group.ignores_watchdog for group in defects)
         self.state_signals = StateSignals(self._power, self.player, self.plant.compliance)
         motion = MotionControl(self.plant, self.clock, self.player.caller, self.protective_stop)
         self.player.thread_ended.append(motion.release)
@@ -170,7 +174,7 @@ class Controller:
                 },
             }
         )
-        self._image = ProcessImage(self)
+        self._image = ProcessImage(self, defects)
         if powered_on:
             self._power.start(RobotMode.RUNNING)
             self._power_changed()

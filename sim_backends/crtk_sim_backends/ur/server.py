@@ -165,6 +165,7 @@ class UrServer:
             programs=ProgramFiles(Path(config.programs) if config.programs else None),
             surfaces=config.surfaces,
             limits=config.limits,
+            defects=config.wrong,
             extra_builtins=self._network_builtins,
         )
 

@@ -87,6 +87,7 @@ class ProgramPlayer:
         ended: what is called when the running program ends.
         thread_ended: what is called with the owner (see `caller`) of motions when its thread ends.
         pause_factor: speed scaling by pause: 1 while playing, 0 when paused.
+        has_watchdogs: whether those that programs ask for are kept.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -98,6 +99,7 @@ class ProgramPlayer:
         self._next: _Next | None = None
         self._secondary: list[ProgramRuntime] = []
         self._stepping: ProgramRuntime | None = None
+        self.has_watchdogs = True
         self._watchdogs: dict[str, _Watchdog] = {}
         self.state: RuntimeState = RuntimeState.STOPPED
         self.name = ""
@@ -283,7 +285,7 @@ class ProgramPlayer:
 
     def set_watchdog(self, variable: str, frequency: float, action: str) -> None:
         """Expect RTDE input `variable` at `frequency`, Hz; 0 ends the watch."""
-        if frequency <= 0.0:
+        if frequency <= 0.0 or not self.has_watchdogs:
             self._watchdogs.pop(variable, None)
         else:
             time = self._clock.time

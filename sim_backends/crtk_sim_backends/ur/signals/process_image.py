@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final, Protocol
 
 from crtk_sim_backends.ur.clock import Clock
+from crtk_sim_backends.ur.defects import ArmDefects, Flaws
 from crtk_sim_backends.ur.motion.arm import DEVIATION_LIMIT
 from crtk_sim_backends.ur.motion.kinematics import (
     Floats,
@@ -72,10 +74,17 @@ class Robot(Protocol):
 
 
 class ProcessImage:
-    """Writes the state of a robot into its `outputs`; works only on what changed."""
+    """Writes the state of a robot into its `outputs`; works only on what changed.
 
-    def __init__(self, robot: Robot) -> None:
+    Args:
+        robot: whose it is.
+        defects: of groups of its joints.
+    """
+
+    def __init__(self, robot: Robot, defects: Sequence[ArmDefects] = ()) -> None:
         self._robot = robot
+        self._flaws = Flaws(defects, TORQUE_CONSTANT) if defects else None
+        self._current: tuple[float, ...] = _ZERO
         self._still: Any = None
         self._load: Any = None
         self._modes: Any = None
@@ -112,6 +121,10 @@ class ProcessImage:
         if still != self._still or any(arm.target_qdd):
             self._still = still
             self._update_joints(out)
+        if self._flaws is not None:
+            time = robot.clock.time
+            self._flaws.tell(out, arm.actual_q, arm.actual_qd, self._current, time)
+            self._flaws.tell_pose(out, plant.kinematics, plant.tool)
         power = STANDBY_POWER
         if any(arm.actual_qd):
             power += sum([abs(m * v) for m, v in zip(self._moment, arm.actual_qd, strict=True)])
@@ -219,7 +232,7 @@ class ProcessImage:
         out["target_current"] = (
             current if target is self._moment else _over(target, TORQUE_CONSTANT)
         )
-        out["actual_current"] = out["joint_control_output"] = current
+        out["actual_current"] = out["joint_control_output"] = self._current = current
         out["actual_current_as_torque"] = self._moment
         powered = robot.robot_mode >= RobotMode.POWER_ON
         out["actual_robot_current"] = (

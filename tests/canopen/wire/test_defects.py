@@ -1,0 +1,115 @@
+"""Defects of simulated drives are what the driver measures; drives beside them are sound."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from crtk_drivers.front import LocalDevice
+from crtk_drivers.samples import JointState, Stamp
+from crtk_sim_backends.process import RunningSim
+from rigs.canopen_arm import JOINT, SOON, arm_of, arm_on, drives, until
+
+GEAR = JOINT["gear"]
+DEFECTS = (
+    "position_noise=0.02,joints=1",
+    "effort_sign=-1,joints=2",
+    "backlash=4,joints=3",
+    "velocity_scale=1.5,joints=4",
+    "following_offset=2,joints=5",
+    "sag_on_disable=3,joints=6",
+)
+NOISY, WRONG_WAY, LOOSE, FAST, ASIDE, SAGGING, SOUND = range(7)
+"""The joints, in the order of their drives."""
+
+
+@pytest.fixture(scope="module")
+def sim() -> Iterator[RunningSim]:
+    with drives(7, defects=";".join(DEFECTS)) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def arm(sim: RunningSim) -> Iterator[LocalDevice]:
+    with arm_of(arm_on(sim, 7)) as device:
+        device.enable(timeout=SOON)
+        yield device
+
+
+def sample(arm: LocalDevice) -> tuple[JointState, Stamp]:
+    """Return the next joint state that is measured, and its stamp."""
+    before = arm.health().samples
+    until(lambda: arm.health().samples > before, "a sample")
+    found = arm.engine.feedback("measured_js")
+    assert found is not None
+    assert isinstance(found[0], JointState)
+    return found[0], found[1]
+
+
+def mean_of(arm: LocalDevice, name: str = "position") -> np.ndarray:
+    found: np.ndarray = np.mean([getattr(sample(arm)[0], name) for _ in range(20)], axis=0)
+    return found
+
+
+def go(arm: Any, joint: int, position: float) -> list[tuple[JointState, Stamp]]:
+    """Move a joint, and return what was measured until it stood."""
+    goal = np.array(arm.setpoint_js().position)
+    goal[joint] = position
+    found = [sample(arm)]
+    move = arm.move_jp(goal)
+    while move.is_busy() or abs(found[-1][0].velocity[joint]) > 0.01:
+        found.append(sample(arm))
+    assert move.wait(0.0)
+    return found
+
+
+def test_a_position_is_noisy(arm: LocalDevice) -> None:
+    spread = np.std([sample(arm)[0].position for _ in range(60)], axis=0)
+    assert spread[NOISY] == pytest.approx(0.02 / GEAR, rel=0.5)
+    assert spread[SOUND] < 2e-5
+
+
+def test_an_effort_has_the_wrong_sign(arm: LocalDevice) -> None:
+    for joint, sign in ((WRONG_WAY, -1.0), (SOUND, 1.0)):
+        found = go(arm, joint, float(arm.setpoint_js().position[joint]) + 0.5)
+        effort = np.array([state.effort[joint] for state, _ in found])
+        speeding_up = np.gradient([state.velocity[joint] for state, _ in found])
+        assert math.copysign(1.0, effort @ speeding_up) == sign
+
+
+def test_what_is_measured_stays_behind_the_motor(arm: LocalDevice) -> None:
+    for joint, apart in ((LOOSE, 4.0 / GEAR), (SOUND, 0.0)):
+        rests = []
+        for came_from in (-0.5, 0.5):
+            go(arm, joint, came_from)
+            go(arm, joint, 0.0)
+            rests.append(mean_of(arm)[joint])
+        assert rests[1] - rests[0] == pytest.approx(apart, abs=5e-3)
+
+
+def test_a_velocity_is_too_great(arm: LocalDevice) -> None:
+    for joint, factor in ((FAST, 1.5), (SOUND, 1.0)):
+        found = go(arm, joint, float(arm.setpoint_js().position[joint]) + 1.0)
+        times = [stamp.monotonic for _, stamp in found]
+        way = found[-1][0].position[joint] - found[0][0].position[joint]
+        covered = np.trapezoid([state.velocity[joint] for state, _ in found], times)
+        assert covered / way == pytest.approx(factor, rel=0.1)
+
+
+def test_a_joint_rests_beside_its_setpoint(arm: LocalDevice) -> None:
+    for joint in (ASIDE, SOUND):
+        go(arm, joint, 0.2)
+    off = mean_of(arm) - np.array(arm.setpoint_js().position)
+    assert off[ASIDE] == pytest.approx(2.0 / GEAR, abs=3e-3)
+    assert abs(off[SOUND]) < 3e-3
+
+
+def test_a_joint_falls_when_power_goes(arm: LocalDevice) -> None:
+    before = mean_of(arm)
+    arm.disable(timeout=SOON)
+    fallen = mean_of(arm) - before
+    arm.enable(timeout=SOON)
+    assert fallen[SAGGING] == pytest.approx(-3.0 / GEAR, abs=5e-3)
+    assert abs(fallen[SOUND]) < 5e-3
