@@ -130,9 +130,6 @@ class LabSettings(Settings):
     bounds: dict[str, BoundEntry] = Field(
         default_factory=dict, description="By the id of a measurement of the bench."
     )
-    faults: bool = Field(
-        default=False, description="The bench may inject faults, as by cutting a link."
-    )
     unattended: bool = Field(
         default=False, description="The bench may make large motions with nobody beside it."
     )

@@ -182,6 +182,22 @@ def test_when_the_conductor_dies_the_results_so_far_are_kept(bench: Bench) -> No
     assert verdicts == {"T3": Verdict.PASS, "M2": Verdict.SKIPPED}
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize(
+    ("options", "verdict"),
+    [("", Verdict.PASS), ('sim_options = { defects = "ignores_watchdog=1" }\n', Verdict.FAIL)],
+    ids=["sound", "deaf"],
+)
+def test_a_drive_that_ignores_its_watchdog_fails(
+    bench: Bench, options: str, verdict: Verdict
+) -> None:
+    """What stops the hardware when the driver is gone is of the hardware: S4 and S5 look at it."""
+    run = bench(f'[devices.drive]\nplugin = "canopen"\nsim = true\n{options}', "S4", "S5")
+    found = {test.id: (test.verdict, test.reason) for _, test in run.tests}
+    assert {each for each, _ in found.values()} == {verdict}, found
+
+
 def test_a_real_device_is_only_read_unless_it_is_allowed(tmp_path: Path) -> None:
     from crtk_drivers.labs.bench.calls import About
     from crtk_drivers.labs.bench.run import lacking

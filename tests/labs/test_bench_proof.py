@@ -1,20 +1,26 @@
 """A bench that cannot fail proves nothing: with its defect a test fails, by the measurement that is for it.
 
-The same arm without a defect fails nowhere. On a machine that is too busy a test says so, and decides nothing.
-Of that its measurements know nothing, and they are what is looked at here.
+The same arm without a defect fails nowhere. Where the machine is too busy a test says so, and decides
+nothing; of that its measurements know nothing, and these are looked at here.
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from crtk_drivers.engine import Engine
 from crtk_drivers.labs.bench.catalogue import TESTS
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest
+from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject
+from crtk_drivers.labs.bench.trace import Row, Trace
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict
+from crtk_drivers.samples import Wrench, vector
+from crtk_drivers.testing.loopback import ROTARY
 from rigs.bench_bed import acquired, found
 
 ACQUISITIONS = {test.acquisition.name: test.acquisition for test in TESTS}
@@ -71,7 +77,15 @@ ELSEWHERE = {
     "staying.refusals.refused": "test_what_is_accepted_though_it_is_wrong_fails",
     "staying.refusals.reasons": "test_what_is_accepted_though_it_is_wrong_fails",
     "staying.refusals.moved": "test_what_is_accepted_though_it_is_wrong_fails",
-    "force.noise.mains": "a force sensor, not an arm",
+    "force.noise.mains": "test_the_mains_in_a_force_sensor_are_found",
+    "stop.driver_killed.distance": "test_bench.test_a_drive_that_ignores_its_watchdog_fails",
+    "stop.driver_frozen.distance": "test_bench.test_a_drive_that_ignores_its_watchdog_fails",
+    "stop.driver_frozen.after": "no defect of a simulator moves it when the driver goes on",
+    "loss.silence.restamped": "test_what_is_told_of_a_silent_device_is_judged",
+    "loss.silence.invalid": "test_what_is_told_of_a_silent_device_is_judged",
+    "loss.silence.fault": "test_what_is_told_of_a_silent_device_is_judged",
+    "loss.return.time": "test_what_is_told_of_a_silent_device_is_judged",
+    "loss.return.moved": "test_what_is_told_of_a_silent_device_is_judged",
     "stop.hold.back": "no defect of the arm brings it back",
     "stop.silence.back": "no defect of the arm brings it back",
     "stop.disable.back": "no defect of the arm brings it back",
@@ -114,8 +128,12 @@ def test_a_defect_makes_its_test_fail(
     assert set(verdicts.values()) == {Verdict.FAIL}, (verdicts, told)
 
 
+IN_PROCESS = [name for name, found in ACQUISITIONS.items() if found.safety < Safety.FAULT]
+"""Those that take away no process."""
+
+
 @pytest.mark.sweep(3)
-@pytest.mark.parametrize("name", ACQUISITIONS)
+@pytest.mark.parametrize("name", IN_PROCESS)
 def test_a_sound_arm_fails_nowhere(name: str, tmp_path: Path) -> None:
     acquisition: Acquisition = ACQUISITIONS[name]
     trace, subject = acquired(acquisition, "virtual", {}, tmp_path)
@@ -149,3 +167,56 @@ def test_commands_that_are_not_carried_out_are_missed(
     test: BenchTest = BY_ID["M7"]
     findings = found(test, "loopback", {"rate": 500.0}, tmp_path)
     assert verdict_of([findings], "motion.rate.seen") is Verdict.FAIL
+
+
+def test_the_mains_in_a_force_sensor_are_found() -> None:
+    random = np.random.default_rng(4)
+    subject = replace(SUBJECT, rate=500.0)
+    for amplitude, verdict in ((0.0, Verdict.PASS), (0.1, Verdict.FAIL)):
+        rows: list[Row] = []
+        for index in range(2000):
+            force = random.normal(0.0, 0.02, 3) + amplitude * math.sin(0.2 * math.pi * index)
+            at = 10**18 + 2_000_000 * index
+            rows.append(("measured_cf", at, at, Wrench(vector(force), vector((0.0, 0.0, 0.0)))))
+        findings = BY_ID["F1"].analyse(Trace.of(rows), subject)
+        assert verdict_of([findings], "force.noise.mains") is verdict
+
+
+LOOKS = [
+    (0.01 * index, 10**9 if index < 2 else 0, "FAULT" if index > 40 else "ENABLED")
+    for index in range(80)
+]
+SUBJECT = Subject(("joint_1",), (ROTARY,), 100.0, 0.0, 1.0, 0.1, 0.5, 0.05, 0.1)
+SILENT = {"looks": LOOKS, "back": 1.0, "state": "DISABLED", "before": [0.0], "after": [0.0]}
+
+
+@pytest.mark.parametrize(
+    ("kept", "failing"),
+    [
+        ({}, set()),
+        (
+            {"looks": [(at, 10**9 + round(1e9 * at), state) for at, _, state in LOOKS]},
+            {"loss.silence.restamped", "loss.silence.invalid"},
+        ),
+        ({"looks": [(at, stamp, "ENABLED") for at, stamp, _ in LOOKS]}, {"loss.silence.fault"}),
+        (
+            {"looks": [(2.0 * at, stamp, state) for at, stamp, state in LOOKS]},
+            {"loss.silence.fault"},
+        ),
+        ({"back": 11.0}, {"loss.return.time"}),
+        ({"after": [0.01]}, {"loss.return.moved"}),
+    ],
+)
+def test_what_is_told_of_a_silent_device_is_judged(kept: dict[str, Any], failing: set[str]) -> None:
+    subject = replace(SUBJECT, kept={**SILENT, **kept})
+    found = [BY_ID[name].analyse(Trace.of([]), subject) for name in ("T6", "T7")]
+    measured = [one for each in found for one in each.measurements]
+    beyond = {one.quantity.id for one in measured if one.verdict is not Verdict.PASS}
+    assert beyond == failing
+    assert any(each.verdict is Verdict.FAIL for each in found) == bool(failing)
+
+
+def test_what_comes_back_in_another_state_or_never_fails() -> None:
+    for kept in ({"state": "ENABLED"}, {"back": None}):
+        subject = replace(SUBJECT, kept={**SILENT, **kept})
+        assert BY_ID["T7"].analyse(Trace.of([]), subject).verdict is Verdict.FAIL

@@ -7,9 +7,13 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import signal
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, Final
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from enum import StrEnum
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -20,7 +24,7 @@ from crtk_drivers.labs.bench.watch import Watch
 from crtk_drivers.samples import JointState, Pose, Value, Vector, vector
 from crtk_drivers.state import OperatingState, Status
 
-__all__ = ["Bed", "Broken", "Tripped"]
+__all__ = ["Bed", "Broken", "Process", "Processes", "Tripped"]
 
 SMALL_ANGLE: Final = 0.1
 """rad: how far a joint goes at most from where it is in a small motion."""
@@ -45,6 +49,26 @@ class Broken(CrtkError):
     """A procedure (enable, home, a move back) failed: the device is not used any more in this run."""
 
 
+class Process(StrEnum):
+    """A process that belongs to a device."""
+
+    SIMULATOR = "simulator"
+    DRIVER = "driver"
+
+
+class Processes(Protocol):
+    """The processes of one device, for tests that take one away."""
+
+    def pid(self, which: Process) -> int:
+        """Return its process id."""
+
+    def kill_driver(self) -> None:
+        """End the driver's process, and wait for that."""
+
+    def revive_driver(self) -> tuple[Door, Door]:
+        """Start the driver's process again; return two connections to it, one for the watch."""
+
+
 class Bed:
     """One device under test.
 
@@ -55,6 +79,10 @@ class Bed:
         watch: of it.
         thorough: 1 for a quick run, more for one that takes its time: how much is measured.
         features: of the lab.
+        processes: of the device; None where they may not be touched.
+
+    Attributes:
+        kept: what was written down by `keep`.
     """
 
     def __init__(
@@ -65,6 +93,7 @@ class Bed:
         watch: Watch,
         thorough: float,
         features: Mapping[str, float | bool | str],
+        processes: Processes | None = None,
     ) -> None:
         self.name = name
         self.about = about
@@ -73,6 +102,8 @@ class Bed:
         self._door = door
         self._watch = watch
         self._slides: Vector | None = None
+        self._processes = processes
+        self.kept: dict[str, Any] = {}
 
     # ------------------------------------------------------------------------------- what is written down
 
@@ -83,6 +114,10 @@ class Bed:
     def note(self, **values: Any) -> None:
         """Write something down for the analysis, such as an amplitude."""
         self._door.call("note", json.dumps(values))
+
+    def keep(self, **values: Any) -> None:
+        """Write something down that outlives the driver's process."""
+        self.kept |= values
 
     # -------------------------------------------------------------------------------------------- waiting
 
@@ -251,6 +286,44 @@ class Bed:
             return None
         pose: Pose = self._door.call("forward", joints)
         return pose
+
+    # -------------------------------------------------------------------------------------------- faults
+
+    @contextmanager
+    def expecting(self, what: str) -> Iterator[None]:
+        """Within, the watch stops nothing: `what` is what the test is about."""
+        with self._watch.during(what):
+            yield
+
+    @contextmanager
+    def frozen(self, which: Process) -> Iterator[None]:
+        """Within, a process gets no time: the simulator, as a device that falls silent, or the driver."""
+        pid = self._own_processes.pid(which)
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            os.kill(pid, signal.SIGCONT)
+
+    def kill_driver(self) -> None:
+        """End the driver as by a power cut of its computer."""
+        self._watch.close()
+        self._own_processes.kill_driver()
+
+    def revive_driver(self) -> None:
+        """Start the driver again.
+
+        Raises:
+            CrtkError: it does not measure.
+        """
+        self._door, watching = self._own_processes.revive_driver()
+        self._watch.start_again(watching)
+
+    @property
+    def _own_processes(self) -> Processes:
+        if self._processes is None:
+            raise Broken("its processes are not the bench's")
+        return self._processes
 
     def _command_to(self, text: str, state: OperatingState) -> None:
         try:

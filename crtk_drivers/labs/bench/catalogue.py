@@ -6,14 +6,14 @@ from collections.abc import Iterable
 from typing import Final
 
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.labs.bench import motions, sampling, staying, stops
+from crtk_drivers.labs.bench import losses, motions, sampling, staying, stops
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Suite
 
 __all__ = ["TESTS", "chosen", "of"]
 
 TESTS: Final[tuple[BenchTest, ...]] = tuple(
     sorted(
-        (*sampling.TESTS, *staying.TESTS, *stops.TESTS, *motions.TESTS),
+        (*sampling.TESTS, *staying.TESTS, *stops.TESTS, *motions.TESTS, *losses.TESTS),
         key=lambda test: test.acquisition.safety,
     )
 )

@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final
@@ -25,7 +25,7 @@ from typing import Any, Final
 from crtk_drivers import plugins
 from crtk_drivers.config import DeviceConfig, SpaceConfig, from_values, load
 from crtk_drivers.errors import CrtkError
-from crtk_drivers.labs.bench.bed import Bed, Broken, Tripped
+from crtk_drivers.labs.bench.bed import Bed, Broken, Process, Tripped
 from crtk_drivers.labs.bench.calls import About, HostOrder
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import Acquisition, Safety
@@ -104,6 +104,7 @@ class Acquired:
         recording: its file.
         lateness: of the bench's own timer, in s.
         trouble: why it was not carried out to the end.
+        kept: what the acquisition wrote down beside it.
         tripped: the watch stopped the device.
         broken: a procedure failed: the device is not used any more.
     """
@@ -114,6 +115,7 @@ class Acquired:
     recording: Path
     lateness: tuple[float, ...] = ()
     trouble: str = ""
+    kept: Mapping[str, Any] = field(default_factory=dict)
     tripped: bool = False
     broken: bool = False
 
@@ -164,7 +166,13 @@ class _Conductor:
             with host.connected() as watching:
                 watch = Watch(watching, about, box, self._stop)
                 bed = Bed(
-                    device.name, about, host.door, watch, self._order.thorough, self._order.features
+                    device.name,
+                    about,
+                    host.door,
+                    watch,
+                    self._order.thorough,
+                    self._order.features,
+                    host if device.sim else None,
                 )
                 goes_on = self._acquire(bed, watch, acquisition, host)
             if not goes_on:
@@ -202,6 +210,7 @@ class _Conductor:
                 path,
                 tuple(watch.lateness),
                 trouble,
+                bed.kept,
                 bool(watch.tripped),
                 broken,
             )
@@ -225,6 +234,7 @@ class _Hosted:
         self._sim: RunningSim | None = None
         self._door: Door | None = None
         self._trouble: CrtkError | None = None
+        self._host: HostOrder | None = None
 
     def __enter__(self) -> _Hosted:
         try:
@@ -293,7 +303,10 @@ class _Hosted:
                 from_values(dict(order.sim_options), "the options of the simulator"),
             )
             config = plugin.sim_config(config, self._sim)
-        host = HostOrder(plugin.name, config, order.sim, self._path, self._key)
+        self._host = HostOrder(plugin.name, config, order.sim, self._path, self._key)
+        self._start_driver()
+
+    def _start_driver(self) -> None:
         with self._log.open("ab") as log:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "crtk_drivers.labs.bench.host"],
@@ -304,8 +317,31 @@ class _Hosted:
             )
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError):
-            self._process.stdin.write(pickle.dumps(host))
+            self._process.stdin.write(pickle.dumps(self._host))
             self._process.stdin.close()
+
+    # ------------------------------------------------------------------------------- as `Processes`
+
+    def pid(self, which: Process) -> int:
+        """Return the id of a process."""
+        process = self._sim if which is Process.SIMULATOR else self._process
+        if process is None:
+            raise Broken(f"it has no {which}")
+        return process.pid
+
+    def kill_driver(self) -> None:
+        """End the driver as by a power cut of its computer."""
+        assert self._process is not None
+        self._process.kill()
+        self._process.wait()
+        self.door.close()
+        Path(self._path).unlink(missing_ok=True)
+
+    def revive_driver(self) -> tuple[Door, Door]:
+        """Start the driver again; return the connection that supervises it, and one for the watch."""
+        self._start_driver()
+        self.about()
+        return self.door, self.connected()
 
 
 def ask_to_stop(pid: int) -> None:

@@ -7,7 +7,8 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from enum import IntEnum, StrEnum
-from typing import Final
+from types import MappingProxyType
+from typing import Any, Final
 
 import numpy as np
 
@@ -102,6 +103,10 @@ class Subject:
         stop_time: seconds within which it declares to stand.
         silence: seconds without a command after which a servo stream has ended.
         lateness: by how many seconds the bench's own timer was late during the acquisition.
+        kept: what the acquisition wrote down beside the recording.
+        sample_timeout: seconds without a sample after which the link counts as lost.
+        stale_after: seconds after which a sample is no longer valid.
+        link_timeout: seconds that the hardware declares to go on by itself.
         bounds: of the lab file, by the id of a quantity.
     """
 
@@ -111,18 +116,37 @@ class Subject:
     lag: float
     stop_time: float
     silence: float
+    sample_timeout: float
+    stale_after: float
+    link_timeout: float
     lateness: tuple[float, ...] = ()
+    kept: Mapping[str, Any] = field(default_factory=dict)
     bounds: Mapping[str, BoundEntry] = field(default_factory=dict)
 
     @classmethod
     def of(
-        cls, about: About, lateness: tuple[float, ...], bounds: Mapping[str, BoundEntry]
+        cls,
+        about: About,
+        lateness: tuple[float, ...],
+        bounds: Mapping[str, BoundEntry],
+        kept: Mapping[str, Any] = MappingProxyType({}),
     ) -> Subject:
         """Return what counts of a device."""
         own = about.capabilities
-        lag = 0.0 if own.following is None else own.following.lag
-        times = own.rate, lag, own.stop.time, about.silence
-        return cls(own.joints, own.limits, *times, lateness, bounds)
+        return cls(
+            joints=own.joints,
+            limits=own.limits,
+            rate=own.rate,
+            lag=0.0 if own.following is None else own.following.lag,
+            stop_time=own.stop.time,
+            silence=about.silence,
+            sample_timeout=about.sample_timeout,
+            stale_after=about.stale_after,
+            link_timeout=own.stop.link_timeout,
+            lateness=lateness,
+            kept=dict(kept),
+            bounds=bounds,
+        )
 
     def as_json(self) -> str:
         """Return it as text, without the bounds."""
@@ -198,6 +222,7 @@ class BenchTest:
         needs: CRTK names without which it cannot be judged.
         suite: the smallest suite that it belongs to, if that is not its acquisition's.
         guards: a FAIL of it ends all motion of the device.
+        of_kept: it judges what the acquisition kept, whatever became of that afterwards.
     """
 
     id: str
@@ -209,6 +234,7 @@ class BenchTest:
     needs: tuple[str, ...] = ()
     suite: Suite | None = None
     guards: bool = False
+    of_kept: bool = False
 
     @property
     def smallest_suite(self) -> Suite:

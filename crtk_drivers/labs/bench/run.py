@@ -48,9 +48,6 @@ from crtk_drivers.status.stop_request import StopRequest
 
 __all__ = ["BenchOptions", "Judge", "Progress", "judged_again", "run_bench"]
 
-FAULTS_VARIABLE: Final = "CRTK_BENCH_FAULTS"
-"""Set to 1 beside `faults` of the lab file, before anything is injected into real hardware."""
-
 POLL_PERIOD: Final = 0.1
 
 END_TIMEOUT: Final = 60.0
@@ -102,6 +99,8 @@ def lacking(
     if missing:
         return f"the device does not offer {', '.join(missing)}"
     safety = test.acquisition.safety
+    if safety >= Safety.FAULT and not device.sim:
+        return "takes processes away, which is done to simulators only"
     if safety is Safety.READ or device.sim or device.plugin.is_model:
         return ""
     if not options.may_move:
@@ -115,13 +114,8 @@ def lacking(
         return f"it is another device than the lab file says: {'; '.join(wrong)}"
     if safety >= Safety.SMALL and device.entry.space is None:
         return "needs `space` in the lab file: where it may go"
-    if safety in (Safety.LARGE, Safety.FAULT_IN_MOTION) and not lab.settings.unattended:
-        return "needs `unattended` in the lab file, or to be asked for by --only"
-    if safety >= Safety.FAULT:
-        if not lab.settings.faults:
-            return "needs `faults` in the lab file"
-        if os.environ.get(FAULTS_VARIABLE) != "1":
-            return f"needs {FAULTS_VARIABLE}=1 in the environment"
+    if safety is Safety.LARGE and not lab.settings.unattended:
+        return "needs `unattended` in the lab file"
     return ""
 
 
@@ -262,7 +256,9 @@ class _Bench:
         """Judge a recording; return whether the device is used any further."""
         tested = self._tested[message.device]
         assert tested.about is not None
-        subject = Subject.of(tested.about, message.lateness, self._lab.settings.bounds)
+        subject = Subject.of(
+            tested.about, message.lateness, self._lab.settings.bounds, message.kept
+        )
         self._keep_subject(message.recording, subject)
         guarded = ""
         judge = Judge(message.recording, subject, message.trouble)
@@ -352,7 +348,7 @@ class Judge:
 
     def findings(self, test: BenchTest) -> Findings:
         """Return what a test finds."""
-        if self._trouble or self._trace is None:
+        if self._trace is None or (self._trouble and not (test.of_kept and self._subject.kept)):
             return Findings(doubts=(self._trouble,))
         try:
             return test.analyse(self._trace, self._subject)

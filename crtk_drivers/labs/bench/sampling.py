@@ -39,6 +39,9 @@ STREAMS: Final = ("measured_js", "measured_cf", "measured_cp", "measured_cv")
 BUSY: Final = 2e-3
 """Seconds by which the bench's own timer may be late, where a quarter of a period is less."""
 
+SLOW: Final = 0.02
+"""Share of its rate by which a device may be off, where frequencies are looked for."""
+
 MAINS: Final = (50.0, 60.0)
 
 
@@ -284,8 +287,10 @@ def _force(trace: Trace, subject: Subject) -> Findings:
                 Bound(6.0, "six times the floor of the spectrum"),
             )
         )
+    slow = abs(rate * subject.period - 1.0) > SLOW
     return Findings(
         tuple(found),
+        doubts=(f"{rate:.0f} samples came a second, of {subject.rate:g}",) if slow else (),
         plots=(
             Plot(
                 "Forces at rest",

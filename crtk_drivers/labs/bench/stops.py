@@ -22,7 +22,7 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import Array, JointState, Vector, vector
 
-__all__ = ["TESTS"]
+__all__ = ["TESTS", "begin_motion"]
 
 RUN: Final = 0.5
 """Seconds of motion before the stop."""
@@ -72,22 +72,34 @@ def _ramp(home: Vector, speed: Vector, t: float) -> JointState:
     return JointState(position=home + speed * done)
 
 
+def begin_motion(bed: Bed, home: Vector, *, velocity: bool = True) -> tuple[Vector, str]:
+    """Bring all joints into motion by a stream, upwards where there is room for that.
+
+    Args:
+        bed: whose device is ENABLED.
+        home: where it is set (n,).
+        velocity: by ``servo_jv`` where it is offered.
+
+    Returns:
+        the speeds (n,), and the command.
+    """
+    reach = bed.reach(0.8)
+    upper = np.array([limit.upper for limit in bed.about.capabilities.limits])
+    direction = np.where(upper - home > 1.5 * reach, 1.0, -1.0)
+    speed = vector(direction * _speeds(bed, reach))
+    if velocity and bed.offers("servo_jv"):
+        bed.stream("servo_jv", lambda t: JointState(velocity=speed * min(1.0, t / BEGIN)), RUN)
+        return speed, "servo_jv"
+    bed.stream("servo_jp", lambda t: _ramp(home, speed, t), RUN)
+    return speed, "servo_jp"
+
+
 def _stopping(kind: str) -> Acquisition:
     def run(bed: Bed) -> None:
         bed.enable()
         home = bed.setpoint
-        reach = bed.reach(0.8)
-        limits = bed.about.capabilities.limits
-        upper = np.array([limit.upper for limit in limits])
-        # Upwards where there is room for that.
-        direction = np.where(upper - home > 1.5 * reach, 1.0, -1.0)
-        speed = vector(direction * _speeds(bed, reach))
         # Of positions the last one is where it stands, whoever stops it: only velocities go on in silence.
-        stream = "servo_jv" if kind == "silence" and bed.offers("servo_jv") else "servo_jp"
-        if stream == "servo_jv":
-            bed.stream(stream, lambda t: JointState(velocity=speed * min(1.0, t / BEGIN)), RUN)
-        else:
-            bed.stream(stream, lambda t: _ramp(home, speed, t), RUN)
+        speed, stream = begin_motion(bed, home, velocity=kind == "silence")
         if kind == "hold":
             bed.submit("hold")
         elif kind == "disable":

@@ -99,18 +99,28 @@ class Watch:
         self._stop = stop
         self._expected = 0
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="bench watch", daemon=True)
+        self._thread: threading.Thread | None = None
 
     def start(self) -> None:
         """Watch from now on."""
+        self._ended = threading.Event()
+        arguments = (self._door, self._ended)
+        self._thread = threading.Thread(
+            target=self._run, args=arguments, name="bench watch", daemon=True
+        )
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and the connection."""
+        """End the thread and the connection. May be called twice."""
         self._ended.set()
-        if self._thread.is_alive():
-            self._thread.join(2.0)
         self._door.close()
+        if self._thread is not None:
+            self._thread.join(2.0)
+
+    def start_again(self, door: Door) -> None:
+        """Watch through another connection: the driver was started anew. `close` came before."""
+        self._door = door
+        self.start()
 
     @contextmanager
     def during(self, what: str) -> Iterator[None]:
@@ -139,15 +149,15 @@ class Watch:
             except CrtkError as error:
                 logger.error("%s: %s: %s", self._about.name, step, error)
 
-    def _run(self) -> None:
+    def _run(self, door: Door, ended: threading.Event) -> None:
         due = time.monotonic()
-        while not self._ended.wait(max(0.0, due - time.monotonic())):
+        while not ended.wait(max(0.0, due - time.monotonic())):
             self.lateness.append(max(0.0, time.monotonic() - due))
             due = max(due + PERIOD, time.monotonic())
             try:
-                glance: Glance = self._door.call("glance")
+                glance: Glance = door.call("glance")
             except CrtkError as error:
-                if not self._ended.is_set() and not self._expected:
+                if not ended.is_set():
                     self.trip(str(error))
                 return
             wrong = judged(glance, self._about, self._box)

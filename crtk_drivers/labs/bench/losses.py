@@ -1,0 +1,292 @@
+"""What is lost while a device runs: the device falls silent, the driver is killed or gets no time."""
+
+from __future__ import annotations
+
+import time
+from typing import Final
+
+import numpy as np
+
+from crtk_drivers.labs.bench.bed import Bed, Process
+from crtk_drivers.labs.bench.calls import Glance
+from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
+from crtk_drivers.labs.bench.stops import begin_motion
+from crtk_drivers.labs.bench.trace import Trace
+from crtk_drivers.labs.verdicts.estimates import exact, within
+from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Findings, Quantity
+from crtk_drivers.samples import Array
+from crtk_drivers.state import OperatingState
+
+__all__ = ["TESTS"]
+
+LOOK: Final = 0.01
+"""Seconds between two looks at a device that has fallen silent."""
+
+SILENT: Final = 0.7
+"""Seconds of silence, beside the time after which the link counts as lost."""
+
+BACK: Final = 20.0
+"""Seconds that are waited for it to come back."""
+
+DEAD: Final = 3.0
+"""Seconds for which the driver is not there."""
+
+MOVED: Final = 5e-3
+"""rad (m): what a device may have settled by while nobody looked."""
+
+INVALID = Quantity(
+    "loss.silence.invalid", "until data are told as invalid", "s", Comparison.AT_MOST, guard=0.01
+)
+FAULT = Quantity("loss.silence.fault", "until FAULT", "s", Comparison.AT_MOST, guard=0.02)
+RESTAMPED = Quantity(
+    "loss.silence.restamped", "fresh stamps after the last sample", "", Comparison.AT_MOST
+)
+RETURNS = Quantity(
+    "loss.return.time", "until it measures again", "s", Comparison.AT_MOST, guard=0.5
+)
+RETURN_MOVED = Quantity(
+    "loss.return.moved", "largest way meanwhile", "mrad or mm", Comparison.AT_MOST, guard=0.2
+)
+KILLED_WAY = Quantity(
+    "stop.driver_killed.distance", "way after kill -9", "mrad or mm", Comparison.AT_MOST, guard=3.0
+)
+FROZEN_WAY = Quantity(
+    "stop.driver_frozen.distance",
+    "way while it is frozen",
+    "mrad or mm",
+    Comparison.AT_MOST,
+    guard=3.0,
+)
+FROZEN_AFTER = Quantity(
+    "stop.driver_frozen.after", "way after it goes on", "mrad or mm", Comparison.AT_MOST, guard=0.5
+)
+
+
+def _looked(bed: Bed, seconds: float) -> list[tuple[float, int, str]]:
+    """Return when the bench looked, the stamp (ns) of what was measured, and the state."""
+    looks = []
+    begin = time.monotonic()
+    while (now := time.monotonic() - begin) < seconds:
+        glance = bed.glance()
+        _, stamp = glance.values["measured_js"]
+        looks.append((now, stamp.wall_ns, str(glance.status.state)))
+        time.sleep(LOOK)
+    return looks
+
+
+def _is_back(glance: Glance) -> bool:
+    measures = glance.connected and glance.age < 0.1
+    return measures and glance.status.state is OperatingState.DISABLED
+
+
+def _silence(bed: Bed) -> None:
+    bed.enable()
+    bed.rest(0.3)
+    before = bed.position
+    with bed.expecting("a silent device"):
+        with bed.frozen(Process.SIMULATOR):
+            looks = _looked(bed, bed.about.sample_timeout + SILENT)
+        begin = time.monotonic()
+        back = bed.wait_until(_is_back, BACK)
+    bed.keep(
+        looks=looks,
+        back=time.monotonic() - begin if back else None,
+        state=str(bed.state),
+        before=before.tolist(),
+        after=bed.position.tolist(),
+    )
+
+
+SILENCE: Final = Acquisition(
+    "device_silent",
+    "Takes all time from the simulator while the device is ENABLED, as a device that falls silent.",
+    Safety.FAULT,
+    _silence,
+    ("measured_js", "move_jp"),
+    suite=Suite.FULL,
+    seconds=6.0,
+)
+
+
+def _stale(trace: Trace, subject: Subject) -> Findings:
+    looks = subject.kept["looks"]
+    period = max(np.diff([at for at, *_ in looks]), default=LOOK)
+    stamps = [(at, stamp) for at, stamp, _ in looks]
+    # What was on its way when the device fell silent may still come.
+    last = max((stamp for at, stamp in stamps if at < 0.05), default=0)
+    fresh = sum(stamp > last for at, stamp in stamps if at >= 0.05)
+    invalid = next((at for at, stamp in stamps if stamp == 0), None)
+    fault = next((at for at, *_, state in looks if state == "FAULT"), None)
+    found = [
+        subject.measured(
+            RESTAMPED, exact(fresh, len(looks)), Bound(0.0, "stale data is never stamped fresh")
+        )
+    ]
+    for quantity, at, allowed, source in (
+        (INVALID, invalid, subject.stale_after, "five periods, or 20 ms"),
+        (FAULT, fault, subject.sample_timeout + 0.1, "sample_timeout and 0.1 s"),
+    ):
+        bound = Bound(allowed + 0.05, f"{source}; 50 ms for what was on its way")
+        estimate = None if at is None else within(at, float(period))
+        found.append(subject.measured(quantity, estimate, bound, why="" if at else "it never was"))
+    never = [one.quantity.title for one in found if one.estimate is None]
+    return Findings(
+        tuple(found),
+        tuple(f"{title}: never" for title in never),
+        doubts=subject.too_busy(0.02),
+    )
+
+
+def _returns(trace: Trace, subject: Subject) -> Findings:
+    kept = subject.kept
+    if kept["back"] is None:
+        return Findings(
+            violations=(f"it did not come back to DISABLED within {BACK:g} s: {kept['state']}",)
+        )
+    ways = np.abs(np.subtract(kept["after"], kept["before"]))
+    worst = int(np.argmax(ways))
+    return Findings(
+        (
+            subject.measured(
+                RETURNS,
+                exact(kept["back"]),
+                Bound(10.0, "the longest pause between two tries, and one try"),
+            ),
+            subject.measured(
+                RETURN_MOVED,
+                exact(1e3 * float(ways[worst])),
+                Bound(1e3 * MOVED, "a brake that settles"),
+                part=subject.joints[worst],
+            ),
+        ),
+        violations=() if kept["state"] == "DISABLED" else (f"it came back {kept['state']}",),
+    )
+
+
+def _killed(bed: Bed) -> None:
+    bed.enable()
+    home = bed.setpoint
+    speed, _ = begin_motion(bed, home)
+    at_kill = bed.position
+    bed.kill_driver()
+    time.sleep(DEAD)
+    bed.revive_driver()
+    after = bed.position
+    bed.keep(
+        speed=speed.tolist(), before=at_kill.tolist(), after=after.tolist(), state=str(bed.state)
+    )
+    bed.enable()
+    bed.move_to(home)
+    bed.disable()
+
+
+KILLED: Final = Acquisition(
+    "driver_killed",
+    "Kills the driver's process in motion, and starts it again.",
+    Safety.FAULT_IN_MOTION,
+    _killed,
+    ("servo_jp", "move_jp", "measured_js"),
+    suite=Suite.FULL,
+    seconds=9.0,
+)
+
+
+def _ways(subject: Subject, before: str, after: str) -> tuple[Array, Array, int]:
+    """Return ways and allowed ways (n,) between two kept positions, and which is the worst."""
+    kept = subject.kept
+    speed = np.abs(np.asarray(kept["speed"]))
+    deceleration = np.array([limit.acceleration for limit in subject.limits])
+    ways = np.abs(np.subtract(kept[after], kept[before]))
+    reaction = subject.link_timeout + subject.silence + subject.lag + 4.0 * subject.period
+    allowed = speed * reaction + speed**2 / (2.0 * deceleration) + MOVED
+    return ways, allowed, int(np.argmax(ways / allowed))
+
+
+def _stops_without_driver(trace: Trace, subject: Subject) -> Findings:
+    ways, allowed, worst = _ways(subject, "before", "after")
+    found = subject.measured(
+        KILLED_WAY,
+        exact(1e3 * float(ways[worst])),
+        Bound(
+            1e3 * float(allowed[worst]),
+            "the way in the time that it declares",
+        ),
+        part=subject.joints[worst],
+    )
+    state = subject.kept["state"]
+    return Findings((found,), () if state == "DISABLED" else (f"it came back {state}",))
+
+
+def _frozen(bed: Bed) -> None:
+    bed.enable()
+    home = bed.setpoint
+    speed, _ = begin_motion(bed, home)
+    before = bed.position
+    with bed.expecting("a frozen driver"):
+        with bed.frozen(Process.DRIVER):
+            time.sleep(DEAD)
+        # What the driver tells at once is what it knew before.
+        bed.wait_until(lambda glance: glance.connected and glance.age < 0.1, BACK)
+        after = bed.position
+        bed.rest(0.5)
+        later = bed.position
+        bed.keep(
+            speed=speed.tolist(), before=before.tolist(), after=after.tolist(), later=later.tolist()
+        )
+        bed.disable()
+        bed.enable()
+    bed.move_to(home)
+    bed.disable()
+
+
+FROZEN: Final = Acquisition(
+    "driver_frozen",
+    "Takes all time from the driver's process in motion, for 3 s.",
+    Safety.FAULT_IN_MOTION,
+    _frozen,
+    ("servo_jp", "move_jp", "measured_js"),
+    suite=Suite.FULL,
+    seconds=8.0,
+)
+
+
+def _stops_frozen(trace: Trace, subject: Subject) -> Findings:
+    ways, allowed, worst = _ways(subject, "before", "later")
+    after, _, last = _ways(subject, "after", "later")
+    return Findings(
+        (
+            subject.measured(
+                FROZEN_WAY,
+                exact(1e3 * float(ways[worst])),
+                Bound(
+                    1e3 * float(allowed[worst]),
+                    "the way in the time that it declares",
+                ),
+                part=subject.joints[worst],
+            ),
+            subject.measured(
+                FROZEN_AFTER,
+                exact(1e3 * float(after[last])),
+                Bound(1e3 * MOVED, "nothing moves because the driver goes on"),
+                part=subject.joints[last],
+            ),
+        )
+    )
+
+
+TESTS: Final = (
+    BenchTest("T6", "stale is never fresh", "loss", SILENCE, _stale, (RESTAMPED, INVALID, FAULT)),
+    BenchTest("T7", "coming back", "loss", SILENCE, _returns, (RETURNS, RETURN_MOVED)),
+    BenchTest(
+        "S4", "driver killed", "stop", KILLED, _stops_without_driver, (KILLED_WAY,), of_kept=True
+    ),
+    BenchTest(
+        "S5",
+        "driver frozen",
+        "stop",
+        FROZEN,
+        _stops_frozen,
+        (FROZEN_WAY, FROZEN_AFTER),
+        of_kept=True,
+    ),
+)
