@@ -29,6 +29,9 @@ from crtk_drivers.samples import JointState, Pose, Stamp, Value
 LATCHED = (Level.GOAL, Level.SETTING)
 """What is told once, and again to those who come later."""
 
+IN_A_FRAME = (Payload.JOINT_STATE, Payload.POSE, Payload.TWIST, Payload.WRENCH)
+"""What names a frame. Of joints it is the one of `measured_cp`, as CRTK asks: the base frame."""
+
 COHERENCE_TRIES = 3
 """A new sample may arrive while the values are collected; then they are collected again."""
 
@@ -61,7 +64,6 @@ class _Topic:
 def _topic(node: Node, engine: Engine, name: str, command: Command) -> _Topic:
     publisher = qos.publisher(node, TYPES[command.payload], name, qos.of_feedback(command))
     message = TYPES[command.payload]()
-    in_a_frame = command.payload in (Payload.POSE, Payload.TWIST, Payload.WRENCH)
     if command.payload is Payload.JOINT_STATE and "/" not in name:
         fill(message, JointState(name=engine.capabilities.joints))
     return _Topic(
@@ -69,7 +71,7 @@ def _topic(node: Node, engine: Engine, name: str, command: Command) -> _Topic:
         publisher,
         message,
         hasattr(message, "header"),
-        _frame(command, engine) if in_a_frame else None,
+        _frame(command, engine) if command.payload in IN_A_FRAME else None,
     )
 
 

@@ -115,6 +115,8 @@ def test_a_stamp_is_when_the_sample_was_taken(rig: Rig) -> None:
 def test_frames_carry_the_namespace(rig: Rig) -> None:
     prefix = rig.client.namespace.strip("/")
     expected = {
+        "measured_js": f"{prefix}/base",
+        "setpoint_js": f"{prefix}/base",
         "measured_cp": f"{prefix}/base",
         "measured_cv": f"{prefix}/base",
         "measured_cf": f"{prefix}/base",
@@ -122,6 +124,18 @@ def test_frames_carry_the_namespace(rig: Rig) -> None:
     }
     for name, frame in expected.items():
         assert rig.client[name].wait().header.frame_id == frame
+
+
+def test_joints_are_told_in_the_frame_of_the_pose_also_where_the_base_has_a_place() -> None:
+    place = {"position": [1.0, 0.0, 0.5], "frame_id": "table"}
+    with rig_of("/placed", base=place) as rig:
+        rig.client.reach("enable", "ENABLED")
+        rig.client.send("move_jp", JointState(position=[0.01, 0.0, 0.0, 0.0]))
+        frames = {
+            name: rig.client[name].wait().header.frame_id
+            for name in ("measured_js", "setpoint_js", "goal_js", "measured_cp")
+        }
+    assert set(frames.values()) == {"placed/table"}, frames
 
 
 def test_tf_is_measured_cp_and_never_local(rig: Rig) -> None:
