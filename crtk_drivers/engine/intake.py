@@ -21,6 +21,7 @@ from crtk_drivers.engine.turns import Turns
 from crtk_drivers.engine.waiting import Waiting, WaitingMove
 from crtk_drivers.errors import (
     CommandRefused,
+    KinematicsError,
     Reason,
 )
 from crtk_drivers.gates.command import CommandCheck
@@ -40,6 +41,9 @@ from crtk_drivers.samples import EMPTY, Flag, Number, Pose, Stamp, Value, Vector
 from crtk_drivers.state import OperatingState, StateCommand, Status, parse_command
 from crtk_drivers.status.board import Observer, StatusBoard
 from crtk_drivers.status.health import Health, HealthRecorder
+
+_AT_LIMIT = 1e-6
+"""rad or m by which a solution of the inverse kinematics may lie beyond a limit: of rounding."""
 
 _WAY_TO_ENABLED = {
     OperatingState.DISABLED: "Send enable on state_command.",
@@ -218,7 +222,17 @@ class Intake:
             reference = self._check.check_joints(command, reference)
         else:
             reference = self._feedback.reference_joints()
-        return self._context.inverse.kinematics.inverse(checked, reference)
+        joints = self._context.inverse.kinematics.inverse(checked, reference)
+        for name, limit, value in zip(
+            self.capabilities.joints, self.capabilities.limits, joints.tolist(), strict=True
+        ):
+            if not limit.lower - _AT_LIMIT <= value <= limit.upper + _AT_LIMIT:
+                raise KinematicsError(
+                    f"the pose is out of reach: it takes {name} at {value:.4g}, "
+                    f"which goes from {limit.lower:g} to {limit.upper:g}",
+                    where=self.where,
+                )
+        return joints
 
     def submit(
         self,

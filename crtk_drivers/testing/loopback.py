@@ -57,7 +57,7 @@ ROTARY = JointLimits(
 TIME_CONSTANT = 0.02
 """Seconds in which the plant makes up 63 % of a difference."""
 DAMPING = 20.0
-"""N·s/m (N·m·s/rad): an effort leads to a velocity of effort / DAMPING."""
+"""N·s/m (N·m·s/rad): an effort leads to a velocity of effort / DAMPING, and a velocity takes that effort."""
 TILT_TOLERANCE = 1e-6
 """Radians about x or y beyond which a pose is out of the gantry's reach."""
 
@@ -273,12 +273,15 @@ class LoopbackDevice(Device):
         share = 1.0 - math.exp(-elapsed / TIME_CONSTANT)
         before = self._position.copy()
         target = self._target
-        self._effort = np.zeros(len(JOINTS))
         if target is not None and target.mode is Mode.JOINT_POSITION:
             self._position += share * (target.values - self._position)
             self._velocity = (self._position - before) / max(elapsed, 1e-6)
+            self._effort = DAMPING * self._velocity
             return
         self._velocity += share * (self._wanted_velocity(target) - self._velocity)
+        self._effort = DAMPING * self._velocity
+        if target is not None and target.mode is Mode.JOINT_EFFORT:
+            self._effort = target.values.copy()
         lower = [limit.lower for limit in self._capabilities.limits]
         upper = [limit.upper for limit in self._capabilities.limits]
         self._position = np.clip(self._position + self._velocity * elapsed, lower, upper)
@@ -287,7 +290,6 @@ class LoopbackDevice(Device):
         if target is None:
             return np.zeros(len(JOINTS))
         if target.mode is Mode.JOINT_EFFORT:
-            self._effort = target.values.copy()
             return target.values / DAMPING
         if target.mode is Mode.CARTESIAN_VELOCITY:
             return target.values[[0, 1, 2, 5]]
