@@ -17,9 +17,11 @@ from typing import Annotated, Any
 import typer
 
 from crtk_drivers import plugins
-from crtk_drivers.cli import bench_command
+from crtk_drivers.cli.bench_command import bench_app
 from crtk_drivers.cli.check_command import CheckGroup
+from crtk_drivers.cli.client_commands import PANEL
 from crtk_drivers.cli.client_commands import add_to as add_client_commands
+from crtk_drivers.cli.conform_command import add_to as add_conform
 from crtk_drivers.cli.device_command import build as build_device
 from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup
 from crtk_drivers.cli.list_command import list_plugins, list_simulators
@@ -29,9 +31,15 @@ from crtk_drivers.cli.policy_command import PolicyGroup
 from crtk_drivers.cli.schema_command import print_schema
 from crtk_drivers.cli.sim_command import SimGroup
 from crtk_drivers.cli.terminal import print_error
-from crtk_drivers.cli.up_command import bring_up, check_lab, make_units, write_lab
+from crtk_drivers.cli.up_command import (
+    LabFile,
+    SimOption,
+    bring_up,
+    check_lab,
+    make_units,
+    write_lab,
+)
 from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra, PluginError
-from crtk_drivers.labs.bench.declared import Suite
 
 _USAGE_ERRORS = (ConfigError, PluginError, MissingExtra)
 _TOOLS = "Tools"
@@ -64,7 +72,6 @@ app = typer.Typer(
 sim_app = typer.Typer(cls=SimGroup, no_args_is_help=True, rich_markup_mode="rich")
 policy_app = typer.Typer(cls=PolicyGroup, no_args_is_help=True, rich_markup_mode="rich")
 check_app = typer.Typer(cls=CheckGroup, no_args_is_help=True, rich_markup_mode="rich")
-bench_app = typer.Typer(cls=bench_command.BenchGroup, no_args_is_help=True, rich_markup_mode="rich")
 lab_app = typer.Typer(cls=HelpfulGroup, no_args_is_help=True, rich_markup_mode="rich")
 
 
@@ -186,20 +193,14 @@ def _check() -> None:
     """Check that a device, or its simulator, is ready to run."""
 
 
-_SimOption = Annotated[
-    bool, typer.Option("--sim", help="Simulate every device: no hardware is needed.")
-]
-_LabFile = Annotated[Path, typer.Argument(metavar="LAB", help="The lab file.", show_default=False)]
-
-
 @app.command("up", rich_help_panel=_TOOLS, cls=HelpfulCommand)
 def _up(
-    lab: _LabFile,
+    lab: LabFile,
     devices: Annotated[
         list[str] | None,
         typer.Argument(metavar="[DEVICE]...", help="Only these, and no programs."),
     ] = None,
-    sim: _SimOption = False,
+    sim: SimOption = False,
     logs: Annotated[
         Path | None,
         typer.Option(
@@ -243,117 +244,14 @@ def _lab_new(
 
 
 @lab_app.command("check", cls=HelpfulCommand)
-def _lab_check(lab: _LabFile, sim: _SimOption = False) -> None:
+def _lab_check(lab: LabFile, sim: SimOption = False) -> None:
     """Check a lab file with the settings of all its devices, and show what would be started."""
     raise typer.Exit(check_lab(lab, sim))
 
 
-@bench_app.callback()
-def _bench() -> None:
-    """Test the devices of a lab, and keep verdicts, figures and recordings.
-
-    `crtk-driver bench LAB` runs it. A real device is only read, unless --may-move is given, and the lab file
-    says by `space` where it may go.
-    """
-
-
-@bench_app.command("run", cls=HelpfulCommand)
-def _bench_run(
-    lab: _LabFile,
-    devices: Annotated[
-        list[str] | None,
-        typer.Option("--device", metavar="NAME", help="Only this one; may be repeated."),
-    ] = None,
-    sim: _SimOption = False,
-    suite: Annotated[
-        Suite,
-        typer.Option(
-            "--suite", help="rest only reads; each of the next has all before it, for longer."
-        ),
-    ] = Suite.QUICK,
-    only: Annotated[
-        str, typer.Option("--only", metavar="ID,ID", help="These tests, whatever their suite.")
-    ] = "",
-    may_move: Annotated[
-        bool,
-        typer.Option(
-            "--may-move", help="Real devices may be enabled and moved. Stand beside them."
-        ),
-    ] = False,
-    against: Annotated[
-        str,
-        typer.Option(
-            "--against", metavar="all|previous|RUN", help="What the figures are compared with."
-        ),
-    ] = "all",
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", metavar="DIR", help="For the results. [dim]\\[default: runs/TIME-NAME][/dim]"
-        ),
-    ] = None,
-    inconclusive: Annotated[
-        bool, typer.Option("--inconclusive-ok", help="Exit with 0 though something is not decided.")
-    ] = False,
-    regression: Annotated[
-        bool, typer.Option("--regression-fails", help="Exit with 1 if a figure became worse.")
-    ] = False,
-) -> None:
-    """Test the devices of a lab.
-
-    Exit codes: 0 passed, 1 failed, 3 not decided or all skipped, 4 it did not come to its end, 2 it cannot be
-    started as asked. A simulated device may always be moved.
-    """
-    raise typer.Exit(
-        bench_command.run(
-            lab,
-            devices=devices or (),
-            sim=sim,
-            suite=suite,
-            only=[name for name in only.split(",") if name],
-            may_move=may_move,
-            against=against,
-            out=out,
-            inconclusive_ok=inconclusive,
-            regression_fails=regression,
-        )
-    )
-
-
-@bench_app.command("list", cls=HelpfulCommand)
-def _bench_list() -> None:
-    """List the tests: what each does, measures and may do."""
-    raise typer.Exit(bench_command.list_tests())
-
-
-@bench_app.command("show", cls=HelpfulCommand)
-def _bench_show(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
-) -> None:
-    """Show what a run found; of several, how the figures went."""
-    raise typer.Exit(bench_command.show(runs))
-
-
-@bench_app.command("again", cls=HelpfulCommand)
-def _bench_again(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")],
-    lab: Annotated[
-        Path | None,
-        typer.Option("--lab", help="Take bounds from this lab file instead of the run's."),
-    ] = None,
-) -> None:
-    """Judge the recordings of a run anew, with other bounds or a newer version. Nothing is overwritten."""
-    raise typer.Exit(bench_command.again(run, lab))
-
-
-@bench_app.command("schema", cls=HelpfulCommand)
-def _bench_schema() -> None:
-    """Print the JSON schema of run.json."""
-    raise typer.Exit(bench_command.print_schema())
-
-
 add_client_commands(app)
 app.add_typer(bench_app, name="bench", rich_help_panel=_TOOLS)
+add_conform(app, PANEL)
 app.add_typer(check_app, name="check", rich_help_panel=_TOOLS)
 app.add_typer(lab_app, name="lab", rich_help_panel=_TOOLS)
 app.add_typer(policy_app, name="policy", rich_help_panel=_TOOLS)

@@ -83,12 +83,8 @@ def need(device: RemoteDevice, name: str) -> None:
 
 
 @contextmanager
-def held_when_interrupted(device: RemoteDevice) -> Iterator[None]:
-    """Hold the device at Ctrl-C, SIGTERM or SIGHUP, and end this program.
-
-    The topic `hold` is set up beforehand: nothing has to be found when it is needed.
-    """
-    need(device, "hold")
+def interruptible() -> Iterator[None]:
+    """Let SIGINT, SIGTERM and SIGHUP raise `Interrupted` within; after the first they are ignored."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         for each in before:
@@ -101,12 +97,24 @@ def held_when_interrupted(device: RemoteDevice) -> Iterator[None]:
         for number in numbers:
             signal.signal(number, interrupt)
         yield
-    except Interrupted:
-        device.hold()
-        stands = device.wait_for_busy(False, STOP_TIMEOUT)
-        how = "and stands" if stands else f"and was not seen to stand in {STOP_TIMEOUT:g} s"
-        ERR.print(f"[yellow]interrupted:[/] {plain(device.namespace)} was told to hold, {how}")
-        raise typer.Exit(INTERRUPTED) from None
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def held_when_interrupted(device: RemoteDevice) -> Iterator[None]:
+    """Hold the device at Ctrl-C, SIGTERM or SIGHUP, and end this program.
+
+    The topic `hold` is set up beforehand: nothing has to be found when it is needed.
+    """
+    need(device, "hold")
+    with interruptible():
+        try:
+            yield
+        except Interrupted:
+            device.hold()
+            stands = device.wait_for_busy(False, STOP_TIMEOUT)
+            how = "and stands" if stands else f"and was not seen to stand in {STOP_TIMEOUT:g} s"
+            ERR.print(f"[yellow]interrupted:[/] {plain(device.namespace)} was told to hold, {how}")
+            raise typer.Exit(INTERRUPTED) from None

@@ -10,8 +10,9 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
+import typer
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -26,6 +27,11 @@ from crtk_drivers.labs.units import units_of, write_units
 from crtk_drivers.ros import environment
 from crtk_drivers.state import OperatingState
 from crtk_drivers.status.stop_request import stop_signals
+
+SimOption = Annotated[
+    bool, typer.Option("--sim", help="Simulate every device: no hardware is needed.")
+]
+LabFile = Annotated[Path, typer.Argument(metavar="LAB", help="The lab file.", show_default=False)]
 
 logger = logging.getLogger(__name__)
 

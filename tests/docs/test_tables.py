@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from crtk_drivers import plugins
-from crtk_drivers.cli import command_reference
+from crtk_drivers.cli import command_reference, conformance_reference
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -38,3 +38,16 @@ def test_a_table_holds_each_command_of_the_device_once(
     for name in plugins.commands_of("loopback"):
         if "/" not in name:
             assert text.count(f"`{name}`") + text.count(f"`{name}()`") == 1, name
+
+
+def test_the_page_on_conformance_has_the_clauses_as_they_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = ROOT / "docs/conformance.md"
+    assert conformance_reference.main(["--check", str(page)]) == 0
+    old = tmp_path / "page.md"
+    old.write_text(page.read_text().replace("| NAM-1 | MUST |", "| NAM-1 | MAY |"))
+    assert conformance_reference.main(["--check", str(old)]) == 1
+    assert "conformance_reference" in capsys.readouterr().err
+    assert conformance_reference.main([str(old)]) == 0
+    assert old.read_text() == page.read_text()

@@ -1,0 +1,89 @@
+"""The whole examination of a device."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+from crtk_drivers.client.conformance_probe.ears import Ears
+from crtk_drivers.client.conformance_probe.graph_reading import find_device
+from crtk_drivers.client.conformance_probe.looking import look
+from crtk_drivers.client.conformance_probe.ros_probe import RosProbe
+from crtk_drivers.client.ros_link import Link
+from crtk_drivers.ros import environment
+from crtk_drivers.testing.conformance.clause_rows import Needs
+from crtk_drivers.testing.conformance.clauses import CLAUSES
+from crtk_drivers.testing.conformance.expectations import Expectations
+from crtk_drivers.testing.conformance.findings import Finding
+from crtk_drivers.testing.conformance.observed import Observation
+from crtk_drivers.testing.conformance.outcome import Outcome
+from crtk_drivers.testing.conformance.rounds import NOT_PERMITTED, judge
+from crtk_drivers.testing.conformance.trial import Trial
+from crtk_drivers.testing.conformance.trials import run_trials
+
+FIND_TIME = 5.0
+LISTEN_TIME = 5.0
+
+
+def examine(
+    namespace: str,
+    ids: Sequence[str],
+    listen: float = LISTEN_TIME,
+    timeout: float = FIND_TIME,
+    may_move: bool = False,
+    expected: Expectations | None = None,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Outcome:
+    """Judge the device in a namespace.
+
+    Args:
+        namespace: ``/ur5``.
+        ids: of the clauses.
+        listen: seconds.
+        timeout: seconds to find the device.
+        may_move: also command it. However that ends, it is held, and brought back to the state it was in.
+        expected: tolerances and steps.
+        tell: called with what is being done.
+
+    Raises:
+        ConnectionFailed: there is no device.
+        MissingExtra, ConfigError: ROS 2 cannot be used here.
+    """
+    environment.check()
+    link = Link("crtk_conform")
+    began, since = time.time(), time.monotonic()
+    try:
+        link.start()
+        tell(f"looking for {namespace}")
+        graph, manifest = find_device(link, namespace, timeout)
+        ears = Ears(link.node, graph)
+        tell(f"listening to {namespace} for {listen:g} s")
+        seen = look(link, ears, graph, manifest, listen)
+        tried: Mapping[str, Sequence[Finding]] = {}
+        why = NOT_PERMITTED
+        if may_move and any(CLAUSES[each].needs is not Needs.PASSIVE for each in ids):
+            tried, why = _try(link, ears, seen, ids, expected or Expectations(), tell)
+        results = judge(seen, ids, tried, why)
+        permitted = Needs.MOTION if may_move else Needs.PASSIVE
+        seconds = time.monotonic() - since
+        return Outcome(
+            namespace, began, results, manifest, permitted, seconds, why if may_move else ""
+        )
+    finally:
+        link.close()
+
+
+def _try(
+    link: Link,
+    ears: Ears,
+    seen: Observation,
+    ids: Sequence[str],
+    expected: Expectations,
+    tell: Callable[[str], None],
+) -> tuple[Mapping[str, Sequence[Finding]], str]:
+    ears.drop([name for name in seen.graph.offered() if "/" in name])
+    probe = RosProbe(link.node, seen.graph, ears)
+    try:
+        return run_trials(Trial(probe, expected, seen), ids, tell)
+    finally:
+        probe.close()

@@ -1,0 +1,55 @@
+"""Which judge has which clause, and what is said of those that were not judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Final
+
+from crtk_drivers.testing.conformance.data_judges import DATA_JUDGES
+from crtk_drivers.testing.conformance.findings import Finding, Judged, judged, undetermined
+from crtk_drivers.testing.conformance.graph_judges import GRAPH_JUDGES
+from crtk_drivers.testing.conformance.observed import Observation
+from crtk_drivers.testing.conformance.state_judges import STATE_JUDGES
+from crtk_drivers.testing.conformance.trials import TRIED
+
+JUDGES: Final[Mapping[str, Callable[[Observation], Finding]]] = MappingProxyType(
+    {**GRAPH_JUDGES, **DATA_JUDGES, **STATE_JUDGES}
+)
+"""Of what is seen of a device that nobody moves."""
+
+TESTED: Final = TRIED | frozenset(JUDGES)
+"""The clauses that this tool can judge."""
+
+NOT_TESTED: Final = "not yet tested by this tool"
+NOT_PERMITTED: Final = "needs --may-move"
+
+
+def judge(
+    seen: Observation,
+    ids: Iterable[str],
+    tried: Mapping[str, Sequence[Finding]],
+    why_not: str,
+) -> tuple[Judged, ...]:
+    """Return the clauses `ids` with their findings.
+
+    Args:
+        seen: of the device at rest.
+        ids: of clauses.
+        tried: findings of what was done with the device.
+        why_not: why not all was done that could be.
+    """
+    wanted = tuple(ids)
+    findings: dict[str, list[Finding]] = {}
+    for each in wanted:
+        found = list(tried.get(each, ()))
+        if each in JUDGES:
+            found.append(JUDGES[each](seen))
+        findings[each] = found or [_unjudged(each, why_not)]
+    return judged(findings, wanted)
+
+
+def _unjudged(clause: str, why_not: str) -> Finding:
+    if clause not in TESTED:
+        return undetermined(NOT_TESTED)
+    return undetermined(f"not tried: {why_not}" if why_not != NOT_PERMITTED else why_not)

@@ -1,0 +1,284 @@
+"""What trials are made with: a probe that sends and hears, and what was found with it.
+
+A trial commands the device; what comes of it is a `Trace`, and functions of traces say what that means.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final, Protocol
+
+import numpy as np
+
+from crtk_drivers.commands import Command, Kind, Space
+from crtk_drivers.testing.conformance.expectations import Expectations, JointRange
+from crtk_drivers.testing.conformance.findings import Finding
+from crtk_drivers.testing.conformance.observed import (
+    CartesianHeard,
+    JointsHeard,
+    Observation,
+    Sent,
+    StateHeard,
+    Trace,
+)
+
+STREAM_RATE: Final = 50.0
+"""Hz of the streams that are sent."""
+NOISES: Final = 6.0
+"""Standard deviations at rest that count as still."""
+LARGEST_SHARE: Final = 0.1
+"""Of a range that is known: no trial goes further."""
+
+Numbers = Sequence[float]
+
+
+class Probe(Protocol):
+    """The far end of a device."""
+
+    def now(self) -> float:
+        """Return monotonic s."""
+
+    def state(self) -> StateHeard | None:
+        """Return the newest operating state."""
+
+    def joints(self, name: str) -> JointsHeard | None:
+        """Return the newest joint values of a name."""
+
+    def cartesian(self, name: str) -> CartesianHeard | None:
+        """Return the newest pose, twist or wrench of a name."""
+
+    def send(
+        self,
+        name: str,
+        numbers: Numbers = (),
+        *,
+        text: str = "",
+        names: Sequence[str] = (),
+        frame: str = "",
+        stamped: bool = True,
+    ) -> Sent:
+        """Send a command: its positions, velocities or efforts, as its name says."""
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+
+    def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """Wait until what is heard fulfils a condition; return whether it does."""
+
+    def trace(self, began: float) -> Trace:
+        """Return what was heard and sent since then."""
+
+    def forget(self) -> None:
+        """Forget what was heard."""
+
+
+class Stopped(Exception):
+    """The device moved where it must not, or cannot be brought to where trials begin."""
+
+
+class Trial:
+    """A probe, what is expected, and what was found.
+
+    Attributes:
+        found: findings by clause.
+    """
+
+    def __init__(self, probe: Probe, expected: Expectations, rest: Observation) -> None:
+        self.probe = probe
+        self.expected = expected
+        self.commands: Mapping[str, Command] = {
+            name: row for name, row in rest.graph.offered().items() if "/" not in name
+        }
+        self.found: dict[str, list[Finding]] = defaultdict(list)
+        self.still = max(expected.still, NOISES * _noise(rest.trace))
+        self.ranges = expected.ranges or _declared(rest.manifest)
+        self.frame = next((e.frame for e in rest.trace.cartesian.get("measured_cp", ())), "")
+
+    def note(self, clause: str, finding: Finding) -> None:
+        """Keep a finding."""
+        self.found[clause].append(finding)
+
+    def offers(self, *names: str) -> bool:
+        """Whether the device has all of these."""
+        return all(name in self.commands for name in names)
+
+    # --------------------------------------------------------------------------------- where it is
+
+    def here(self) -> tuple[float, ...]:
+        """Return the measured joints.
+
+        Raises:
+            Stopped: none are heard.
+        """
+        heard = self.probe.joints("measured_js")
+        if heard is None or not heard.position:
+            raise Stopped("no measured joints")
+        return heard.position
+
+    def pose(self) -> tuple[float, ...]:
+        """Return the measured pose (7,).
+
+        Raises:
+            Stopped: none is heard.
+        """
+        heard = self.probe.cartesian("measured_cp")
+        if heard is None:
+            raise Stopped("no measured pose")
+        return heard.numbers
+
+    @property
+    def joint(self) -> int:
+        """The place of the joint that is moved."""
+        return self.expected.joint % len(self.here())
+
+    def away(self, length: float) -> tuple[float, ...]:
+        """Return the measured joints with one of them moved by `length`, to where there is room."""
+        here, joint = list(self.here()), self.joint
+        if len(self.ranges) == len(here):
+            room = self.ranges[joint]
+            length = min(length, LARGEST_SHARE * (room.upper - room.lower))
+            if here[joint] > 0.5 * (room.lower + room.upper):
+                length = -length
+        here[joint] += length
+        return tuple(here)
+
+    def displaced(self, since: float, before: Numbers) -> float:
+        """Return how far any joint was from `before` at most."""
+        return furthest(self.probe.trace(since), before)
+
+    # -------------------------------------------------------------------------------------- states
+
+    def word(self) -> str:
+        """Return the newest operating state."""
+        heard = self.probe.state()
+        return "" if heard is None else heard.state
+
+    def reach(self, command: str, state: str) -> bool:
+        """Send a state command, and return whether the state comes."""
+        self.probe.send("state_command", text=command)
+        return self.probe.wait(lambda: self.word() == state, self.expected.transition_time)
+
+    def said(self, command: str) -> list[str]:
+        """Send a state command, wait, and return the states that were heard, the one before first."""
+        before, began = self.word(), self.probe.now()
+        self.probe.send("state_command", text=command)
+        self.probe.sleep(self.expected.wait)
+        after = [each.state for each in self.probe.trace(began).states]
+        return list(dict.fromkeys((before, *after)))
+
+    def enable(self) -> None:
+        """Bring it to ENABLED.
+
+        Raises:
+            Stopped: it does not come there.
+        """
+        if self.word() == "PAUSED" and not self.reach("disable", "DISABLED"):
+            raise Stopped("it does not leave PAUSED")
+        if self.word() != "ENABLED" and not self.reach("enable", "ENABLED"):
+            raise Stopped(f"it stays {self.word()} after enable")
+
+    def at_rest(self) -> bool:
+        """Wait until the joints stand, and return whether they do in time."""
+        end = self.probe.now() + self.expected.stop_time + self.expected.wait
+        before = self.here()
+        while self.probe.now() < end:
+            self.probe.sleep(0.1)
+            now = self.here()
+            if far(now, before) <= 0.2 * self.still:
+                return True
+            before = now
+        return False
+
+    # --------------------------------------------------------------------------------------- motion
+
+    def stream(self, name: str, points: Iterable[Numbers], **fields: object) -> list[Sent]:
+        """Send a stream, and return what was sent."""
+        sent = []
+        due = self.probe.now()
+        for point in points:
+            sent.append(self.probe.send(name, point, **fields))  # type: ignore[arg-type]
+            due += 1.0 / STREAM_RATE
+            self.probe.sleep(max(0.0, due - self.probe.now()))
+        return sent
+
+    def go(self, target: Numbers) -> None:
+        """Bring the joints to a position that is near, by a stream or else a move."""
+        if self.offers("servo_jp"):
+            self.stream("servo_jp", ramp(self.here(), target))
+        elif self.offers("move_jp"):
+            self.probe.send("move_jp", target)
+        self.probe.wait(lambda: far(self.here(), target) <= self.still, self.expected.move_time)
+
+    def hold(self) -> None:
+        """Stop."""
+        if self.offers("hold"):
+            self.probe.send("hold")
+
+    def sample(self, row: Command, size: float) -> tuple[float, ...]:
+        """Return the numbers of a small command of a row, by `size` of a step."""
+        joints = len(self.here())
+        linear = size * self.expected.linear_step
+        if row.space is Space.JOINT:
+            if row.kind is Kind.POSITION:
+                here, target = self.here(), self.away(self.expected.step)
+                return tuple(h + size * (t - h) for h, t in zip(here, target, strict=True))
+            zeros = [0.0] * joints
+            if row.kind is not Kind.EFFORT:
+                step = self.away(self.expected.step)[self.joint] - self.here()[self.joint]
+                zeros[self.joint] = size * step
+            return tuple(zeros)
+        if row.kind is Kind.POSITION:
+            pose = list(self.pose())
+            pose[2] += linear
+            return tuple(pose)
+        if row.kind is Kind.RELATIVE:
+            return (0.0, 0.0, linear, 0.0, 0.0, 0.0, 1.0)
+        return (0.0, 0.0, linear if row.kind is Kind.VELOCITY else 0.0, 0.0, 0.0, 0.0)
+
+    def motions(self) -> dict[str, Command]:
+        """Return the commands that move it and that can be tried: efforts and mixed ones are left out."""
+        kinds = (Kind.POSITION, Kind.RELATIVE, Kind.VELOCITY)
+        return {
+            name: row for name, row in self.commands.items() if row.is_motion and row.kind in kinds
+        }
+
+
+def ramp(begin: Numbers, end: Numbers, seconds: float = 0.6) -> list[tuple[float, ...]]:
+    """Return positions on the way from `begin` to `end`, which starts and stops gently."""
+    count = max(2, round(seconds * STREAM_RATE))
+    shares = [0.5 * (1.0 - math.cos(math.pi * index / count)) for index in range(1, count + 1)]
+    return [tuple(b + s * (e - b) for b, e in zip(begin, end, strict=True)) for s in shares]
+
+
+def far(one: Numbers, other: Numbers) -> float:
+    """Return the largest difference of two positions; infinite if their sizes differ."""
+    if len(one) != len(other):
+        return math.inf
+    return max((abs(a - b) for a, b in zip(one, other, strict=True)), default=0.0)
+
+
+def furthest(trace: Trace, before: Numbers) -> float:
+    """Return how far any joint was from `before` at most."""
+    measured = [e.position for e in trace.joints.get("measured_js", ()) if e.stamp_ns]
+    return max((far(each, before) for each in measured), default=0.0)
+
+
+def _noise(trace: Trace) -> float:
+    heard = [e.position for e in trace.joints.get("measured_js", ()) if e.stamp_ns and e.position]
+    sizes = {len(each) for each in heard}
+    return float(np.std(heard, axis=0).max()) if len(sizes) == 1 else 0.0
+
+
+def _declared(manifest: Mapping[str, object]) -> tuple[JointRange, ...]:
+    joints = manifest.get("joints")
+    if not isinstance(joints, list):
+        return ()
+    found = []
+    for each in joints:
+        lower, upper = each.get("lower"), each.get("upper")
+        if lower is None or upper is None or not lower < upper:
+            return ()
+        found.append(JointRange(lower=lower, upper=upper))
+    return tuple(found)
