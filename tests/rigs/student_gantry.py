@@ -1,0 +1,165 @@
+"""The gantry of `rigs.student_device` without ROS: where it is, where it goes, its state, and its faults."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Collection
+
+JOINTS = ("x", "y", "z")
+PLACE = (0.01, -0.02, 0.03)
+RANGE = 0.5
+SPEED = 0.1
+"""m/s of its moves."""
+STREAM_TIMEOUT = 0.3
+EPSILON = 1e-9
+LONG = 0.09
+SHORT = 0.01
+
+Vector = list[float]
+
+
+class Gantry:
+    """The device without ROS: where it is, where it goes, and its state."""
+
+    def __init__(self, faults: Collection[str]) -> None:
+        self.faults = faults
+        self.state = "DISABLED"
+        self.is_busy = False
+        self.measured = list(PLACE)
+        self.setpoint = list(self.measured)
+        self.rate = [0.0, 0.0, 0.0]
+        self.velocity: Vector | None = None
+        self.goal: Vector | None = None
+        self.stream_until = 0.0
+        self.changed = True
+        self.is_refused = False
+        self.falls_short = False
+
+    def command(self, word: str) -> None:
+        """Follow a state command."""
+        if "any_case" in self.faults:
+            word = word.strip().lower()
+        table = {
+            ("DISABLED", "enable"): "ENABLED",
+            ("ENABLED", "disable"): "DISABLED",
+            ("ENABLED", "pause"): "PAUSED",
+            ("PAUSED", "resume"): "ENABLED",
+            ("PAUSED", "disable"): "DISABLED",
+            ("FAULT", "enable"): "ENABLED",
+            ("FAULT", "disable"): "DISABLED",
+        }
+        if "never_enabled" in self.faults:
+            del table["DISABLED", "enable"]
+        if "resume_enables" in self.faults:
+            table["DISABLED", "resume"] = "ENABLED"
+        if "resume_disables" in self.faults:
+            table["ENABLED", "resume"] = "DISABLED"
+        if "enable_out_of_paused" in self.faults:
+            table["PAUSED", "enable"] = "ENABLED"
+        if "resume_faults" in self.faults:
+            table["DISABLED", "resume"] = "FAULT"
+        after = table.get((self.state, word))
+        if after is None:
+            return
+        if after == "ENABLED":
+            self.setpoint = list(self.measured)
+            if "enable_moves" in self.faults:
+                self.setpoint[0] += 0.01
+        elif "disable_goes_on" not in self.faults:
+            self.stop()
+        self.state, self.changed = after, True
+
+    def stop(self) -> None:
+        self.goal = self.velocity = None
+        self.setpoint = list(self.measured)
+        if "busy_after_hold" not in self.faults:
+            self.set_busy(False)
+
+    def set_busy(self, busy: bool) -> None:
+        if busy is not self.is_busy:
+            self.is_busy, self.changed = busy, True
+
+    @property
+    def accepts(self) -> bool:
+        return self.state == "ENABLED" or "moves_disabled" in self.faults
+
+    def is_valid(self, values: Vector, relative: bool = False) -> bool:
+        """Whether a command may be followed."""
+        self.is_refused = not self._is_valid(values, relative)
+        return not self.is_refused
+
+    def _is_valid(self, values: Vector, relative: bool) -> bool:
+        if len(values) != 3:
+            if "any_size" not in self.faults or not values:
+                return False
+            values += self.setpoint[len(values) :]
+            del values[3:]
+        if not all(map(math.isfinite, values)):
+            if "nan" not in self.faults:
+                return False
+            values[:] = [v if math.isfinite(v) else RANGE / 10 for v in values]
+        reach = (
+            values if not relative else [s + v for s, v in zip(self.setpoint, values, strict=True)]
+        )
+        return "no_range" in self.faults or all(abs(v) <= RANGE for v in reach)
+
+    def servo(self, values: Vector) -> None:
+        if self.accepts and self.is_valid(values):
+            self.goal = self.velocity = None
+            self.set_busy("busy_servo" in self.faults)
+            self.setpoint = values
+
+    def servo_relative(self, values: Vector) -> None:
+        if self.accepts and self.is_valid(values, relative=True):
+            self.goal = self.velocity = None
+            start = self.measured if "adds_to_measured" in self.faults else self.setpoint
+            self.setpoint = [s + v for s, v in zip(start, values, strict=True)]
+
+    def servo_velocity(self, values: Vector) -> None:
+        if self.accepts and len(values) == 3 and all(map(math.isfinite, values)):
+            self.goal, self.velocity = None, values
+            if "velocity_sign" in self.faults:
+                self.velocity = [-v for v in values]
+            self.stream_until = time.monotonic() + STREAM_TIMEOUT
+
+    def move(self, values: Vector, relative: bool = False) -> bool:
+        """Return whether the goal is accepted."""
+        if not self.accepts or not self.is_valid(values, relative):
+            return False
+        if self.goal is not None and "not_pre_emptive" in self.faults:
+            return False
+        start = self.measured if "adds_to_measured" in self.faults else self.setpoint
+        self.goal = [s + v for s, v in zip(start, values, strict=True)] if relative else values
+        self.velocity = None
+        length = math.dist(self.goal, self.setpoint)
+        self.falls_short = "short_move" in self.faults and length > LONG
+        pulses = length > 1e-3 or "no_pulse" not in self.faults
+        self.set_busy("never_busy" not in self.faults and pulses)
+        return True
+
+    def step(self, now: float, seconds: float) -> None:
+        """Go on for some time."""
+        if self.velocity is not None:
+            if now > self.stream_until and "stream_goes_on" not in self.faults:
+                self.velocity = None
+                self.setpoint = list(self.measured)
+            else:
+                self.setpoint = [
+                    max(-RANGE, min(RANGE, s + v * seconds))
+                    for s, v in zip(self.setpoint, self.velocity, strict=True)
+                ]
+        elif self.goal is not None:
+            way = [g - s for g, s in zip(self.goal, self.setpoint, strict=True)]
+            length = math.hypot(*way)
+            if self.falls_short and length < SHORT:
+                way, length = [0.0, 0.0, 0.0], 0.0
+            share = 1.0 if length < EPSILON else min(1.0, SPEED * seconds / length)
+            self.setpoint = [s + share * w for s, w in zip(self.setpoint, way, strict=True)]
+            if share == 1.0:
+                self.goal = None
+                self.set_busy(False)
+        follow = min(1.0, 30.0 * seconds)
+        moved = [follow * (s - m) for s, m in zip(self.setpoint, self.measured, strict=True)]
+        self.rate = [m / seconds for m in moved]
+        self.measured = [m + d for m, d in zip(self.measured, moved, strict=True)]
