@@ -179,8 +179,8 @@ class StudentDevice:
         if message.header.frame_id not in ("", self.frame) and "any_frame" not in self.faults:
             return []
         norm = math.hypot(q.x, q.y, q.z, q.w)
-        if "zero_quaternion" in self.faults:
-            return [p.x, p.y, p.z + (0.01 if norm == 0.0 else 0.0)]
+        if "zero_quaternion" in self.faults and norm == 0.0:
+            return [p.x, p.y, p.z]
         if not abs(norm - 1.0) < 1e-3 or math.hypot(q.x, q.y, q.z) > 1e-3:
             return []
         if "turned_frame" in self.faults:
@@ -261,7 +261,7 @@ class StudentDevice:
         gantry, faults = self.gantry, self.faults
         place, rate = list(gantry.measured), list(gantry.rate)
         if "scale" in faults:
-            place = [p + 1.1 * (m - p) for p, m in zip(PLACE, gantry.measured, strict=True)]
+            place = [p + 1.045 * (m - p) for p, m in zip(PLACE, gantry.measured, strict=True)]
         if "fast_velocity" in faults:
             rate = [1.2 * each for each in rate]
         self._tell_state(now, now_ns)

@@ -9,7 +9,7 @@ from collections.abc import Collection
 JOINTS = ("x", "y", "z")
 PLACE = (0.01, -0.02, 0.03)
 RANGE = 0.5
-SPEED = 0.1
+SPEED = 0.25
 """m/s of its moves."""
 STREAM_TIMEOUT = 0.3
 EPSILON = 1e-9
@@ -134,8 +134,7 @@ class Gantry:
         self.velocity = None
         length = math.dist(self.goal, self.setpoint)
         self.falls_short = "short_move" in self.faults and length > LONG
-        pulses = length > 1e-3 or "no_pulse" not in self.faults
-        self.set_busy("never_busy" not in self.faults and pulses)
+        self.set_busy("never_busy" not in self.faults)
         return True
 
     def step(self, now: float, seconds: float) -> None:

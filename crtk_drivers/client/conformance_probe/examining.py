@@ -64,11 +64,9 @@ def examine(
         if may_move and any(CLAUSES[each].needs is not Needs.PASSIVE for each in ids):
             tried, why = _try(link, ears, seen, ids, expected or Expectations(), tell)
         results = judge(seen, ids, tried, why)
-        permitted = Needs.MOTION if may_move else Needs.PASSIVE
         seconds = time.monotonic() - since
-        return Outcome(
-            namespace, began, results, manifest, permitted, seconds, why if may_move else ""
-        )
+        ended = why if may_move and why != NOT_PERMITTED else ""
+        return Outcome(namespace, began, results, manifest, seconds, ended)
     finally:
         link.close()
 

@@ -12,7 +12,6 @@ from crtk_drivers.commands import (
     FRAMES,
     SUB_NAMESPACES,
     Command,
-    Direction,
     Kind,
     Level,
     Payload,
@@ -235,16 +234,17 @@ def manifest_agrees(seen: Observation) -> Finding:
     told = seen.manifest.get("commands")
     if not isinstance(told, Mapping):
         return not_offered("no manifest")
-    offered = {
-        n: r for n, r in seen.graph.offered().items() if r.direction is not Direction.SERVICE
-    }
+    offered = set(seen.graph.offered())
+    # A part with a state of its own is a device of its own, with a manifest of its own.
+    parts = {name.rpartition("/")[0] for name in offered if name.endswith("/operating_state")}
+    offered = {name for name in offered if name.rpartition("/")[0] not in parts}
     claimed = {
         name
         for name, row in told.items()
         if isinstance(row, Mapping) and row.get("direction") in ("published", "commanded")
     }
-    faults = [f"{name} is told and not there" for name in sorted(claimed - set(offered))]
-    faults += [f"{name} is there and not told" for name in sorted(set(offered) - claimed)]
+    faults = [f"{name} is told and not there" for name in sorted(claimed - offered)]
+    faults += [f"{name} is there and not told" for name in sorted(offered - claimed)]
     joints = seen.manifest.get("joints")
     measured = seen.trace.joints.get("measured_js", ())
     if isinstance(joints, list) and measured:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from types import MappingProxyType
@@ -84,6 +85,10 @@ def velocity_is_derivative(trace: Trace, begin: Numbers, target: Numbers) -> Fin
     words = f"the integral of the velocity is {100 * ratio:.1f} % of the way"
     if abs(ratio - 1.0) <= SLOPE:
         return conforms(words)
+    told_in = np.diff(np.unique(told))
+    grain = float(np.min(told_in[told_in > 1e-9], initial=math.inf))
+    if abs(ratio - 1.0) * abs(way) <= grain * float(np.sum(steps)):
+        return undetermined(f"{words}, and it is told in steps of {grain:.2g}")
     if float(np.max(steps)) > 0.1:
         return undetermined(f"{words}; {float(np.max(steps)):.2f} s were not heard")
     return diverges(words)

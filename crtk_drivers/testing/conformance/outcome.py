@@ -23,7 +23,6 @@ class Outcome:
         began: seconds since the epoch.
         results: one for each clause that was asked for.
         manifest: of the device, empty without one.
-        permitted: what the examination was allowed to do.
         seconds: that it took.
         ended: why the trials ended early, empty if they did not.
     """
@@ -32,7 +31,6 @@ class Outcome:
     began: float
     results: tuple[Judged, ...]
     manifest: Mapping[str, Any] = field(default_factory=dict)
-    permitted: Needs = Needs.PASSIVE
     seconds: float = 0.0
     ended: str = ""
 
@@ -47,6 +45,15 @@ class Outcome:
     def when(self) -> str:
         """The date and time, UTC."""
         return datetime.fromtimestamp(self.began, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+    @property
+    def reach(self) -> Needs:
+        """The most that was needed for what was judged."""
+        said = (Verdict.CONFORMS, Verdict.DIVERGES)
+        needed = {each.clause.needs for each in self.results if each.finding.verdict in said}
+        return next(
+            (each for each in (Needs.MOTION, Needs.STATES) if each in needed), Needs.PASSIVE
+        )
 
     def of(self, verdict: Verdict, level: Level | None = None) -> list[Judged]:
         """Return the results with a verdict, and of a level."""
@@ -69,7 +76,7 @@ def statement(outcome: Outcome) -> str:
         Needs.STATES: "names, transport, data and states",
         Needs.MOTION: "names, transport, data, states and motion",
         Needs.OPERATOR: "all levels",
-    }[outcome.permitted]
+    }[outcome.reach]
     does = "does not conform" if musts else "conforms"
     because = f" because of {', '.join(musts)}" if musts else ""
     but = f", except {', '.join(shoulds)} (SHOULD)" if shoulds else ""
@@ -84,7 +91,7 @@ def statement(outcome: Outcome) -> str:
 def plain_data(outcome: Outcome) -> dict[str, Any]:
     """Return the outcome as it goes into a JSON file.
 
-    Schema ``crtk_conformance/1``: namespace, device, began, seconds, permitted, statement, and for each of
+    Schema ``crtk_conformance/1``: namespace, device, began, seconds, reach, statement, and for each of
     ``results`` id, level, source, clause, verdict, seen, evidence.
     """
     return {
@@ -93,7 +100,7 @@ def plain_data(outcome: Outcome) -> dict[str, Any]:
         "device": outcome.device,
         "began": outcome.when,
         "seconds": round(outcome.seconds, 3),
-        "permitted": outcome.permitted.name.lower(),
+        "reach": outcome.reach.name.lower(),
         "statement": statement(outcome),
         "results": [
             {

@@ -95,7 +95,7 @@ def html(outcome: Outcome) -> str:
 
 
 def _how(outcome: Outcome) -> str:
-    return f"needed {outcome.permitted.value}"
+    return f"needed {outcome.reach.value}"
 
 
 def _rows(results: list[Judged]) -> Cell:

@@ -210,6 +210,7 @@ class Trial:
         elif self.offers("move_jp"):
             self.probe.send("move_jp", target)
         self.probe.wait(lambda: far(self.here(), target) <= self.still, self.expected.move_time)
+        self.at_rest()
 
     def hold(self) -> None:
         """Stop."""

@@ -101,8 +101,9 @@ def run_trials(
 
 def _no_fault(trial: Trial, began: float) -> None:
     """STA-10."""
-    if any(each.state == "FAULT" for each in trial.probe.trace(began).states):
-        trial.note("STA-10", diverges("it went to FAULT"))
+    trace = trial.probe.trace(began)
+    if any(each.state == "FAULT" for each in trace.states):
+        trial.note("STA-10", diverges("it went to FAULT", [text for _, text in trace.told]))
         raise Stopped("it is in FAULT")
     trial.note("STA-10", conforms("never in FAULT"))
 

@@ -129,6 +129,8 @@ def test_the_statement_says_what_and_except_what() -> None:
     assert "does not conform to CRTK 1.3, names, transport and data because of NAM-1:" in statement(
         outcome(NAM_1=diverges(""))
     )
+    assert "names, transport, data, states and motion" in statement(outcome(MOV_4=conforms("")))
+    assert "names, transport, data and states:" in statement(outcome(STA_6=conforms("")))
     assert statement(outcome(NAM_1=undetermined(""))) == (
         "Nothing could be judged of student <one> at /arm."
     )

@@ -292,6 +292,17 @@ def test_a_recorder_beside_the_device_is_not_the_device() -> None:
     assert diverging(seen) == set()
 
 
+def test_a_part_with_a_state_of_its_own_has_its_own_manifest() -> None:
+    names = ("gripper/operating_state", "gripper/measured_js")
+    kinds = (OFFERED[-1][1], JOINT_TYPE)
+    seen = sound()
+    for name, kind in zip(names, kinds, strict=True):
+        seen = another(name, kind)(seen)
+    assert JUDGES["MAN-1"](replace(seen, manifest=MANIFEST)).verdict is Verdict.CONFORMS
+    one = another(names[1], JOINT_TYPE)(sound())
+    assert JUDGES["MAN-1"](replace(one, manifest=MANIFEST)).verdict is Verdict.DIVERGES
+
+
 def test_evidence_names_the_message() -> None:
     seen = joints("measured_js", lambda e: replace(e, velocity=(0.0,)), every=10)(sound())
     found = JUDGES["DAT-1"](seen)

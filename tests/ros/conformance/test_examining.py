@@ -95,22 +95,21 @@ ACTIVE: list[Mapping[str, str]] = [
         "velocity_sign": "MOV-12",
         "valid_setpoint_cp": "SPT-5",
         "turned_frame": "MOV-8",
+        "scale": "DAT-15 MOV-19",
+        "busy_after_hold": "BSY-5",
         "dead_topic": "SET-1",
     },
     {
-        "scale": "DAT-15",
         "angular_first": "DAT-22",
         "adds_to_measured": "MOV-11 QOS-6",
         "stream_goes_on": "MOV-13",
         "short_move": "MOV-16",
         "still_setpoint": "SPT-6",
-        "no_pulse": "BSY-3",
+        "never_busy": "BSY-2 BSY-3",
         "not_pre_emptive": "MOV-18",
-        "busy_after_hold": "BSY-5",
         "disable_goes_on": "STA-13",
         "any_goal": "GOL-2",
     },
-    {"never_busy": "BSY-2 BSY-3"},
 ]
 """Faults that are found by commanding it. Some break two clauses at once."""
 

@@ -1,0 +1,92 @@
+"""``crtk-driver conform``: its exit codes, what it prints and writes, and how an interrupt ends it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from rigs.loopback_node import Rig, until
+from rigs.ros_client import TIMEOUT
+
+Run = Callable[..., tuple[int, str, str]]
+MAIN = "import sys; from crtk_drivers.cli import main; sys.exit(main())"
+QUICK = ("--listen", "0.5", "--timeout", str(TIMEOUT))
+
+
+def test_it_prints_what_was_found_and_writes_a_report(
+    rig: Rig, run_far: Run, tmp_path: Path
+) -> None:
+    chosen = ("--only", "NAM,TYP,QOS-1,MOV-4,SPT-4")
+    code, out, _ = run_far("conform", rig.client.namespace, *QUICK, *chosen, "--out", str(tmp_path))
+    assert code == 0, out
+    assert "NAM-1" in out
+    assert "UNDETERMINED" in out
+    words = " ".join(out.split())
+    assert "needs --may-move: MOV-4" in words
+    assert "not yet tested by this tool: SPT-4" in words
+    assert "conforms to CRTK 1.3, names, transport and data" in words
+    data = json.loads((tmp_path / "conformance.json").read_text())
+    assert {each["id"]: each["verdict"] for each in data["results"]}["NAM-1"] == "CONFORMS"
+    assert (tmp_path / "conformance.html").read_text().startswith("<!doctype html>")
+    assert (tmp_path / "junit.xml").is_file()
+
+
+def test_without_a_device_nothing_could_be_judged(rig: Rig, run_far: Run) -> None:
+    code, _, err = run_far("conform", "/nobody", "--listen", "0.5", "--timeout", "3.5")
+    assert code == 3
+    assert "no CRTK device in the namespace /nobody" in err
+    assert rig.client.namespace in err
+
+
+def test_what_cannot_be_used_is_told_at_once(run_far: Run, tmp_path: Path) -> None:
+    (tmp_path / "far.toml").write_text("stroke = 5.0\n")
+    for arguments, hint in (
+        ((), "which device?"),
+        (("/arm", "--only", "QOS-77"), "there is no clause QOS-77"),
+        (("arm",), "is not a namespace"),
+        (("/arm", "--expect", str(tmp_path / "far.toml")), "far.toml:1"),
+        (("/arm", "--expect", str(tmp_path / "none.toml")), "none.toml"),
+    ):
+        code, _, err = run_far("conform", *arguments)
+        assert (code, hint in " ".join(err.split())) == (2, True), err
+
+
+def test_the_clauses_are_listed_without_a_device(run_far: Run) -> None:
+    code, out, _ = run_far("conform", "--list")
+    assert code == 0
+    assert "NAM-1" in out
+    assert "not yet tested" in out
+
+
+def test_an_interrupt_holds_the_device_and_leaves_it_as_it_was(rig: Rig) -> None:
+    engine = rig.session.engine
+    command = (
+        "conform",
+        rig.client.namespace,
+        *QUICK,
+        "--may-move",
+        "--only",
+        "MOV-22,MOV-8,SET-1",
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", MAIN, *command],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    ) as process:
+        try:
+            until(lambda: engine.status.state == "ENABLED", "it is enabled")
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=TIMEOUT)
+        finally:
+            process.kill()
+    assert process.returncode == 130, (out, err)
+    assert "told to hold, and brought back" in " ".join(err.split())
+    assert "Traceback" not in err
+    assert engine.status.state == "DISABLED"

@@ -1,0 +1,85 @@
+"""Our own drivers conform, each as a user starts it, at its simulator."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from crtk_drivers.client.conformance_probe.examining import examine
+from crtk_drivers.testing.conformance.clause_rows import Needs
+from crtk_drivers.testing.conformance.clauses import CLAUSES, chosen
+from crtk_drivers.testing.conformance.expectations import Expectations
+from crtk_drivers.testing.conformance.findings import Verdict
+from rigs.ros_client import TIMEOUT
+
+MAIN = "import sys; from crtk_drivers.cli import main; sys.exit(main())"
+LONG = 3.0 * TIMEOUT
+LISTEN = 1.5
+QUICK = Expectations(wait=0.15)
+TIMED = {"RAT-1", "STA-3", "QOS-3", "CLI-2"}
+"""Clauses about time, which a busy machine breaks for the device."""
+
+PATIENT = ("--set", "sample_timeout=3.0")
+"""A busy machine is no fault."""
+DRIVERS = {
+    "loopback": (),
+    "virtual": (),
+    "ur": ("--sim", *PATIENT, "--set", "watchdog_frequency=2.0"),
+    "dynamixel": ("--sim", *PATIENT),
+    "canopen": ("--sim", *PATIENT),
+    "ati-netft": ("--sim",),
+}
+MOVED = ("loopback", "ur")
+"""Those that all trials are made with; the others are listened to, and disabled, enabled and paused."""
+STATES = [
+    each for each in CLAUSES if each.startswith("STA") and CLAUSES[each].needs is Needs.STATES
+]
+PASSIVE = [each for each in CLAUSES if CLAUSES[each].needs is Needs.PASSIVE]
+CASES = [
+    name if name == "loopback" else pytest.param(name, marks=pytest.mark.slow) for name in DRIVERS
+]
+
+
+@contextmanager
+def running(name: str, *arguments: str) -> Iterator[str]:
+    """Run a driver from the command line; give its namespace."""
+    namespace = f"/{name.replace('-', '_')}_{os.getpid()}"
+    with subprocess.Popen(
+        [sys.executable, "-c", MAIN, name, "--ns", namespace, *arguments],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    ) as process:
+        try:
+            assert process.stderr is not None
+            told, end = "", time.monotonic() + LONG
+            while "connected" not in told:
+                line = process.stderr.readline()
+                assert line, told
+                assert time.monotonic() < end, told
+                told += line
+            yield namespace
+            process.terminate()
+            _, rest = process.communicate(timeout=LONG)
+            assert "Traceback" not in told + rest
+        finally:
+            process.kill()
+
+
+@pytest.mark.ros
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize("name", CASES)
+def test_it_conforms(name: str) -> None:
+    ids = chosen([]) if name in MOVED else [each for each in STATES if each != "STA-10"] + PASSIVE
+    with running(name, *DRIVERS[name]) as namespace:
+        outcome = examine(namespace, ids, LISTEN, LONG, may_move=True, expected=QUICK)
+    found = [e for e in outcome.of(Verdict.DIVERGES) if e.clause.id not in TIMED]
+    assert found == []
+    assert outcome.ended == "" or name == "ati-netft", outcome.ended
+    assert len(outcome.of(Verdict.CONFORMS)) >= 20
