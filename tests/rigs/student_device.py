@@ -49,6 +49,7 @@ class StudentDevice:
         self._lock = threading.RLock()
         self._increment_ns = 0
         self._was_slow = False
+        self._count = 0
         self._context = Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node("gantry", namespace=namespace, context=self._context)
@@ -273,8 +274,9 @@ class StudentDevice:
         stamp_ns = now_ns
         if "since_boot" in faults:
             stamp_ns = int(1e9 * now)
-        if "stamps_go_back" in faults and int(now / PERIOD) % 10 == 0:
-            stamp_ns -= 10**8
+        self._count += 1
+        if "stamps_go_back" in faults and self._count % 2:
+            stamp_ns -= 2 * 10**9
         measured = JointState(
             name=[] if "no_names" in faults else list(JOINTS),
             position=place,

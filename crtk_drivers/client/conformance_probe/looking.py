@@ -32,6 +32,8 @@ from crtk_drivers.testing.conformance.state_judges import SILENCE
 STATE_CALLS = 10
 FAR = 1000.0
 """m: no arm reaches that."""
+LONGEST_CALL = 5.0 * ANSWER_TIME
+"""Seconds after which there is no answer."""
 _TICK = 0.01
 
 
@@ -85,7 +87,7 @@ def _states(
     for _ in range(STATE_CALLS):
         before = ears.state()
         try:
-            answer = service.call(ANSWER_TIME).operating_state
+            answer = service.call(LONGEST_CALL).operating_state
         except (ConnectionFailed, DataTimeout):
             break
         told = state_heard(Raw(time.monotonic(), time.time_ns(), answer))
@@ -108,7 +110,7 @@ def _nudged(here: Sequence[float]) -> list[tuple[float, ...]]:
 def _forward(service: Caller, joints: Sequence[float]) -> Answer:
     began = time.monotonic()
     try:
-        answer = service.call(2.0 * ANSWER_TIME, jp=list(joints))
+        answer = service.call(LONGEST_CALL, jp=list(joints))
     except (ConnectionFailed, DataTimeout):
         return Answer(math.inf, asked=tuple(joints))
     p, q = answer.cp.position, answer.cp.orientation
@@ -122,7 +124,7 @@ def _inverse(service: Caller, pose: Sequence[float], reference: Sequence[float])
     set_pose(wanted, Pose(vector(pose[:3]), vector(pose[3:])))
     began = time.monotonic()
     try:
-        answer = service.call(2.0 * ANSWER_TIME, cp=wanted, jp=list(reference))
+        answer = service.call(LONGEST_CALL, cp=wanted, jp=list(reference))
     except (ConnectionFailed, DataTimeout):
         return Answer(math.inf, asked=tuple(pose))
     seconds = time.monotonic() - began

@@ -7,6 +7,7 @@ from array import array
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
@@ -44,6 +45,7 @@ class RosProbe:
         self._node = node
         self._ears = ears
         self._sent: list[Sent] = []
+        self._late: list[float] = []
         self._publishers: dict[str, Any] = {}
         prefix = f"{graph.namespace.rstrip('/')}/"
         for each, row in graph.commanded():
@@ -115,7 +117,14 @@ class RosProbe:
 
     def sleep(self, seconds: float) -> None:
         """Let time pass."""
+        due = time.monotonic() + seconds
         time.sleep(seconds)
+        self._late.append(time.monotonic() - due)
+
+    def lateness(self) -> float:
+        """Return how late it woke up, in s, in one of twenty cases since this was asked last."""
+        late, self._late = self._late, []
+        return float(np.quantile(late, 0.95)) if late else 0.0
 
     def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Wait until what is heard fulfils a condition; return whether it does."""

@@ -25,6 +25,8 @@ BUSY_FALLS: Final = 0.5
 HERE_TIME: Final = 5.0
 TOO_QUICK: Final = 0.25
 """Seconds in which a device need not have heard of a second goal, and turned."""
+ACTS_WITHIN: Final = 2.0
+"""Seconds after which a command that has done nothing will do nothing."""
 PART_OF_WAY: Final = 0.2
 """After which a move is interrupted."""
 
@@ -314,7 +316,7 @@ def dead_topics(trial: Trial) -> None:
                 or _told_setpoints(trial) != before
                 or bool(trial.probe.trace(began).told)
             ),
-            trial.expected.wait,
+            ACTS_WITHIN,
         )
         if not acted:
             dead.append(name)

@@ -31,7 +31,7 @@ def in_disabled(trial: Trial) -> None:
     for word in WRONG_WORDS:
         trial.note("STA-12", _stays(trial, word, "DISABLED"))
     began = trial.probe.now()
-    trial.probe.sleep(trial.expected.wait)
+    trial.settle(trial.expected.wait)
     heard = trial.probe.trace(began).measured()
     silent = [name for name in trial.commands if name.startswith("measured_") and name not in heard]
     if silent:
@@ -119,7 +119,7 @@ def _stays(trial: Trial, word: str, state: str) -> Finding:
 def _nothing_moves(
     trial: Trial, clause: str, what: str, before: Sequence[float], began: float
 ) -> None:
-    trial.probe.sleep(2.0 * trial.expected.wait)
+    trial.settle(2.0 * trial.expected.wait)
     moved = trial.displaced(began, before)
     if moved > trial.still:
         trial.note(clause, diverges(f"{what} moves a joint by {moved:.4f}"))
@@ -134,7 +134,7 @@ def moves_nothing(trial: Trial, state: str) -> None:
         numbers = trial.sample(row, 1.0)
         times = 1 if row.level is Level.MOVE else STREAM_LENGTH
         trial.stream(name, [numbers] * times)
-        trial.probe.sleep(trial.expected.wait / 2.0)
+        trial.settle(trial.expected.wait / 2.0)
         moved = trial.displaced(began, before)
         if moved > trial.still:
             trial.note("MOV-1", diverges(f"{name} in {state} moves a joint by {moved:.4f}"))
@@ -161,8 +161,9 @@ def bad_input(trial: Trial) -> None:
         trial.note(
             "INP-8", diverges("nothing is said of any refusal, neither on refusals nor on /rosout")
         )
-    trial.probe.sleep(trial.expected.wait)
-    alive = trial.probe.trace(trial.probe.now() - trial.expected.wait)
+    ended = trial.probe.now()
+    trial.settle(trial.expected.wait)
+    alive = trial.probe.trace(ended)
     if trial.word() != "ENABLED":
         trial.note("INP-9", diverges(f"it is {trial.word()} after bad input"))
         raise Stopped("it did not survive bad input")
@@ -207,7 +208,7 @@ def _refused(
 ) -> None:
     before, began = trial.here(), trial.probe.now()
     trial.stream(name, [numbers], **fields)
-    trial.probe.sleep(trial.expected.wait / 4.0)
+    trial.settle(trial.expected.wait / 4.0)
     moved = trial.displaced(began, before)
     if not moved > trial.still:
         trial.note(clause, conforms("nothing moves"))

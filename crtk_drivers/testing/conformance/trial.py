@@ -28,6 +28,10 @@ STREAM_RATE: Final = 50.0
 """Hz of the streams that are sent."""
 NOISES: Final = 6.0
 """Standard deviations at rest that count as still."""
+FRESH_TIME: Final = 1.5
+"""Seconds in which feedback and a heartbeat come."""
+STANDS_FOR: Final = 0.1
+"""Seconds without motion after which a joint stands."""
 LARGEST_SHARE: Final = 0.1
 """Of a range that is known: no trial goes further."""
 
@@ -72,6 +76,9 @@ class Probe(Protocol):
 
     def forget(self) -> None:
         """Forget what was heard."""
+
+    def lateness(self) -> float:
+        """Return how late it woke up, in s, in one of twenty cases since this was asked last."""
 
 
 class Stopped(Exception):
@@ -164,7 +171,7 @@ class Trial:
         """Send a state command, wait, and return the states that were heard, the one before first."""
         before, began = self.word(), self.probe.now()
         self.probe.send("state_command", text=command)
-        self.probe.sleep(self.expected.wait)
+        self.settle(self.expected.wait)
         after = [each.state for each in self.probe.trace(began).states]
         return list(dict.fromkeys((before, *after)))
 
@@ -179,16 +186,29 @@ class Trial:
         if self.word() != "ENABLED" and not self.reach("enable", "ENABLED"):
             raise Stopped(f"it stays {self.word()} after enable")
 
+    def settle(self, seconds: float) -> None:
+        """Let time pass, and what was measured after it arrive, and the state."""
+        self.probe.sleep(seconds)
+        now = self.probe.now()
+
+        def is_fresh() -> bool:
+            joints, state = self.probe.joints("measured_js"), self.probe.state()
+            return (joints is None or joints.at > now) and (state is None or state.at > now)
+
+        self.probe.wait(is_fresh, FRESH_TIME)
+
     def at_rest(self) -> bool:
         """Wait until the joints stand, and return whether they do in time."""
         end = self.probe.now() + self.expected.stop_time + self.expected.wait
-        before = self.here()
+        before, heard = self.here(), self.probe.now()
         while self.probe.now() < end:
-            self.probe.sleep(0.1)
-            now = self.here()
-            if far(now, before) <= 0.2 * self.still:
+            self.probe.sleep(STANDS_FOR)
+            newest = self.probe.joints("measured_js")
+            if newest is None or newest.at < heard + STANDS_FOR:
+                continue
+            if far(newest.position, before) <= 0.2 * self.still:
                 return True
-            before = now
+            before, heard = newest.position, newest.at
         return False
 
     # --------------------------------------------------------------------------------------- motion

@@ -6,6 +6,8 @@ import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -31,7 +33,7 @@ from crtk_drivers.testing.conformance.observed import ROS_TYPES, Graph, Observat
 from crtk_drivers.testing.conformance.outcome import Outcome, plain_data, statement
 from crtk_drivers.testing.conformance.report_files import html, junit, write_report
 from crtk_drivers.testing.conformance.rounds import NOT_PERMITTED, NOT_TESTED, TESTED, judge
-from crtk_drivers.testing.conformance.trials import STEPS, chosen_steps
+from crtk_drivers.testing.conformance.trials import STEPS, chosen_steps, excuse
 
 SOURCES = {"RM", "OS", "SL", "MSG", "PC", "RI", "dVRK", "HZ", "OURS"}
 BEGAN = 1_769_817_600.0  # 2026-01-31
@@ -108,6 +110,21 @@ def test_of_several_trials_one_that_diverges_counts() -> None:
 )
 def test_exit_codes(findings: dict[str, Finding], code: int) -> None:
     assert exit_code(outcome(**findings).results) == code
+
+
+def test_what_diverges_in_a_motion_is_left_open_where_this_tool_was_late_itself() -> None:
+    before = diverges("before")
+    trial: Any = SimpleNamespace(
+        found={"MOV-1": [before], "MOV-4": [diverges("late"), conforms("x")]}
+    )
+    excuse(trial, {"MOV-1": 1}, 0.01)
+    assert trial.found["MOV-4"][0].verdict is Verdict.DIVERGES
+    excuse(trial, {"MOV-1": 1}, 0.03)
+    assert trial.found["MOV-1"] == [before]
+    assert trial.found["MOV-4"] == [
+        undetermined("this machine was late by 30 ms: late"),
+        conforms("x"),
+    ]
 
 
 def test_what_was_not_judged_says_why() -> None:

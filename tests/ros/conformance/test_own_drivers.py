@@ -28,12 +28,12 @@ TIMED = {"RAT-1", "STA-3", "QOS-3", "CLI-2"}
 PATIENT = ("--set", "sample_timeout=3.0")
 """A busy machine is no fault."""
 DRIVERS = {
-    "loopback": (),
-    "virtual": (),
+    "loopback": PATIENT,
+    "virtual": PATIENT,
     "ur": ("--sim", *PATIENT, "--set", "watchdog_frequency=2.0"),
     "dynamixel": ("--sim", *PATIENT),
     "canopen": ("--sim", *PATIENT),
-    "ati-netft": ("--sim",),
+    "ati-netft": ("--sim", *PATIENT),
 }
 MOVED = ("loopback", "ur")
 """Those that all trials are made with; the others are listened to, and disabled, enabled and paused."""
