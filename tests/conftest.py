@@ -137,6 +137,17 @@ def pytest_runtest_call() -> Generator[None, None, None]:
         return (yield)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> None:
+    """Give what tells of a failure all the time that it needs, as pytest-timeout does once it is told.
+
+    A test that fails in its last second would be over time while its frames are looked up, and take its
+    worker with it.
+    """
+    if call.excinfo is not None:
+        item.config.hook.pytest_timeout_cancel_timer(item=item)
+
+
 def pytest_report_header() -> Iterable[str]:
     """Say which ROS domain the tests are in, or that there is no ROS."""
     if HAVE_ROS:

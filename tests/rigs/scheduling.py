@@ -38,6 +38,7 @@ COMPUTING = {
     "matlab": 1.5,
     "motion": 0.15,
     "plugins": 0.5,
+    "test_conftest.py": 2.0,
     "test_new_plugins.py": 15.0,
     "test_plant.py": 0.2,
     "unit": 0.03,
