@@ -29,6 +29,7 @@ class Plan:
         away: how far the tool would go in a move along y, m.
         ratio: of the velocity that moves usually have.
         period: seconds between two commands of a stream.
+        room: how far (rad, m) from home a joint may be where an arm begins; it goes home from farther.
     """
 
     velocity: float
@@ -39,6 +40,7 @@ class Plan:
     away: float = 0.0
     ratio: float = 1.0
     period: float = 0.01
+    room: float = 0.0
 
 
 Send = Callable[[], Any]

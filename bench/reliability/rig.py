@@ -350,14 +350,16 @@ class Rig(ABC):
         return self.looks[-1].joints
 
     def ready(self) -> None:
-        """No fault, ENABLED, at rest at home, and nothing noted yet."""
+        """No fault, ENABLED, at rest at home or near it, and nothing noted yet."""
         self.stop_activity()
         self.end_fault()
         self.until(lambda: self.connected, PATIENCE, "it is connected")
         self.by_hand()
         self.enable()
         if self.engine.capabilities.joints:
-            self.go_home()
+            self.arm.hold()
+            if np.abs(self.until_still() - self.home()).max() > self.plan.room:
+                self.go_home()
         self._unwatched = False
         self.looks.clear()
         self.log.announced.clear()
@@ -365,7 +367,6 @@ class Rig(ABC):
 
     def go_home(self) -> None:
         """Move all joints to where they began."""
-        self.arm.hold()
         move = self.arm.move_jp(self.home())
         self.until(lambda: not move.is_busy(), PATIENCE, "it is at home")
         move.wait(0.0)

@@ -192,7 +192,7 @@ class CanopenRig(Rig):
     name = "canopen"
     ways = WAYS
     absent = ABSENT
-    plan = Plan(velocity=0.5, far=2.0, effort=3.0)
+    plan = Plan(velocity=0.5, far=2.0, effort=3.0, room=0.5)
     belated = BOOT
     activities = (
         REST,

@@ -116,7 +116,7 @@ class DynamixelRig(Rig):
     name = "dynamixel"
     ways = WAYS
     absent = ABSENT
-    plan = Plan(velocity=0.5, far=2.0, effort=0.3, linear=0.1, away=0.12)
+    plan = Plan(velocity=0.5, far=2.0, effort=0.3, linear=0.1, away=0.12, room=0.3)
     activities = (
         REST,
         "servo_jp",

@@ -153,7 +153,7 @@ class UrNativeRig(Rig):
     control = "native"
     ways = WAYS
     absent = ABSENT
-    plan = Plan(velocity=0.5, far=2.0, linear=0.1, force=20.0, away=0.25)
+    plan = Plan(velocity=0.5, far=2.0, linear=0.1, force=20.0, away=0.25, room=0.5)
     activities = (
         REST,
         "servo_jp",
