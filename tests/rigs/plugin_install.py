@@ -1,8 +1,13 @@
 """Makes a plugin importable as `pip install -e` does: its sources, and metadata with its entry points."""
 
 import os
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
+
+LONG = 280
+"""Seconds that anything may take in the environment of a plugin."""
 
 
 def install(plugin: Path, where: Path) -> dict[str, str]:
@@ -21,3 +26,17 @@ def install(plugin: Path, where: Path) -> dict[str, str]:
     (info / "entry_points.txt").write_text("\n".join(lines))
     paths = [str(plugin / "src"), str(where), os.environ.get("PYTHONPATH", "")]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+
+
+def run(folder: Path, environment: dict[str, str], *arguments: str) -> str:
+    """Run Python there with `arguments`, which must end well; return what it wrote."""
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=LONG,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout

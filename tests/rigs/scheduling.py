@@ -39,6 +39,7 @@ COMPUTING = {
     "motion": 0.15,
     "plugins": 0.5,
     "test_conftest.py": 2.0,
+    "test_new_plugin_types.py": 4.0,
     "test_new_plugins.py": 15.0,
     "test_plant.py": 0.2,
     "unit": 0.03,
