@@ -4,9 +4,13 @@ The blocks of one page are one program, run from top to bottom. A block that nee
 shows a fragment, is preceded by an HTML comment that begins with `not run:` and says why.
 """
 
+import os
 import re
+import select
+import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -37,15 +41,23 @@ PAGES = [
 
 
 def run(script: Path, folder: Path) -> None:
-    done = subprocess.run(
+    """Run it; what it has started ends with it, whatever became of it."""
+    process = subprocess.Popen(
         [sys.executable, str(script)],
         cwd=folder,
         stdin=subprocess.DEVNULL,
-        capture_output=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
-        timeout=50,
+        process_group=0,
     )
-    assert done.returncode == 0, f"{script}\n{done.stdout}\n{done.stderr}"
+    try:
+        said, warned = process.communicate(timeout=50)
+    finally:
+        with suppress(ProcessLookupError):  # nothing of it is left
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    assert process.returncode == 0, f"{script}\n{said}\n{warned}"
 
 
 @pytest.mark.sweep(14)
@@ -66,3 +78,26 @@ def test_a_block_keeps_its_line_and_one_marked_as_not_run_is_left_out() -> None:
     page = "# A\n\n```python\nx = 1\n```\n\n<!-- not run: a fragment -->\n```python\ny\n```\n"
     assert program(page).splitlines()[3] == "x = 1"
     assert program(page).split() == ["x", "=", "1"]
+
+
+LEAVES_ITS_DEVICE = """
+import subprocess, sys
+from pathlib import Path
+
+device = subprocess.Popen(["sleep", "600"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+Path("device").write_text(str(device.pid))
+sys.exit("it failed")
+"""
+
+
+def test_what_a_failed_script_has_started_ends(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(LEAVES_ITS_DEVICE)
+    with pytest.raises(AssertionError, match="it failed"):
+        run(script, tmp_path)
+    try:
+        device = os.pidfd_open(int((tmp_path / "device").read_text()))
+    except ProcessLookupError:
+        return
+    assert select.select([device], [], [], 20.0)[0], "it runs on"
+    os.close(device)
