@@ -16,7 +16,7 @@ from crtk_driver_virtual.defective_device import DefectiveDevice
 from crtk_driver_virtual.defects_config import DefectsConfig
 from crtk_driver_virtual.device import VirtualDevice
 from crtk_drivers.errors import CommandRefused, ConnectionLost
-from crtk_drivers.samples import Pose, Sample, Twist, vector
+from crtk_drivers.samples import Pose, Sample, Twist, Vector, Wrench, vector
 from crtk_drivers.state import OperatingState
 from rigs.virtual_arm import (
     AMPLITUDE,
@@ -285,6 +285,40 @@ def time_to_stop(bench: Bench) -> float:
     return float(times(samples)[moving[-1]] - times(samples)[0])
 
 
+def way_back(bench: Bench) -> float:
+    """How far the joint comes back after it was stopped in motion."""
+    bench.enabled().stream(lambda t: 0.4 * t, 0.3)
+    bench.engine.submit("hold")
+    positions = column(bench.run(1.0))
+    return float(positions.max() - positions[-1])
+
+
+def forces(bench: Bench) -> tuple[Vector, Vector]:
+    """When measured_cf was measured, and its z, with 10 N in it."""
+    push = Wrench(vector((0.0, 0.0, 10.0)), vector((0.0, 0.0, 0.0)), "base")
+    bench.device.apply_wrench(push)
+    bench.run(0.01)
+    samples = bench.run(1.0)
+    felt = [sample.values["measured_cf"] for sample in samples]
+    return times(samples), np.array([each.force[2] for each in felt if isinstance(each, Wrench)])
+
+
+def force_noise(bench: Bench) -> float:
+    return float(forces(bench)[1].std())
+
+
+def force_line(bench: Bench) -> float:
+    return abs(phasor(*forces(bench), 50.0))
+
+
+def force_drift(bench: Bench) -> float:
+    return float(np.polyfit(*forces(bench), 1)[0])
+
+
+def force_felt(bench: Bench) -> float:
+    return float(forces(bench)[1].mean())
+
+
 def way_after_silence(bench: Bench) -> float:
     """How far the joint goes within a second and a half after a stream has ended."""
     samples = bench.enabled().stream(lambda t: 0.15 * t, 0.3)
@@ -359,6 +393,11 @@ CASES = {
     "overtravel": Case(past_the_end, {"overtravel": 0.05}, 0.0, 0.05, 1e-3, NEAR_THE_END),
     "coulomb_friction": Case(dry_friction, {"coulomb_friction": 3.0}, 0.0, 3.0, 0.2),
     "slow_stop": Case(time_to_stop, {"slow_stop": 20.0}, 0.05, 0.6, 0.1),
+    "rebound": Case(way_back, {"rebound": 0.02}, 0.0, 0.02, 2e-3),
+    "force_noise": Case(force_noise, {"force_noise": 0.5}, 0.0, 0.5, 0.05),
+    "force_line": Case(force_line, {"force_line": 0.5}, 0.0, 0.5, 0.01),
+    "force_drift": Case(force_drift, {"force_drift": 0.5}, 0.0, 0.5, 1e-3),
+    "force_scale": Case(force_felt, {"force_scale": 1.2}, 10.0, 12.0, 1e-6),
     "ignores_stop": Case(way_after_silence, {"ignores_stop": True}, 0.0, 0.23, 0.01),
     "ignores_watchdog": Case(way_while_frozen, {"ignores_watchdog": True}, 0.0, 0.15, 0.01),
 }

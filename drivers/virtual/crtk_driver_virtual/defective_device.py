@@ -16,7 +16,7 @@ from crtk_driver_virtual.device import LONGEST_STEP, VirtualDevice
 from crtk_driver_virtual.models import Arm
 from crtk_driver_virtual.plant import Command, Drive, Plant
 from crtk_drivers.device import Mode, Setpoint, Steps
-from crtk_drivers.samples import JointState, Pose, Sample, Stamp, Twist, Vector, vector
+from crtk_drivers.samples import JointState, Pose, Sample, Stamp, Twist, Vector, Wrench, vector
 
 LONGEST_UNWATCHED: Final = 5.0
 """Seconds that an arm that ignores its watchdog makes up for at once."""
@@ -116,6 +116,7 @@ class DefectiveDevice(VirtualDevice):
         told = super()._sample(stamp, position, velocity)
         values, senses = dict(told.values), self._senses
         joints, twist = values["measured_js"], values["measured_cv"]
+        wrench = values["measured_cf"]
         if isinstance(joints, JointState) and joints.effort.size:
             values["measured_js"] = replace(joints, effort=vector(senses.effort(joints.effort)))
         pose = self.kinematics.forward(senses.for_pose(position))
@@ -126,6 +127,9 @@ class DefectiveDevice(VirtualDevice):
             values["measured_cv"] = replace(
                 twist, linear=vector(moved[:3]), angular=vector(moved[3:])
             )
+        if isinstance(wrench, Wrench):
+            felt = senses.wrench(wrench.vector, stamp.monotonic)
+            values["measured_cf"] = replace(wrench, force=vector(felt[:3]), torque=vector(felt[3:]))
         return Sample(told.stamp, values)
 
     @override

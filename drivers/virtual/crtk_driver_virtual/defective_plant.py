@@ -17,7 +17,7 @@ from typing_extensions import override
 from crtk_driver_virtual.defects import mask_of
 from crtk_driver_virtual.defects_config import DefectsConfig
 from crtk_driver_virtual.models import Arm
-from crtk_driver_virtual.plant import LONGEST_RAMP, SERVOED, SUBSTEP, Command, Drive, Plant
+from crtk_driver_virtual.plant import HOLD, LONGEST_RAMP, SERVOED, SUBSTEP, Command, Drive, Plant
 from crtk_driver_virtual.servo import BRAKING
 from crtk_drivers.samples import Array, Vector
 
@@ -170,6 +170,20 @@ class DefectivePlant(Plant):
         self._ramp = 0.0
         self._held_from, self._held_since = self._pace, 0.0
         self._rest(self.position, self.velocity)
+
+    @override
+    def step(self) -> None:
+        super().step()
+        if self._defects.rebound and self.command is HOLD and self.is_held:
+            self._go_back()
+
+    def _go_back(self) -> None:
+        """Go back a little, where this stop has ended a motion."""
+        way = np.sign(self._held_from) * (np.abs(self._held_from) > BEGINS) * self._mask
+        self._held_from = np.zeros_like(way)
+        if way.any():
+            back = self.position - self._defects.rebound * way
+            self.command = Command(Drive.POSITION, back)
 
     def sag(self) -> None:
         """Drop, as power has gone."""

@@ -67,7 +67,7 @@ class Senses:
         crossed = (q > defects.jump_at) * 1.0 - self._is_past
         position = q + self.zero + mask * defects.position_jump * crossed
         since = now - self._began
-        line = defects.position_line * math.sin(2.0 * math.pi * defects.line_frequency * since)
+        line = defects.position_line * self._wave(since)
         position += mask * (line + defects.position_drift * since)
         if defects.position_noise:
             position += mask * self._random.normal(0.0, defects.position_noise, q.size)
@@ -90,6 +90,16 @@ class Senses:
     def twist(self, twist: Vector) -> Vector:
         """Return measured_cv (6,)."""
         return self._defects.twist_scale * twist
+
+    def wrench(self, wrench: Vector, now: float) -> Vector:
+        """Return measured_cf (6,) in monotonic `now`."""
+        defects, since = self._defects, now - self._began
+        off = defects.force_line * self._wave(since) + defects.force_drift * since
+        noise = self._random.normal(0.0, defects.force_noise, 6) if defects.force_noise else 0.0
+        return defects.force_scale * wrench + off + noise
+
+    def _wave(self, since: float) -> float:
+        return math.sin(2.0 * math.pi * self._defects.line_frequency * since)
 
     def _behind_backlash(self, q: Vector, v: Vector) -> tuple[Vector, Vector]:
         half = 0.5 * self._defects.backlash * self._mask

@@ -91,6 +91,28 @@ class DefectsConfig(Settings):
     )
     twist_scale: float = Field(default=1.0, ge=-10.0, le=10.0, description="Factor on measured_cv.")
 
+    force_noise: float = Field(
+        default=0.0,
+        ge=0.0,
+        le=1000.0,
+        description="Standard deviation of each axis of measured_cf, in N and N·m.",
+    )
+    force_line: float = Field(
+        default=0.0,
+        ge=0.0,
+        le=1000.0,
+        description="Amplitude of a line in each axis of measured_cf, at `line_frequency`, in N and N·m.",
+    )
+    force_drift: float = Field(
+        default=0.0,
+        ge=-100.0,
+        le=100.0,
+        description="Of each axis of measured_cf, in N/s and N·m/s.",
+    )
+    force_scale: float = Field(
+        default=1.0, ge=-10.0, le=10.0, description="Factor on measured_cf: a load weighs another."
+    )
+
     # When it is measured, and with which stamp.
     frozen_share: float = Field(
         default=0.0,
@@ -242,6 +264,12 @@ class DefectsConfig(Settings):
         le=1000.0,
         description="Times as long as usual that a joint brakes after a stop. From 2 s: FAULT, "
         "not carried out.",
+    )
+    rebound: float = Field(
+        default=0.0,
+        ge=0.0,
+        le=0.2,
+        description="By which a joint that was stopped in motion goes back once it stands, in rad (m).",
     )
     ignores_stop: bool = Field(
         default=False,
