@@ -238,9 +238,21 @@ def _lab() -> None:
 @lab_app.command("new", cls=HelpfulCommand)
 def _lab_new(
     lab: Annotated[Path, typer.Argument(metavar="LAB", help="Where.")] = Path("lab.toml"),
+    scan: Annotated[
+        bool,
+        typer.Option("--scan", help="Ask serial ports and CAN buses who is there; nothing moves."),
+    ] = False,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--at", metavar="PLACE", help="With --scan: look only here, as /dev/ttyUSB0 or can0."
+        ),
+    ] = None,
 ) -> None:
     """Write a lab file to start from. Nothing is overwritten."""
-    raise typer.Exit(write_lab(lab))
+    if at and not scan:
+        raise ConfigError("is where --scan looks", where="--at", remedy="Add --scan.")
+    raise typer.Exit(write_lab(lab, tuple(at or ()) if scan else None))
 
 
 @lab_app.command("check", cls=HelpfulCommand)

@@ -17,6 +17,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from crtk_drivers.cli.lab_scan import scanned_lab
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
 from crtk_drivers.cli.status_line import LIVE_PERIOD, STATE_STYLES
 from crtk_drivers.cli.terminal import ERR, OUT
@@ -199,25 +200,39 @@ def _plan(lab: Lab) -> Table:
     return table
 
 
-def write_lab(path: Path) -> int:
-    """Write a lab file to start from; nothing is overwritten.
+def write_lab(path: Path, places: tuple[str, ...] | None = None) -> int:
+    """Write a lab file to start from; nothing is overwritten. Return 1 if nothing was found to write.
+
+    Args:
+        path: of the file.
+        places: look there for hardware, or everywhere if empty; None: write an example.
 
     Raises:
         ConfigError: there is one, or it cannot be written.
     """
     if path.suffix != ".toml":
         raise ConfigError(f"{path}: a lab file is TOML", remedy=f"For example: {path}.toml")
-    text = files("crtk_drivers.cli").joinpath("templates/lab.toml").read_text("utf-8")
+    if path.exists():
+        raise _is_there(path)
+    if places is None:
+        text = files("crtk_drivers.cli").joinpath("templates/lab.toml").read_text("utf-8")
+        next_step = f"Try it without hardware: crtk-driver up {path} --sim"
+    else:
+        text = scanned_lab(places)
+        next_step = f"Complete it: crtk-driver lab check {path} names what is missing."
+    if not text:
+        ERR.print(f"Nothing was found: {path} is not written.", soft_wrap=True)
+        return 1
     try:
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError as error:
-        raise ConfigError(
-            "is there already", where=str(path), remedy="Choose another name."
-        ) from error
+        raise _is_there(path) from error
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror}", where=str(path)) from error
-    OUT.print(
-        f"{path} is written. Try it without hardware: crtk-driver up {path} --sim", soft_wrap=True
-    )
+    OUT.print(f"{path} is written. {next_step}", soft_wrap=True)
     return 0
+
+
+def _is_there(path: Path) -> ConfigError:
+    return ConfigError("is there already", where=str(path), remedy="Choose another name.")

@@ -17,6 +17,7 @@ from crtk_drivers.plugins.entries import (
     sims,
     simulator,
 )
+from crtk_drivers.plugins.finder import Finder, FoundDevice
 from crtk_drivers.plugins.sim_plugin import RunningSim, SimControl, SimPlugin
 
 __all__ = [
@@ -27,6 +28,8 @@ __all__ = [
     "PAGES",
     "SIMS",
     "DevicePlugin",
+    "Finder",
+    "FoundDevice",
     "PluginEntry",
     "RunningSim",
     "SimControl",

@@ -11,6 +11,7 @@ from typing import Any
 from crtk_drivers.config import DeviceConfig, Layer, Settings, from_file, from_values, load
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.plugins.finder import Finder
 from crtk_drivers.plugins.sim_plugin import RunningSim
 from crtk_drivers.wrappers.base_frame import PlacedDevice
 from crtk_drivers.wrappers.confined import ConfinedDevice
@@ -82,6 +83,7 @@ class DevicePlugin:
             simulator they are refused.
         sim_config: the configuration that points at a running simulator.
         sim_options: the options of the simulator that suit a configuration (model, ...).
+        finder: looks for hardware of this kind; None if nobody can.
         tools: commands for people, to look at hardware, scan a bus, calibrate, ...
         typical: values of a configuration whose CRTK commands are listed where the default has no joints.
         is_model: it is computed in this process, and no hardware is behind it.
@@ -97,6 +99,7 @@ class DevicePlugin:
     check_real: Callable[[Any], None] = _nothing
     sim_config: Callable[[Any, RunningSim], Any] = _same_config
     sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
+    finder: Finder | None = None
     tools: tuple[Tool, ...] = ()
     typical: Mapping[str, Any] = field(default_factory=dict)
     is_model: bool = False

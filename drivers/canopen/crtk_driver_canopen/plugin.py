@@ -9,7 +9,7 @@ from typing import Any
 from crtk_driver_canopen.config import BusConfig, CanopenConfig
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError, MissingExtra
-from crtk_drivers.plugins import DevicePlugin, RunningSim, Tool
+from crtk_drivers.plugins import DevicePlugin, Finder, RunningSim, Tool
 
 SIMULATED_JOINTS = 6
 """Joints of the arm that ``--sim`` shows when none are configured."""
@@ -26,6 +26,14 @@ def _tools() -> tuple[Tool, ...]:
     from crtk_driver_canopen.tools import TOOLS
 
     return TOOLS
+
+
+def _finder() -> Finder | None:
+    if not all(map(find_spec, LIBRARIES)):
+        return None
+    from crtk_driver_canopen.finding import FINDER
+
+    return FINDER
 
 
 def _create(config: CanopenConfig) -> Device:
@@ -110,6 +118,7 @@ PLUGIN = DevicePlugin(
     check_real=_require_joints,
     sim_config=_at_sim,
     sim_options=_sim_options,
+    finder=_finder(),
     tools=_tools(),
     typical=TYPICAL,
 )

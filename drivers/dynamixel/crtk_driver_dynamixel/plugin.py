@@ -7,6 +7,7 @@ from typing import Any
 
 from crtk_driver_dynamixel import arms
 from crtk_driver_dynamixel.config import DynamixelConfig
+from crtk_driver_dynamixel.finding import FINDER
 from crtk_driver_dynamixel.tools import TOOLS, require_libraries
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError
@@ -97,6 +98,7 @@ PLUGIN = DevicePlugin(
     check_real=_require_chain,
     sim_config=_at_sim,
     sim_options=_sim_options,
+    finder=FINDER,
     tools=TOOLS,
     typical={"arm": DEFAULT_ARM},
 )

@@ -41,6 +41,8 @@ __all__ = ["Found", "calibrate", "info", "scan", "scan_bus"]
 TABLE_START: Final = 3
 """Bytes of model number and firmware, with which every table of protocol 1.0 begins."""
 
+_UNKNOWN: Final = "unknown model"
+
 _OUT = Console(highlight=False)
 
 
@@ -55,12 +57,17 @@ class Found(NamedTuple):
     firmware: int
 
     @property
+    def is_known(self) -> bool:
+        """Whether its model is one of those that the driver knows."""
+        return not self.model.startswith(_UNKNOWN)
+
+    @property
     def model(self) -> str:
         """Its model; the number if that is not known."""
         try:
             return model_numbered(self.number).name
         except ConfigError:
-            return f"unknown model {self.number}"
+            return f"{_UNKNOWN} {self.number}"
 
 
 # ------------------------------------------------------------------------------------------------ scan

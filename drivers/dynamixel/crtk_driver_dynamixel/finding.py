@@ -1,0 +1,62 @@
+"""Chains of servos on the serial ports of this machine, for a lab file."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from crtk_driver_dynamixel.tools import BAUDS, require_libraries
+from crtk_drivers.plugins import Finder, FoundDevice
+
+__all__ = ["FINDER"]
+
+IDS: Final = range(31)
+"""Ids that are asked; `crtk-driver dynamixel scan` asks all."""
+
+PROTOCOLS: Final = (2, 1)
+
+_BY_ID: Final = Path("/dev/serial/by-id")
+_ADAPTERS: Final = ("ttyUSB*", "ttyACM*")
+
+
+def _places() -> list[str]:
+    """Return the USB serial adapters, by their lasting names where they have some."""
+    lasting = sorted(_BY_ID.glob("*")) if _BY_ID.is_dir() else []
+    if lasting:
+        return list(map(str, lasting))
+    return [str(path) for name in _ADAPTERS for path in sorted(Path("/dev").glob(name))]
+
+
+def _look(port: str) -> Iterable[FoundDevice]:
+    """Ask the common ids at the rates that servos have.
+
+    Raises:
+        MissingExtra: a library is not installed.
+        ConnectionFailed: the port cannot be opened.
+    """
+    require_libraries()
+    from crtk_driver_dynamixel.terminal import Found, scan_bus
+
+    answers = scan_bus("", port, BAUDS, PROTOCOLS, IDS)
+    found = [one for one in answers if isinstance(one, Found)]
+    if not found:
+        return []
+    ((baud, _),) = Counter(one.baud for one in found).most_common(1)
+    chain = [one for one in found if one.baud == baud]
+    told = ", ".join(f"{one.model} (id {one.id})" for one in chain)
+    others = sorted({one.baud for one in found} - {baud})
+    told += "".join(f"; others at {rate} bit/s" for rate in others)
+    joints = _joints([(one.id, one.model, one.protocol) for one in chain if one.is_known])
+    return [FoundDevice({"port": port, "baud": baud, "joints": joints}, told)]
+
+
+def _joints(servos: Sequence[tuple[int, str, int]]) -> Mapping[str, Any]:
+    return {
+        f"joint_{number}": {"id": id, "model": model} | ({"protocol": 1} if protocol == 1 else {})
+        for number, (id, model, protocol) in enumerate(servos, 1)
+    }
+
+
+FINDER: Final = Finder(_places, lambda place: place.startswith("/"), _look)
