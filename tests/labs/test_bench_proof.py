@@ -67,6 +67,7 @@ PROOFS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("hold", {"slow_stop": 40.0}, ("stop.hold.time", "stop.hold.distance")),
     ("silence", {"slow_stop": 40.0}, ("stop.silence.time", "stop.silence.distance")),
     ("disable", {"sag_on_disable": 0.05}, ("stop.disable.distance",)),
+    ("hold", {"rebound": 0.05}, ("stop.hold.back",)),
 ]
 """Acquisition, defects of a virtual arm, and the measurements that must fail by them."""
 
@@ -86,9 +87,8 @@ ELSEWHERE = {
     "loss.silence.fault": "test_what_is_told_of_a_silent_device_is_judged",
     "loss.return.time": "test_what_is_told_of_a_silent_device_is_judged",
     "loss.return.moved": "test_what_is_told_of_a_silent_device_is_judged",
-    "stop.hold.back": "no defect of the arm brings it back",
-    "stop.silence.back": "no defect of the arm brings it back",
-    "stop.disable.back": "no defect of the arm brings it back",
+    "stop.silence.back": "as stop.hold.back",
+    "stop.disable.back": "as stop.hold.back",
     "stop.disable.time": "as stop.hold.time; its bound is the second in which the driver itself says FAULT",
 }
 """Judged measurements that have no line above, and why."""
