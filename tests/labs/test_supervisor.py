@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from crtk_drivers.labs import Lab, LabProgram, supervisor
+from crtk_drivers.labs.lab_file import LabSettings
 from crtk_drivers.labs.reports import Report, Reporter, read_reports
 from crtk_drivers.labs.supervisor import Phase, Supervisor
 from crtk_drivers.state import OperatingState, Status
@@ -17,6 +18,11 @@ from crtk_drivers.status.health import Health
 LONG = 30.0
 FOREVER = "import time; time.sleep(1000)"
 STUBBORN = "import signal, time; signal.signal(2, signal.SIG_IGN); print('up', flush=True); time.sleep(1000)"
+
+
+def lab_of(folder, programs):
+    """A lab of programs alone, as no file can say it."""
+    return Lab("lab", folder / "lab.toml", {}, programs, LabSettings.model_construct())
 
 
 @pytest.fixture
@@ -29,7 +35,7 @@ def lab(tmp_path, monkeypatch):
             name: LabProgram(name, (sys.executable, "-c", text), ())
             for name, text in programs.items()
         }
-        made.append(Supervisor(Lab("lab", tmp_path / "lab.toml", {}, started), tmp_path / "logs"))
+        made.append(Supervisor(lab_of(tmp_path, started), tmp_path / "logs"))
         return made[-1]
 
     yield running
@@ -77,7 +83,7 @@ def test_one_that_is_killed_is_started_again(lab):
 
 def test_what_cannot_be_started_says_so(lab, tmp_path):
     started = {"none": LabProgram("none", ("/nowhere/at-all",), ())}
-    running = Supervisor(Lab("lab", tmp_path / "lab.toml", {}, started), tmp_path / "logs")
+    running = Supervisor(lab_of(tmp_path, started), tmp_path / "logs")
     running.step()
     child = running.programs["none"]
     assert child.phase is Phase.ENDED
