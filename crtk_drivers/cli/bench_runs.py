@@ -229,7 +229,10 @@ def _shown() -> Iterator[Any]:
                     (f"{verdict:13s}", STYLES[verdict]),
                     told,
                 )
-                ERR.print(line, soft_wrap=not ERR.is_terminal, overflow="ellipsis")
+                if ERR.is_terminal:
+                    ERR.print(line, overflow="ellipsis", no_wrap=True)
+                else:
+                    ERR.print(line, soft_wrap=True)
         if live is not None:
             doing = ", ".join(running)
             live.update(Spinner("dots", Text(doing, overflow="ellipsis")) if doing else Text(""))

@@ -113,7 +113,7 @@ class DeviceResult(_Stored):
     name: str
     plugin: str
     address: str
-    simulated: bool
+    simulated: bool = Field(description="No hardware is behind it.")
     firmware: dict[str, str] = Field(default_factory=dict, description="Its readings at the begin.")
     configuration_sha256: str = ""
     trouble: str = Field(default="", description="Why it was not tested, or not to the end.")

@@ -420,7 +420,7 @@ def _described(device: LabDevice) -> results.DeviceResult:
         name=device.name,
         plugin=device.plugin.name,
         address=device.address,
-        simulated=device.sim,
+        simulated=device.sim or device.plugin.is_model,
         configuration_sha256=_sha256(json.dumps(dict(device.values), sort_keys=True).encode()),
     )
 

@@ -13,8 +13,8 @@ from crtk_drivers.labs.verdicts.judging import Plot, Series, number
 __all__ = ["svg"]
 
 WIDTH: Final = 720
-HEIGHT: Final = 240
-LEFT, RIGHT, TOP, BOTTOM = 64, 12, 26, 40
+HEIGHT: Final = 250
+LEFT, RIGHT, TOP, BOTTOM = 64, 12, 40, 40
 LARGEST: Final = 1e100
 """Beyond it, as where it is not finite, a value is left out."""
 
@@ -61,7 +61,7 @@ def svg(plot: Plot) -> str:
         f'<text transform="translate(12 {(TOP + HEIGHT - BOTTOM) / 2:.0f}) rotate(-90)" class="a m">'
         f"{escape(plot.y_label)}</text>"
     )
-    legend = WIDTH - RIGHT
+    legend = LEFT
     for index, (name, x_values, y_values) in enumerate(lines):
         colour = COLOURS[index % len(COLOURS)]
         points = " ".join(
@@ -69,10 +69,9 @@ def svg(plot: Plot) -> str:
         )
         parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}"/>')
         if name:
-            parts.append(
-                f'<text x="{legend}" y="14" class="a e" fill="{colour}">{escape(name)}</text>'
-            )
-            legend -= 7 * len(name) + 14
+            style = f'class="a" style="fill:{colour}"'
+            parts.append(f'<text x="{legend}" y="30" {style}>{escape(name)}</text>')
+            legend += 6 * len(name) + 14
     parts.append("</svg>")
     return "".join(parts)
 
