@@ -276,7 +276,7 @@ class StudentDevice:
             stamp_ns = int(1e9 * now)
         self._count += 1
         if "stamps_go_back" in faults and self._count % 2:
-            stamp_ns -= 2 * 10**9
+            stamp_ns -= 5 * 10**8
         measured = JointState(
             name=[] if "no_names" in faults else list(JOINTS),
             position=place,

@@ -35,6 +35,7 @@ class Gantry:
         self.changed = True
         self.is_refused = False
         self.falls_short = False
+        self.served, self.serves = 0.0, False
 
     def command(self, word: str) -> None:
         """Follow a state command."""
@@ -108,6 +109,7 @@ class Gantry:
         if self.accepts and self.is_valid(values):
             self.goal = self.velocity = None
             self.set_busy("busy_servo" in self.faults)
+            self.served, self.serves = time.monotonic(), True
             self.setpoint = values
 
     def servo_relative(self, values: Vector) -> None:
@@ -119,8 +121,6 @@ class Gantry:
     def servo_velocity(self, values: Vector) -> None:
         if self.accepts and len(values) == 3 and all(map(math.isfinite, values)):
             self.goal, self.velocity = None, values
-            if "velocity_sign" in self.faults:
-                self.velocity = [-v for v in values]
             self.stream_until = time.monotonic() + STREAM_TIMEOUT
 
     def move(self, values: Vector, relative: bool = False) -> bool:
@@ -133,19 +133,24 @@ class Gantry:
         self.goal = [s + v for s, v in zip(start, values, strict=True)] if relative else values
         self.velocity = None
         length = math.dist(self.goal, self.setpoint)
+        self.serves = False
         self.falls_short = "short_move" in self.faults and length > LONG
         self.set_busy("never_busy" not in self.faults)
         return True
 
     def step(self, now: float, seconds: float) -> None:
         """Go on for some time."""
+        if "busy_servo" in self.faults and self.serves and now - self.served > STREAM_TIMEOUT:
+            self.serves = False
+            self.set_busy(False)
+        sign = -1.0 if "velocity_sign" in self.faults else 1.0
         if self.velocity is not None:
             if now > self.stream_until and "stream_goes_on" not in self.faults:
                 self.velocity = None
                 self.setpoint = list(self.measured)
             else:
                 self.setpoint = [
-                    max(-RANGE, min(RANGE, s + v * seconds))
+                    max(-RANGE, min(RANGE, s + sign * v * seconds))
                     for s, v in zip(self.setpoint, self.velocity, strict=True)
                 ]
         elif self.goal is not None:

@@ -54,7 +54,7 @@ def arrives(trial: Trial) -> None:
     trial.note(
         "MOV-16", conforms(told) if near else diverges(told if stands else "it does not stand")
     )
-    if near:
+    if stands and off < 0.5 * far(begin, target):
         trial.note("BSY-2", _busy_meanwhile(trace, at))
         trial.note("SPT-6", _on_the_way(trace, trial.joint, target))
     trial.note("GOL-1", _goal(trial, "goal_js", target))

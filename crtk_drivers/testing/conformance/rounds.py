@@ -52,4 +52,6 @@ def judge(
 def _unjudged(clause: str, why_not: str) -> Finding:
     if clause not in TESTED:
         return undetermined(NOT_TESTED)
-    return undetermined(f"not tried: {why_not}" if why_not != NOT_PERMITTED else why_not)
+    if why_not == NOT_PERMITTED:
+        return undetermined(NOT_PERMITTED)
+    return undetermined(f"not tried: {why_not or 'what comes before it did not succeed'}")

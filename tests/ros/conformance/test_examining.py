@@ -21,6 +21,9 @@ QUICK = Expectations(wait=0.15, transition_time=2.0, move_time=5.0)
 TIMED = {"RAT-1", "STA-3", "QOS-3", "CLI-2"}
 """Clauses about time, which a busy machine breaks for the device."""
 
+QUICKER = [each for each in chosen([]) if each not in ("SET-1", "STA-10")]
+"""STA-10 is decided by all trials, and so would need them all."""
+
 PASSIVE: list[Mapping[str, str]] = [
     {
         "unknown_name": "NAM-1",
@@ -97,6 +100,7 @@ ACTIVE: list[Mapping[str, str]] = [
         "turned_frame": "MOV-8",
         "scale": "DAT-15 MOV-19",
         "busy_after_hold": "BSY-5",
+        "disable_goes_on": "STA-13",
         "dead_topic": "SET-1",
     },
     {
@@ -107,13 +111,12 @@ ACTIVE: list[Mapping[str, str]] = [
         "still_setpoint": "SPT-6",
         "never_busy": "BSY-2 BSY-3",
         "not_pre_emptive": "MOV-18",
-        "disable_goes_on": "STA-13",
         "any_goal": "GOL-2",
     },
 ]
 """Faults that are found by commanding it. Some break two clauses at once."""
 
-MAY = {"drops_increments": {"MOV-11"}}
+MAY = {"drops_increments": {"MOV-11"}, "adds_to_measured": {"MOV-19"}}
 """What a fault breaks too when this machine is slow."""
 
 
@@ -168,5 +171,6 @@ def test_what_can_be_heard_is_caught(faults: Mapping[str, str]) -> None:
 def test_what_must_be_tried_is_caught(faults: Mapping[str, str]) -> None:
     where = f"/tried_{os.getpid()}"
     with StudentDevice(where, *faults):
-        outcome = examine(where, chosen([]), LISTEN, FIND, may_move=True, expected=QUICK)
+        ids = chosen([]) if {"SET-1", "STA-10"} & clauses_of(faults) else QUICKER
+        outcome = examine(where, ids, LISTEN, FIND, may_move=True, expected=QUICK)
     check(outcome, faults)
