@@ -146,6 +146,8 @@ def check(outcome: Outcome, faults: Mapping[str, str]) -> None:
     assert found - expected - also == set(), outcome.of(Verdict.DIVERGES)
 
 
+@pytest.mark.slow  # the test of the loopback driver is its quick brother
+@pytest.mark.timeout(180)
 def test_a_sound_device_diverges_nowhere_and_is_left_as_it_was_found() -> None:
     where = f"/sound_{os.getpid()}"
     with StudentDevice(where) as device:
@@ -166,6 +168,7 @@ def test_what_can_be_heard_is_caught(faults: Mapping[str, str]) -> None:
     check(outcome, faults)
 
 
+@pytest.mark.timeout(180)
 @pytest.mark.sweep(8)
 @pytest.mark.parametrize("faults", ACTIVE, ids=names_of)
 def test_what_must_be_tried_is_caught(faults: Mapping[str, str]) -> None:
