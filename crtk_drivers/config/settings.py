@@ -158,8 +158,8 @@ class SpaceConfig(Settings):
     )
     tool_box: BoxConfig | None = Field(
         default=None,
-        description="Box for the tool point in the base frame. `crtk-driver bench` watches it and plans no "
-        "way out of it; the driver itself does not know it.",
+        description="Box for the tool point in the base frame. `crtk-driver bench` watches it; the driver "
+        "itself does not know it.",
     )
     speed: float = Field(
         default=1.0, gt=0.0, le=1.0, description="Share of every velocity limit that may be used."

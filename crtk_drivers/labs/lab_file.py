@@ -123,15 +123,8 @@ class LabSettings(Settings):
     name: str = Field(default="lab", pattern=NAME, description="Of the lab.")
     devices: dict[str, DeviceEntry] = Field(min_length=1, description="By name.")
     programs: dict[str, ProgramEntry] = Field(default_factory=dict, description="By name.")
-    features: dict[str, float | bool | str] = Field(
-        default_factory=dict,
-        description="What tests of the bench may ask for: { known_mass = 0.482, operator = true }.",
-    )
     bounds: dict[str, BoundEntry] = Field(
         default_factory=dict, description="By the id of a measurement of the bench."
-    )
-    unattended: bool = Field(
-        default=False, description="The bench may make large motions with nobody beside it."
     )
 
 

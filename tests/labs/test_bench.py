@@ -6,6 +6,9 @@ import json
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from functools import partial
 from html import escape
@@ -182,6 +185,41 @@ def test_when_the_conductor_dies_the_results_so_far_are_kept(bench: Bench) -> No
     assert verdicts == {"T3": Verdict.PASS, "M2": Verdict.SKIPPED}
 
 
+def children_of(pid: int) -> set[int]:
+    """Return the ids of all processes below one."""
+    try:
+        own = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    except FileNotFoundError:
+        return set()
+    found = {int(each) for each in own}
+    return found.union(*map(children_of, found))
+
+
+def wait_until(test: Callable[[], object], seconds: float = 40.0) -> None:
+    end = time.monotonic() + seconds
+    while not test():
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.02)
+
+
+def test_when_whoever_started_it_is_gone_it_holds_and_everything_ends(tmp_path: Path) -> None:
+    (tmp_path / "lab.toml").write_text(GANTRY)
+    command = [sys.executable, "-m", "crtk_drivers.cli", "bench", "lab.toml", "--only", "M2"]
+    parent = subprocess.Popen([*command, "--out", "run"], cwd=tmp_path)
+    try:
+        recording = tmp_path / "run" / "data" / "gantry-approaches.mcap"
+        wait_until(lambda: recording.exists() and recording.stat().st_size > 100_000)
+        children = children_of(parent.pid)
+        assert len(children) >= 2, "a conductor and a driver"
+    finally:
+        parent.kill()
+        parent.wait()
+    wait_until(lambda: not any(Path(f"/proc/{child}").exists() for child in children))
+    log = (tmp_path / "run" / "log.txt").read_text()
+    assert "stopped by the watch: the run was stopped" in log
+    assert not read_run(tmp_path / "run").complete
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize(
@@ -203,16 +241,15 @@ def test_a_real_device_is_only_read_unless_it_is_allowed(tmp_path: Path) -> None
     from crtk_drivers.labs.bench.run import lacking
     from crtk_drivers.testing.loopback import LoopbackDevice
 
-    def why(test_id: str, *, may_move: bool, more: str = "", top: str = "") -> str:
+    def why(test_id: str, *, may_move: bool, more: str = "") -> str:
         path = tmp_path / "lab.toml"
         path.write_text(
-            f'{top}\n[devices.arm]\nplugin = "ur"\nsettings = {{ host = "192.168.1.9" }}\n{more}'
+            f'[devices.arm]\nplugin = "ur"\nsettings = {{ host = "192.168.1.9" }}\n{more}'
         )
         lab = load_lab(path)
         device = lab.devices["arm"]
         about = About(
             name="arm",
-            plugin="ur",
             capabilities=LoopbackDevice().capabilities,
             commands=("servo_jp", "move_jp", "hold", "measured_js", "setpoint_js"),
             silence=0.1,
@@ -221,13 +258,10 @@ def test_a_real_device_is_only_read_unless_it_is_allowed(tmp_path: Path) -> None
             max_step=0.05,
             has_kinematics=True,
             readings={"serial": "7"},
-            simulated=False,
-            pid=1,
-            version="",
         )
         options = BenchOptions(Suite.QUICK, (), may_move, tmp_path)
         test = next(test for test in TESTS if test.id == test_id)
-        return lacking(test, about, lab, device, options)
+        return lacking(test, about, device, options)
 
     space = "space = { speed = 0.2 }\n"
     assert why("T3", may_move=False) == ""

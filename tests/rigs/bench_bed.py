@@ -32,7 +32,7 @@ def acquired(
     config: Any = load(declared.config, from_values(values))
     door = folder / "door"
     recording = folder / "recording.mcap"
-    order = HostOrder(plugin, config, False, str(door), b"key")
+    order = HostOrder(plugin, config, str(door), b"key")
     host, stop = Host(Session(declared, config), order), StopRequest()
     serving = threading.Thread(target=host.serve, args=(stop,))
     serving.start()
@@ -43,7 +43,7 @@ def acquired(
             own.call("record", str(recording))
             watch.start()
             try:
-                acquisition.run(Bed("arm", about, own, watch, 1.0, {}))
+                acquisition.run(Bed("arm", about, own, watch, 1.0))
             finally:
                 watch.close()
                 own.call("stop_recording", within=TIMEOUT)

@@ -10,7 +10,7 @@ import math
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from typing import Any, Final, Protocol
@@ -78,7 +78,6 @@ class Bed:
         door: to it.
         watch: of it.
         thorough: 1 for a quick run, more for one that takes its time: how much is measured.
-        features: of the lab.
         processes: of the device; None where they may not be touched.
 
     Attributes:
@@ -92,13 +91,11 @@ class Bed:
         door: Door,
         watch: Watch,
         thorough: float,
-        features: Mapping[str, float | bool | str],
         processes: Processes | None = None,
     ) -> None:
         self.name = name
         self.about = about
         self.thorough = thorough
-        self.features = features
         self._door = door
         self._watch = watch
         self._slides: Vector | None = None

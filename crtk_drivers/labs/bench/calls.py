@@ -28,14 +28,12 @@ class HostOrder:
     Attributes:
         plugin: name of the driver.
         config: its configuration; that of a simulator points at one that runs.
-        simulated: it does.
         door: path of the Unix socket that is served.
         key: that clients of the door must know.
     """
 
     plugin: str
     config: DeviceConfig
-    simulated: bool
     door: str
     key: bytes
 
@@ -46,7 +44,6 @@ class About:
 
     Attributes:
         name: of the device, with its address.
-        plugin: its driver.
         capabilities: with the limits that hold in this run.
         commands: CRTK names that it offers.
         silence: seconds without a command after which a servo stream has ended.
@@ -55,13 +52,9 @@ class About:
         max_step: seconds that a joint may be asked to go in one step.
         has_kinematics: whether it knows where its tool is.
         readings: what it tells of itself, by name.
-        simulated: whether it is.
-        pid: of the driver's process.
-        version: of crtk-drivers.
     """
 
     name: str
-    plugin: str
     capabilities: Capabilities
     commands: tuple[str, ...]
     silence: float
@@ -70,9 +63,6 @@ class About:
     max_step: float
     has_kinematics: bool
     readings: Mapping[str, str]
-    simulated: bool
-    pid: int
-    version: str
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final
 
+from typing_extensions import override
+
 from crtk_drivers import plugins
 from crtk_drivers.config import DeviceConfig, SpaceConfig, from_values, load
 from crtk_drivers.errors import CrtkError
@@ -68,13 +70,11 @@ class RunOrder:
         devices: in their order.
         folder: for recordings and logs.
         thorough: see `Bed`.
-        features: of the lab.
     """
 
     devices: tuple[DeviceOrder, ...]
     folder: Path
     thorough: float
-    features: Mapping[str, float | bool | str]
 
 
 @dataclass(frozen=True)
@@ -128,11 +128,24 @@ def conduct(order: RunOrder, parent: Connection) -> None:
     for stream in (1, 2):  # what simulators write too
         os.dup2(log, stream)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
-    with stop_signals() as stop:
+    with stop_signals() as told:
         try:
-            _Conductor(order, parent, stop).run()
+            _Conductor(order, parent, _Ending(told)).run()
         except (EOFError, BrokenPipeError):
             logger.error("whoever started this run is gone: everything is held and left")
+
+
+class _Ending(StopRequest):
+    """Set when this process is told to end, or whoever started it is gone."""
+
+    def __init__(self, told: StopRequest) -> None:
+        super().__init__()
+        self._told = told
+        self._parent = os.getppid()
+
+    @override
+    def is_set(self) -> bool:
+        return self._told.is_set() or os.getppid() != self._parent
 
 
 class _Conductor:
@@ -171,7 +184,6 @@ class _Conductor:
                     host.door,
                     watch,
                     self._order.thorough,
-                    self._order.features,
                     host if device.sim else None,
                 )
                 goes_on = self._acquire(bed, watch, acquisition, host)
@@ -303,7 +315,7 @@ class _Hosted:
                 from_values(dict(order.sim_options), "the options of the simulator"),
             )
             config = plugin.sim_config(config, self._sim)
-        self._host = HostOrder(plugin.name, config, order.sim, self._path, self._key)
+        self._host = HostOrder(plugin.name, config, self._path, self._key)
         self._start_driver()
 
     def _start_driver(self) -> None:

@@ -34,16 +34,14 @@ class Safety(IntEnum):
     READ = 0
     ENABLE = 1
     SMALL = 2
-    LARGE = 3
-    FAULT = 4
-    FAULT_IN_MOTION = 5
+    FAULT = 3
+    FAULT_IN_MOTION = 4
 
 
 SAFETY_LETTERS: Final = {
     Safety.READ: "R",
     Safety.ENABLE: "E",
     Safety.SMALL: "S",
-    Safety.LARGE: "L",
     Safety.FAULT: "X",
     Safety.FAULT_IN_MOTION: "XL",
 }

@@ -8,14 +8,12 @@ left, so that none goes on without its bench.
 from __future__ import annotations
 
 import logging
-import os
 import pickle
 import sys
 import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from importlib.metadata import version
 from multiprocessing.connection import Connection, Listener
 from pathlib import Path
 from typing import Any, Final
@@ -183,7 +181,6 @@ class Host:
             )
         return About(
             name=engine.where,
-            plugin=self._order.plugin,
             capabilities=engine.capabilities,
             commands=tuple(engine.commands),
             silence=engine.options.stream_timeout,
@@ -192,9 +189,6 @@ class Host:
             max_step=engine.options.limits.max_step,
             has_kinematics=engine.device.kinematics is not None,
             readings=self._readings(),
-            simulated=self._order.simulated,
-            pid=os.getpid(),
-            version=version("crtk-drivers"),
         )
 
     def _glance(self) -> Glance:

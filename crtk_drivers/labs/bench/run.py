@@ -89,9 +89,7 @@ class _Tested:
     stopped: str = ""
 
 
-def lacking(
-    test: BenchTest, about: About, lab: Lab, device: LabDevice, options: BenchOptions
-) -> str:
+def lacking(test: BenchTest, about: About, device: LabDevice, options: BenchOptions) -> str:
     """Return why a test is skipped, in words; empty if it is not."""
     missing = [
         name for name in (*test.acquisition.needs, *test.needs) if name not in about.commands
@@ -114,8 +112,6 @@ def lacking(
         return f"it is another device than the lab file says: {'; '.join(wrong)}"
     if safety >= Safety.SMALL and device.entry.space is None:
         return "needs `space` in the lab file: where it may go"
-    if safety is Safety.LARGE and not lab.settings.unattended:
-        return "needs `unattended` in the lab file"
     return ""
 
 
@@ -172,7 +168,6 @@ class _Bench:
             tuple(_order(device, self._options) for device in self._lab.devices.values()),
             self._options.out,
             self._options.suite.thorough,
-            self._lab.settings.features,
         )
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
@@ -244,7 +239,7 @@ class _Bench:
         )
         wanted: list[str] = []
         for test in tested.tests:
-            why = lacking(test, about, self._lab, tested.lab, self._options)
+            why = lacking(test, about, tested.lab, self._options)
             if why:
                 self._record(tested, _untested(test, Verdict.SKIPPED, why))
             elif test.acquisition.name not in wanted:
@@ -381,7 +376,7 @@ def judged_again(folder: Path, lab_file: Path | None) -> results.Run:
             test, judge = known.get(stored.id), None
             if stored.recording:
                 if stored.recording not in judges:
-                    judges[stored.recording] = _judge(folder / stored.recording, bounds)
+                    judges[stored.recording] = _judge(folder, stored.recording, bounds)
                 judge = judges[stored.recording]
             if test is not None and judge is not None:
                 findings = judge.findings(test)
@@ -406,8 +401,11 @@ def _subject_of(recording: Path) -> Path:
     return recording.with_suffix(".json")
 
 
-def _judge(recording: Path, bounds: Mapping[str, BoundEntry]) -> Judge | None:
+def _judge(folder: Path, name: str, bounds: Mapping[str, BoundEntry]) -> Judge | None:
     """Return who judges a recording anew; None if what its analysis knew was not kept."""
+    recording = folder / name
+    if not recording.resolve().is_relative_to(folder.resolve()):
+        return None
     try:
         text = _subject_of(recording).read_text("utf-8")
         return Judge(recording, Subject.from_json(text, bounds))
