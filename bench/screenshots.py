@@ -23,6 +23,11 @@ import crtk_drivers
 from bench import png
 from bench.browser import BROWSER, NAMES, Browser
 from crtk_drivers.errors import CrtkError
+from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.bench.declared import Suite
+from crtk_drivers.labs.bench.report import html
+from crtk_drivers.labs.bench.run import BenchOptions, run_bench
+from crtk_drivers.status.stop_request import StopRequest
 from crtk_sim_backends.can import SIM as CAN
 
 DOCS: Final = Path(__file__).parents[1] / "docs"
@@ -72,12 +77,29 @@ SHOTS: Final = (
         swing=(0.9, 0.35, -0.5, -0.3, 0.4, 0.3, 1.0),
     ),
     Shot("can_hub", "can", (1000, 420), {"bitrate": 500_000}),
+    Shot("bench", "bench", (960, 1020)),
 )
+
+LAB: Final = """
+name = "bench"
+[devices.arm]
+plugin = "virtual"
+[devices.second_arm]
+plugin = "virtual"
+settings = { defects = { jump_on_enable = 0.012 } }
+[devices.ft]
+plugin = "ati-netft"
+"""
+"""What the bench is shown with: a sound arm, one that jumps when it is enabled, and a sensor."""
 
 
 @contextmanager
 def shown(shot: Shot) -> Iterator[str]:
     """Let a simulator or a device run and move, and yield the address of its page."""
+    if shot.device == "bench":
+        with tempfile.TemporaryDirectory() as folder:
+            yield report_of(Path(folder)).as_uri()
+        return
     options = {"web": True, "web_port": 0, "host": HOST, **shot.options}
     if shot.device == "can":
         with CAN.spawn(**options) as bus:
@@ -92,6 +114,18 @@ def shown(shot: Shot) -> Iterator[str]:
         device.enable()
         with swinging(device, shot.swing):
             yield device.page or page_of(device.sim)
+
+
+def report_of(folder: Path) -> Path:
+    """Run some tests of the bench, and return the report."""
+    lab, out = folder / "lab.toml", folder / "run"
+    lab.write_text(LAB)
+    tests = ("T3", "J1", "M1", "M2", "M3", "S1")
+    options = BenchOptions(Suite.QUICK, tests, may_move=False, out=out)
+    found = run_bench(load_lab(lab, sim=True), options, lambda *_: None, StopRequest())
+    path = out / "report.html"
+    path.write_text(html(found), "utf-8")
+    return path
 
 
 def page_of(sim: Any) -> str:
@@ -147,8 +181,12 @@ def take(shot: Shot, browser: Browser, folder: Path, watched: float = WATCHED) -
     """
     with shown(shot) as address:
         browser.resize(*shot.size)
-        browser.open(address)
-        time.sleep(watched)
+        if address.startswith("file:"):
+            browser.call("Page.navigate", url=address)
+            browser.until("document.readyState === 'complete'")
+        else:
+            browser.open(address)
+            time.sleep(watched)
         pixels = browser.pixels()
     data = png.encode(
         pixels

@@ -69,7 +69,7 @@ def run(
             raise ConfigError(
                 f"results cannot be written: {error.strerror}", where=str(folder)
             ) from error
-    found = history.compared(found, earlier)
+    found = history.compared(found, earlier, history.ENOUGH if against == "all" else 1)
     _keep(found, folder, earlier)
     _tell(found, folder)
     return report.exit_code(
@@ -160,7 +160,7 @@ def _value(found: Run, device: str, key: tuple[str, str]) -> Text:
 
 def _earlier(against: str, folder: Path, lab: str) -> dict[history.Key, list[tuple[str, float]]]:
     """Return what a run is compared with: all earlier ones, the newest of them, or one that is named."""
-    if against in ("", "all"):
+    if against == "all":
         return history.read_index(folder.parent, lab)
     if against == "previous":
         every = history.read_index(folder.parent, lab)

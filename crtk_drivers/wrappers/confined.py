@@ -8,7 +8,7 @@ from typing import Protocol
 
 from typing_extensions import override
 
-from crtk_drivers.device import Capabilities, CartesianLimits, Device, JointLimits
+from crtk_drivers.device import Capabilities, CartesianLimits, Device, Goal, JointLimits
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.wrappers.forwarding import WrappedDevice
 
@@ -64,10 +64,17 @@ class ConfinedDevice(WrappedDevice):
             else _slowed(own.line_limits, tool or own.line_limits, speed),
         )
 
+        self._speed = speed
+
     @property
     @override
     def capabilities(self) -> Capabilities:
         return self._capabilities
+
+    @override
+    def move(self, goal: Goal) -> None:
+        ratios = replace(goal.ratios, velocity=self._speed * goal.ratios.velocity)
+        self.inner.move(replace(goal, ratios=ratios))
 
 
 def _narrowed(name: str, limits: JointLimits, allowed: Range, speed: float) -> JointLimits:

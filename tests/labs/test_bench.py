@@ -258,6 +258,7 @@ def test_a_real_device_is_only_read_unless_it_is_allowed(tmp_path: Path) -> None
             max_step=0.05,
             has_kinematics=True,
             readings={"serial": "7"},
+            is_homed=True,
         )
         options = BenchOptions(Suite.QUICK, (), may_move, tmp_path)
         test = next(test for test in TESTS if test.id == test_id)

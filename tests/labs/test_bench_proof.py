@@ -67,7 +67,7 @@ PROOFS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("hold", {"slow_stop": 40.0}, ("stop.hold.time", "stop.hold.distance")),
     ("silence", {"slow_stop": 40.0}, ("stop.silence.time", "stop.silence.distance")),
     ("disable", {"sag_on_disable": 0.05}, ("stop.disable.distance",)),
-    ("hold", {"rebound": 0.05}, ("stop.hold.back",)),
+    ("hold", {"rebound": 0.02}, ("stop.hold.back",)),
 ]
 """Acquisition, defects of a virtual arm, and the measurements that must fail by them."""
 

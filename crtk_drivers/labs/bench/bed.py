@@ -141,9 +141,9 @@ class Bed:
         return False
 
     def check(self) -> None:
-        """Raise `Tripped` if the watch has stopped the device."""
-        if self._watch.tripped:
-            raise Tripped(self._watch.tripped)
+        """Raise `Tripped` if the watch has stopped the device, or does not look."""
+        if self._watch.trouble:
+            raise Tripped(self._watch.trouble)
 
     # ---------------------------------------------------------------------------------------- looking
 

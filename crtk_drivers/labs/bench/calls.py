@@ -52,6 +52,7 @@ class About:
         max_step: seconds that a joint may be asked to go in one step.
         has_kinematics: whether it knows where its tool is.
         readings: what it tells of itself, by name.
+        is_homed: its positions count.
     """
 
     name: str
@@ -63,6 +64,7 @@ class About:
     max_step: float
     has_kinematics: bool
     readings: Mapping[str, str]
+    is_homed: bool
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from crtk_drivers.labs.bench.calls import About, HostOrder
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import Acquisition, Safety
 from crtk_drivers.labs.bench.door import Door
-from crtk_drivers.labs.bench.watch import Watch
+from crtk_drivers.labs.bench.watch import HOLD_TIME, Watch
 from crtk_drivers.plugins.sim_plugin import RunningSim, start_sim
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
@@ -197,10 +197,16 @@ class _Conductor:
         begin = time.monotonic()
         trouble, broken = "", False
         try:
+            host.is_touched |= acquisition.safety > Safety.READ
             host.door.call("record", str(path))
-            watch.start()
+            # What only reads is not stopped: a device that was found powered stays so.
+            watch.start(moves=acquisition.safety > Safety.READ)
             try:
                 acquisition.run(bed)
+            except BaseException:
+                if acquisition.safety > Safety.READ:
+                    host.settle()
+                raise
             finally:
                 watch.close()
                 host.door.call("stop_recording", within=10.0)
@@ -212,8 +218,6 @@ class _Conductor:
         except Exception as error:
             logger.exception("%s: %s", bed.name, acquisition.name)
             trouble, broken = f"the test itself broke: {type(error).__name__}: {error}", True
-        if trouble and acquisition.safety > Safety.READ:
-            host.settle()
         goes_on: bool = self._ask(
             Acquired(
                 bed.name,
@@ -221,9 +225,11 @@ class _Conductor:
                 time.monotonic() - begin,
                 path,
                 tuple(watch.lateness),
-                trouble,
+                " ".join(trouble.split()),
                 bed.kept,
-                bool(watch.tripped),
+                acquisition.safety > Safety.READ
+                and bool(watch.tripped)
+                and not self._stop.is_set(),
                 broken,
             )
         )
@@ -238,6 +244,8 @@ class _Hosted:
     """A device's simulator, if it has one, and the process of its driver. A context manager."""
 
     def __init__(self, order: DeviceOrder, doors: Path, folder: Path) -> None:
+        self.is_touched = False
+        """More was done to it than to read: it is left disabled."""
         self._order = order
         self._path = str(doors / f"{order.name}.door")
         self._key = secrets.token_bytes(32)
@@ -257,7 +265,8 @@ class _Hosted:
 
     def __exit__(self, *_: object) -> None:
         if self._door is not None:
-            self.settle()
+            if self.is_touched:
+                self.settle()
             with contextlib.suppress(CrtkError):
                 self._door.call("leave")
             self._door.close()
@@ -294,10 +303,11 @@ class _Hosted:
         return Door(self._path, self._key, START_TIMEOUT)
 
     def settle(self) -> None:
-        """Hold it and disable it, however it is."""
-        for call in (("hold",), ("state_command", "disable", 10.0)):
+        """Hold it, and disable it once it stands, however it is."""
+        for call, pause in ((("hold",), HOLD_TIME), (("state_command", "disable", 10.0), 0.0)):
             try:
                 self.door.call(*call, within=10.0)
+                time.sleep(pause)
             except CrtkError as error:
                 logger.info("%s: %s: %s", self._order.name, call[-1], error)
 

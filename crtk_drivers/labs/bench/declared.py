@@ -201,7 +201,8 @@ class Subject:
         """Return a measurement, against the bound of the lab file if that has one."""
         own = self.bounds.get(quantity.id)
         if own is not None:
-            lower = -math.inf if own.lower is None else own.lower
+            default = -math.inf if bound is None else bound.lower
+            lower = default if own.lower is None else own.lower
             bound = Bound(own.value, f"the lab file: {own.because}", lower)
         return Measurement(quantity, estimate, bound, why, part)
 

@@ -71,6 +71,7 @@ class Door:
             try:
                 self._connection.send((name, *arguments))
                 if not self._connection.poll(within + ANSWER_TIMEOUT):
+                    self._connection.close()  # a late answer would be taken for the next one
                     raise DoorClosed(f"{name}: no answer in {within + ANSWER_TIMEOUT:g} s")
                 answer = self._connection.recv()
             except (EOFError, OSError) as error:

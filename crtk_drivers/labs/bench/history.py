@@ -92,12 +92,12 @@ def earlier_values(folders: Iterable[Path], lab: str) -> dict[Key, list[tuple[st
     return found
 
 
-def compared(run: Run, earlier: Mapping[Key, list[tuple[str, float]]]) -> Run:
-    """Return the run with what became worse said so."""
+def compared(run: Run, earlier: Mapping[Key, list[tuple[str, float]]], enough: int = ENOUGH) -> Run:
+    """Return the run with what became worse said so, of figures that `enough` earlier runs have."""
 
     def judged(device: DeviceResult, found: Measured) -> Measured:
         values = earlier.get((device.name, *found.key), ())
-        told = worse(found, [value for _, value in values][-NEWEST:])
+        told = worse(found, [value for _, value in values][-NEWEST:], enough)
         return found.model_copy(update={"regressed": told})
 
     devices = []
@@ -112,9 +112,9 @@ def compared(run: Run, earlier: Mapping[Key, list[tuple[str, float]]]) -> Run:
     return run.model_copy(update={"devices": tuple(devices)})
 
 
-def worse(found: Measured, earlier: list[float]) -> str:
+def worse(found: Measured, earlier: list[float], enough: int = ENOUGH) -> str:
     """Return in words by how much a measurement is worse than it was; empty if it is not, or may not be."""
-    if found.value is None or len(earlier) < ENOUGH:
+    if found.value is None or len(earlier) < enough:
         return ""
     usual = statistics.median(earlier)
     spread = statistics.median(abs(value - usual) for value in earlier)

@@ -7,6 +7,7 @@ left, so that none goes on without its bench.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import pickle
 import sys
@@ -22,7 +23,7 @@ from typing_extensions import override
 
 from crtk_drivers import plugins
 from crtk_drivers.engine import Engine, Observer
-from crtk_drivers.errors import CommandRefused, ConnectionFailed, CrtkError
+from crtk_drivers.errors import CommandRefused, ConnectionFailed, CrtkError, unexpected
 from crtk_drivers.labs.bench.calls import About, Failed, Glance, HostOrder
 from crtk_drivers.labs.bench.recorder import SampleRecorder
 from crtk_drivers.motion.arbiter import Client
@@ -148,25 +149,33 @@ class Host:
                     answer = calls[name](*arguments)
                 except CrtkError as error:
                     answer = Failed(str(error), str(getattr(error, "reason", "")))
+                except Exception as error:
+                    logger.exception("%s: %s", self._engine.where, name)
+                    answer = Failed(unexpected(error), "")
                 connection.send(answer)
         except (EOFError, OSError):
             pass
         finally:
             visitor.is_open = False
             connection.close()
-        if supervises and not self._ended.is_set():
-            logger.error("%s: the bench is gone: held, and left", self._engine.where)
-            self._let_go()
+            if supervises and not self._ended.is_set():
+                logger.error("%s: the bench is gone: held, and left", self._engine.where)
+                self._let_go()
 
     def _let_go(self) -> None:
-        if self._engine.status.state is OperatingState.ENABLED:
-            self._engine.submit("hold")
-            time.sleep(LEAVING)
-            self._engine.state_command("disable")
-            self._engine.wait_for(
-                lambda: self._engine.transition_ended, self._engine.capabilities.transition_timeout
-            )
-        self._ended.set()
+        """Hold and disable what is powered, and end, whatever of that is refused."""
+        try:
+            if self._engine.status.state in (OperatingState.ENABLED, OperatingState.PAUSED):
+                with contextlib.suppress(CrtkError):
+                    self._engine.submit("hold")
+                time.sleep(LEAVING)
+                self._engine.state_command("disable")
+                timeout = self._engine.capabilities.transition_timeout
+                self._engine.wait_for(lambda: self._engine.transition_ended, timeout)
+        except CrtkError as error:
+            logger.error("%s: %s", self._engine.where, error)
+        finally:
+            self._ended.set()
 
     # ------------------------------------------------------------------------------------- the calls
 
@@ -189,6 +198,7 @@ class Host:
             max_step=engine.options.limits.max_step,
             has_kinematics=engine.device.kinematics is not None,
             readings=self._readings(),
+            is_homed=engine.status.is_homed,
         )
 
     def _glance(self) -> Glance:

@@ -15,6 +15,7 @@ from crtk_drivers.labs.bench.trace import JointTrack, Trace
 from crtk_drivers.labs.verdicts.estimates import (
     Estimate,
     exact,
+    greatest,
     in_percent,
     mean,
     quantile,
@@ -47,6 +48,8 @@ PERIODS: Final = 5
 
 BEFORE: Final = 1.2
 """Periods before those: in the first it begins."""
+
+TOO_SMALL: Final = "the amplitude is less than twenty steps of the encoder"
 
 SHARE_OF_LIMITS: Final = 0.2
 """Share of the velocity and acceleration limits that a sine uses."""
@@ -228,12 +231,13 @@ def _by_stamp(joints: JointTrack) -> JointTrack:
     )
 
 
-def _transfer(trace: Trace, frequency: float) -> tuple[list[float], list[float], list[float]]:
-    """Return gains, lags in s, and rms left over: one a window, of the joint that moves most."""
+def _transfer(
+    trace: Trace, frequency: float, column: int
+) -> tuple[list[float], list[float], list[float]]:
+    """Return gains, lags in s, and rms left over, of one joint: one a window."""
     joints = _by_stamp(trace.joints)
     at, position = _commanded(trace)
     gains, lags, rests = [], [], []
-    column = int(np.argmax(trace.notes[f"amplitude {frequency:g}"]))
     for begin, end in _windows(trace, frequency):
         part = joints.between(begin, end)
         sent = (at >= begin) & (at <= end)
@@ -250,15 +254,15 @@ def _transfer(trace: Trace, frequency: float) -> tuple[list[float], list[float],
     return gains, lags, rests
 
 
-def _too_small(trace: Trace, frequency: float) -> str:
-    """Say why nothing can be judged at a frequency, if the amplitude is only some steps of the encoder."""
+def _moving(trace: Trace, frequency: float) -> list[int]:
+    """Return the joints whose amplitude is more than some steps of their encoder."""
     amplitude = np.asarray(trace.notes[f"amplitude {frequency:g}"])
-    column = int(np.argmax(amplitude))
-    step = float(resolution(trace.joints.position)[column])
-    if amplitude[column] >= STEPS * step:
-        return ""
-    steps = amplitude[column] / max(step, 1e-12)
-    return f"at {frequency:g} Hz the amplitude is {steps:.0f} steps of the encoder"
+    steps = resolution(trace.joints.position)
+    return [
+        column
+        for column in range(amplitude.size)
+        if amplitude[column] >= max(STEPS * steps[column], 1e-9)
+    ]
 
 
 def _disturbed(trace: Trace, subject: Subject) -> tuple[str, ...]:
@@ -269,16 +273,22 @@ def _disturbed(trace: Trace, subject: Subject) -> tuple[str, ...]:
 
 
 def _bode(trace: Trace, subject: Subject) -> Findings:
+    """Of each frequency the joint is told whose gain is furthest from 1."""
     found: list[Measurement] = []
     frequencies: list[float] = trace.notes["frequencies"]
     gains_at, lags_at = [], []
     for frequency in frequencies:
-        part = f"{frequency:g} Hz"
-        gains, lags, rests = _transfer(trace, frequency)
-        why = _too_small(trace, frequency) or ("" if len(gains) > 1 else "too few samples of it")
-        if why:
-            found.append(subject.measured(GAIN, None, part=part, why=why))
+        name = f"{frequency:g} Hz"
+        columns = _moving(trace, frequency)
+        transfers = {column: _transfer(trace, frequency, column) for column in columns}
+        transfers = {column: each for column, each in transfers.items() if len(each[0]) > 1}
+        if not transfers:
+            why = "too few samples of it" if columns else TOO_SMALL
+            found.append(subject.measured(GAIN, None, part=name, why=why))
             continue
+        column = max(transfers, key=lambda each: abs(float(np.mean(transfers[each][0])) - 1.0))
+        gains, lags, rests = transfers[column]
+        part = f"{name} {subject.joints[column]}"
         gain, lag = mean(gains), mean(lags)
         gains_at.append((frequency, gain.value))
         lags_at.append((frequency, -360.0 * frequency * lag.value))
@@ -334,15 +344,21 @@ def _scaled(estimate: Estimate, factor: float) -> Estimate:
 
 def _lag(trace: Trace, subject: Subject) -> Findings:
     slow = [frequency for frequency in trace.notes["frequencies"] if frequency <= 1.0]
-    lags = [lag for frequency in slow for lag in _transfer(trace, frequency)[1]]
-    doubts = tuple(filter(None, (_too_small(trace, frequency) for frequency in slow)))
-    if len(lags) < 2:
-        return Findings(doubts=(*doubts, "too few samples"))
+    lags: dict[int, list[float]] = {}
+    for frequency in slow:
+        for column in _moving(trace, frequency):
+            lags.setdefault(column, []).extend(_transfer(trace, frequency, column)[1])
+    sound = {column: found for column, found in lags.items() if len(found) > 1}
+    if not sound:
+        return Findings(doubts=("too few samples" if lags else TOO_SMALL,))
+    worst = max(sound, key=lambda column: float(np.mean(sound[column])))
     held = 1.0 / trace.notes["stream_rate"]
     allowed = subject.lag + 3.0 * subject.period + held
     bound = Bound(1e3 * allowed, "the declared lag, three periods and one of the stream")
-    found = subject.measured(LAG, _scaled(mean(lags), 1e3), bound)
-    return Findings((found,), doubts=(*doubts, *_disturbed(trace, subject)))
+    found = subject.measured(
+        LAG, _scaled(mean(sound[worst]), 1e3), bound, part=subject.joints[worst]
+    )
+    return Findings((found,), doubts=_disturbed(trace, subject))
 
 
 def _velocity(trace: Trace, subject: Subject) -> Findings:
@@ -432,7 +448,12 @@ def _effective_rate(trace: Trace, subject: Subject) -> Findings:
                 quantile(ages, 0.99),
                 Bound(3e3 * subject.period + 2.0, "three periods and 2 ms"),
             ),
-        )
+        ),
+        doubts=(
+            *_disturbed(trace, subject),
+            *subject.too_busy(BUSY_ECHO),
+            *_uneven(trace, subject),
+        ),
     )
 
 
@@ -533,7 +554,8 @@ def _step(trace: Trace, subject: Subject) -> Findings:
     resolved = resolution(joints.position)
     rest = trace.mark("rest")
     rough = np.maximum(3.0 * noise(joints.between(rest - SETTLES, rest).position), resolved)
-    column = int(np.argmax(step))
+    sizes = np.maximum(step, 1e-9)
+    tolerance = np.maximum(rough, 0.01 * sizes)
     overshoots, settlings = [], []
     for side, sign in (("below", 1.0), ("above", -1.0)):
         starts = zip(
@@ -541,20 +563,22 @@ def _step(trace: Trace, subject: Subject) -> Findings:
         )
         for leave, planned, there in starts:
             part = joints.between(leave, there)
-            beyond = sign * (part.position[:, column] - goal[column])
-            overshoots.append(100.0 * max(0.0, float(beyond.max())) / step[column])
-            tolerance = np.maximum(rough, 0.01 * np.maximum(step, 1e-9))
-            settlings.append(max(0.0, rest_time(part.at, part.position, planned, tolerance)))
-    allowed = max(1.0, 100.0 * 2.0 * float(rough[column]) / step[column])
+            beyond = (sign * (part.position - goal)).max(axis=0)
+            overshoots.append(100.0 * np.maximum(beyond, 0.0) / sizes)
+            settlings.append(rest_time(part.at, part.position, planned, tolerance))
+    allowed = np.maximum(1.0, 200.0 * rough / sizes)
+    column = int(np.argmax(np.mean(overshoots, axis=0) / allowed))
+    worst = greatest(settlings).value
     return Findings(
         (
             subject.measured(
-                OVERSHOOT, mean(overshoots), Bound(allowed, "1 %, or two steps of its encoder")
+                OVERSHOOT,
+                mean([each[column] for each in overshoots]),
+                Bound(float(allowed[column]), "1 %, or two steps of its encoder"),
+                part=subject.joints[column],
             ),
             subject.measured(
-                SETTLING,
-                within(float(np.mean(settlings)), subject.period, len(settlings)),
-                Bound(0.3, "default"),
+                SETTLING, within(worst, subject.period, len(settlings)), Bound(0.3, "default")
             ),
         ),
         plots=(

@@ -110,8 +110,13 @@ def lacking(test: BenchTest, about: About, device: LabDevice, options: BenchOpti
     ]
     if wrong:
         return f"it is another device than the lab file says: {'; '.join(wrong)}"
-    if safety >= Safety.SMALL and device.entry.space is None:
+    if about.capabilities.needs_homing and not about.is_homed:
+        return "needs to be homed, which the bench does not do to hardware"
+    space = device.entry.space
+    if safety >= Safety.SMALL and space is None:
         return "needs `space` in the lab file: where it may go"
+    if space is not None and space.tool_box and "measured_cp" not in about.commands:
+        return "its space has a `tool_box`, and it does not tell where its tool is"
     return ""
 
 
@@ -154,7 +159,7 @@ class _Bench:
         }
         self._run = results.Run(
             lab=lab.name,
-            lab_file=str(lab.path),
+            lab_file=str(lab.path.resolve()),
             lab_file_sha256=_sha256(lab.path.read_bytes()),
             suite=str(options.suite) if not options.only else f"only {', '.join(options.only)}",
             started=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -184,7 +189,7 @@ class _Bench:
                 logger.error("the conductor did not end, and is killed")
                 process.kill()
                 process.join()
-            if ended_by and not self._stop.is_set():
+            if process.exitcode != 0:
                 self._power_off()
         for tested in self._tested.values():
             for test in tested.tests:
@@ -198,12 +203,14 @@ class _Bench:
 
     def _follow(self, process: BaseProcess, pipe: Connection) -> str:
         """Answer the conductor until it ends; return why that was too early, or nothing."""
-        asked = False
+        asked = 0.0
         while True:
             if self._stop.is_set() and not asked:
-                asked = True
+                asked = time.monotonic()
                 assert process.pid is not None
                 ask_to_stop(process.pid)
+            if asked and time.monotonic() > asked + END_TIMEOUT:
+                process.kill()
             try:
                 if not pipe.poll(POLL_PERIOD):
                     continue
@@ -254,7 +261,7 @@ class _Bench:
         subject = Subject.of(
             tested.about, message.lateness, self._lab.settings.bounds, message.kept
         )
-        self._keep_subject(message.recording, subject)
+        self._keep_subject(message.recording, subject, message.trouble)
         guarded = ""
         judge = Judge(message.recording, subject, message.trouble)
         for test in self._judging(message.device, message.acquisition):
@@ -266,10 +273,13 @@ class _Bench:
                 str(message.recording.relative_to(self._options.out)),
             )
             self._record(tested, stored)
-            if test.guards and stored.verdict is Verdict.FAIL:
-                guarded = f"no more motion after {test.id} failed: {stored.reason}"
+            is_sound = stored.verdict is Verdict.PASS or (
+                tested.device.simulated and stored.verdict is Verdict.INCONCLUSIVE
+            )
+            if test.guards and not is_sound:
+                guarded = f"no more after {test.id}: {stored.verdict}: {stored.reason}"
         if message.tripped or message.broken:
-            guarded = guarded or f"no more motion after {message.acquisition}: {message.trouble}"
+            guarded = guarded or f"no more after {message.acquisition}: {message.trouble}"
         if message.tripped:
             self._power_off_of(tested)
         tested.stopped = guarded
@@ -286,10 +296,10 @@ class _Bench:
 
     # ----------------------------------------------------------------------------------- what is kept
 
-    def _keep_subject(self, recording: Path, subject: Subject) -> None:
+    def _keep_subject(self, recording: Path, subject: Subject, trouble: str) -> None:
         """Keep beside a recording what its analysis knows."""
         try:
-            _subject_of(recording).write_text(subject.as_json(), "utf-8")
+            _subject_of(recording).write_text(f"{trouble}\n{subject.as_json()}\n", "utf-8")
         except OSError as error:
             logger.error("%s: cannot be written: %s", recording.name, error.strerror)
 
@@ -398,7 +408,7 @@ def _untested(test: BenchTest, verdict: Verdict, why: str) -> results.Result:
 
 
 def _subject_of(recording: Path) -> Path:
-    return recording.with_suffix(".json")
+    return recording.with_suffix(".subject")
 
 
 def _judge(folder: Path, name: str, bounds: Mapping[str, BoundEntry]) -> Judge | None:
@@ -407,8 +417,8 @@ def _judge(folder: Path, name: str, bounds: Mapping[str, BoundEntry]) -> Judge |
     if not recording.resolve().is_relative_to(folder.resolve()):
         return None
     try:
-        text = _subject_of(recording).read_text("utf-8")
-        return Judge(recording, Subject.from_json(text, bounds))
+        trouble, _, text = _subject_of(recording).read_text("utf-8").partition("\n")
+        return Judge(recording, Subject.from_json(text, bounds), trouble)
     except (OSError, ValueError, TypeError, KeyError):
         return None
 

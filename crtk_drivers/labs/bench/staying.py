@@ -32,6 +32,9 @@ AFTER: Final = 1.0
 IDLE: Final = 5.0
 """Seconds of the quick suite."""
 
+AUDIBLE: Final = 5e-5
+"""rad (m): a line in the spectrum that is smaller is none."""
+
 MOVED: Final = 1e-3
 """rad (m): what counts as a motion, where the noise is smaller."""
 
@@ -110,7 +113,7 @@ def _stays(trace: Trace, subject: Subject) -> Findings:
     settled = joints.between(disable - 0.5 * AFTER, disable)
     if not (before.at.size and settled.at.size):
         return Findings(doubts=("no samples before a command",))
-    moved = still(subject, before)
+    moved = np.minimum(still(subject, before), MOVED_AT_DISABLE)
     at_enable = away(joints, enable, disable, before.position.mean(axis=0))
     at_disable = away(joints, disable, end, settled.position.mean(axis=0))
     names = subject.joints
@@ -121,7 +124,7 @@ def _stays(trace: Trace, subject: Subject) -> Findings:
     ):
         worst = int(np.argmax(ways / allowed))
         source = (
-            "six times the noise, or 1 mrad"
+            "six times the noise, 1 to 5 mrad"
             if quantity is ENABLED_STAYS
             else "a brake that settles"
         )
@@ -163,7 +166,7 @@ def _bad_commands(bed: Bed) -> Iterator[tuple[str, Value, tuple[str, ...]]]:
     endless = here.copy()
     endless[0] = math.inf
     beyond = here.copy()
-    beyond[0] = limits[0].upper + 0.1 * (limits[0].upper - limits[0].lower)
+    beyond[0] = limits[0].upper + 0.01 * (limits[0].upper - limits[0].lower)
     for name in ("servo_jp", "move_jp", "interpolate_jp"):
         if not bed.offers(name):
             continue
@@ -197,6 +200,7 @@ def _refusals(bed: Bed) -> None:
         try:
             bed.submit(name, value)
             told = ""
+            bed.submit("hold")
         except Refused as refusal:
             told = refusal.reason or "no reason"
         sent.append((name, "|".join(reasons), told))
@@ -214,6 +218,8 @@ def _refusals(bed: Bed) -> None:
     bed.mark("enabled")
     for name, value, reasons in tuple(_bad_commands(bed)):
         offer(name, value, reasons)
+        if not sent[-1][2]:  # what takes this may take the next one too
+            break
     bed.rest(AFTER)
     bed.mark("end")
     bed.note(sent=sent, state=str(bed.state))
@@ -223,9 +229,9 @@ def _refusals(bed: Bed) -> None:
 REFUSALS: Final = Acquisition(
     "refusals",
     "Sends what must be refused: NaN, wrong sizes, out of range, too far, another frame; all while DISABLED.",
-    Safety.ENABLE,
+    Safety.SMALL,
     _refusals,
-    ("measured_js", "move_jp"),
+    ("measured_js", "move_jp", "hold"),
 )
 
 
@@ -235,7 +241,7 @@ def _refuses(trace: Trace, subject: Subject) -> Findings:
     marks = {text: trace.mark(text) for text in ("disabled", "enable", "enabled", "end")}
     before = joints.between(0.0, marks["disabled"])
     rest = joints.between(marks["enabled"] - 0.5 * BEFORE, marks["enabled"])
-    moved = still(subject, before)
+    moved = np.minimum(still(subject, before), MOVED_AT_DISABLE)
     ways = np.maximum(
         away(joints, marks["disabled"], marks["enable"], before.position.mean(axis=0)),
         away(joints, marks["enabled"], marks["end"], rest.position.mean(axis=0)),
@@ -269,7 +275,7 @@ def _refuses(trace: Trace, subject: Subject) -> Findings:
             subject.measured(
                 REFUSED_STAYS,
                 exact(1e3 * float(ways[worst]), joints.at.size),
-                Bound(1e3 * float(moved[worst]), "six times the noise, or 1 mrad"),
+                Bound(1e3 * float(moved[worst]), "six times the noise, 1 to 5 mrad"),
                 part=subject.joints[worst],
             ),
         ),
@@ -302,19 +308,21 @@ def _hunts(trace: Trace, subject: Subject) -> Findings:
     lines = [largest_line(column, rate, above=5.0) for column in joints.position.T]
     steps = resolution(joints.position)
     ratios = [
-        amplitude / max(3.0 * floor, 0.5 * float(step), 1e-6)
+        amplitude / max(3.0 * floor, 0.5 * float(step), AUDIBLE)
         for (_, amplitude, floor), step in zip(lines, steps, strict=True)
     ]
     worst = int(np.argmax(ratios))
     frequency, amplitude, floor = lines[worst]
-    bound = max(3.0 * floor, 0.5 * float(steps[worst]), 1e-6)
+    bound = max(3.0 * floor, 0.5 * float(steps[worst]), AUDIBLE)
     name = subject.joints[worst]
     return Findings(
         (
             subject.measured(
                 HUNTING,
                 exact(1e3 * amplitude, joints.at.size),
-                Bound(1e3 * bound, "three times the floor of its spectrum, or half a step"),
+                Bound(
+                    1e3 * bound, "three times the floor of its spectrum, half a step, or 0.05 mrad"
+                ),
                 part=name,
             ),
             subject.measured(HUNTING_AT, exact(frequency), part=name),

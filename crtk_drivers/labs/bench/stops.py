@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from crtk_drivers.labs.bench.bed import SMALL_SPEED, Bed
+from crtk_drivers.labs.bench.bed import SMALL_SPEED, Bed, Broken
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject
-from crtk_drivers.labs.bench.signals import resolution, rest_time
+from crtk_drivers.labs.bench.signals import resolution, rest_time, slope
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import exact, within
 from crtk_drivers.labs.verdicts.judging import (
@@ -28,6 +28,12 @@ RUN: Final = 0.5
 """Seconds of motion before the stop."""
 
 AFTER: Final = 1.0
+
+LONGEST: Final = 5.0
+"""Seconds in which a move has got a third of its way."""
+
+SPEED_OF: Final = 0.05
+"""Seconds before a stop from which the speed is taken."""
 
 BEGIN: Final = 0.2
 """Seconds in which a ramp gets to its speed."""
@@ -94,15 +100,36 @@ def begin_motion(bed: Bed, home: Vector, *, velocity: bool = True) -> tuple[Vect
     return speed, "servo_jp"
 
 
+def _begin_move(bed: Bed, home: Vector) -> tuple[Vector, str]:
+    """Bring all joints into motion by a move; return at a third of its way: no speeds (n,), command."""
+    reach = bed.reach(0.8)
+    upper = np.array([limit.upper for limit in bed.about.capabilities.limits])
+    goal = vector(home + np.where(upper - home > 1.5 * reach, 1.0, -1.0) * reach)
+    bed.submit("move_jp", JointState(position=goal))
+    begun = bed.wait_until(lambda _: _share_of_way(bed.position, home, goal) > 1.0 / 3.0, LONGEST)
+    if not begun:
+        raise Broken(f"a move has not got a third of its way within {LONGEST:g} s")
+    return vector(np.zeros(home.size)), "move_jp"
+
+
+def _share_of_way(here: Vector, home: Vector, goal: Vector) -> float:
+    way = np.abs(goal - home)
+    column = int(np.argmax(way))
+    return float(abs(here[column] - home[column]) / max(way[column], 1e-9))
+
+
 def _stopping(kind: str) -> Acquisition:
     def run(bed: Bed) -> None:
         bed.enable()
         home = bed.setpoint
-        # Of positions the last one is where it stands, whoever stops it: only velocities go on in silence.
-        speed, stream = begin_motion(bed, home, velocity=kind == "silence")
+        # Of a stream of positions the last is where it stands, whoever stops it. What is stopped here goes
+        # on by itself: a velocity in silence, a move at hold.
         if kind == "hold":
+            speed, stream = _begin_move(bed, home)
             bed.submit("hold")
-        elif kind == "disable":
+        else:
+            speed, stream = begin_motion(bed, home, velocity=kind == "silence")
+        if kind == "disable":
             bed.disable()
         bed.mark("asked")
         bed.rest(bed.about.silence + AFTER)
@@ -114,7 +141,7 @@ def _stopping(kind: str) -> Acquisition:
         bed.disable()
 
     says = {
-        "hold": "Sends hold in a stream of all joints.",
+        "hold": "Sends hold in the midst of a move of all joints.",
         "silence": "Ends a stream of all joints without a word.",
         "disable": "Sends disable in a stream of all joints.",
     }
@@ -136,12 +163,16 @@ def _analysis(kind: str) -> Callable[[Trace, Subject], Findings]:
         asked, end = _asked(trace, kind), trace.mark("end")
         part = joints.between(asked - RUN, end)
         speed = np.abs(np.asarray(trace.notes["speed"]))
+        if kind == "hold":
+            before = joints.between(asked - SPEED_OF, asked)
+            speed = np.array([abs(slope(before.at, column)) for column in before.position.T])
+            speed = np.nan_to_num(speed)
         if part.at.size < 20:
             return Findings(doubts=(f"{part.at.size} samples",))
         steps = resolution(joints.position)
         tolerance = np.maximum.reduce([2.0 * steps, 0.01 * speed, np.full(speed.size, 1e-4)])
         column = int(np.argmax(speed / tolerance))
-        moved = np.abs(part.position[-1] - part.position[0])[column]
+        moved = float(np.ptp(part.position[:, column]))
         if moved < 10.0 * tolerance[column]:
             return Findings(doubts=("it hardly moved",))
         at_asked = _at(part.at, part.position, asked)

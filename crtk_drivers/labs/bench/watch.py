@@ -6,6 +6,7 @@ It is no safety system: it is Python on the machine that runs the bench.
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Iterator
@@ -34,6 +35,12 @@ OVERSPEED: Final = 1.5
 
 OLDEST: Final = 0.5
 """Seconds: a device whose newest sample is older is stopped."""
+
+BLIND: Final = 0.5
+"""Seconds without a look after which nothing may move: the watch itself has failed."""
+
+CLOSING: Final = 60.0
+"""Seconds for a stop that is being carried out."""
 
 HOLD_TIME: Final = 0.5
 """Seconds between hold and disable."""
@@ -98,29 +105,45 @@ class Watch:
         self._box = box
         self._stop = stop
         self._expected = 0
+        self._looked = math.inf
+        self._moves = True
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
 
-    def start(self) -> None:
-        """Watch from now on."""
+    def start(self, moves: bool = True) -> None:
+        """Watch from now on.
+
+        Args:
+            moves: what goes wrong stops the device; else it only ends what is being done.
+        """
+        self._moves = moves
         self._ended = threading.Event()
         arguments = (self._door, self._ended)
+        self._looked = time.monotonic()
         self._thread = threading.Thread(
             target=self._run, args=arguments, name="bench watch", daemon=True
         )
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and the connection. May be called twice."""
+        """End the thread, once a stop is carried out, and the connection. May be called twice."""
         self._ended.set()
-        self._door.close()
         if self._thread is not None:
-            self._thread.join(2.0)
+            self._thread.join(CLOSING)
+        self._door.close()
 
     def start_again(self, door: Door) -> None:
         """Watch through another connection: the driver was started anew. `close` came before."""
         self._door = door
         self.start()
+
+    @property
+    def trouble(self) -> str:
+        """Why nothing may be moved: the device was stopped, or nobody looks. Empty if all is well."""
+        if self.tripped or self._expected:
+            return self.tripped
+        blind = time.monotonic() - self._looked
+        return f"the watch has not looked for {blind:.1f} s" if blind > BLIND else ""
 
     @contextmanager
     def during(self, what: str) -> Iterator[None]:
@@ -130,6 +153,7 @@ class Watch:
         try:
             yield
         finally:
+            self._looked = time.monotonic()
             self._expected -= 1
 
     def trip(self, why: str) -> None:
@@ -137,6 +161,8 @@ class Watch:
         if self.tripped:
             return
         self.tripped = why
+        if not self._moves:
+            return
         logger.error("%s: stopped by the watch: %s", self._about.name, why)
         for step in ("hold", "disable"):
             try:
@@ -156,11 +182,12 @@ class Watch:
             due = max(due + PERIOD, time.monotonic())
             try:
                 glance: Glance = door.call("glance")
-            except CrtkError as error:
+                wrong = judged(glance, self._about, self._box)
+            except Exception as error:
                 if not ended.is_set():
                     self.trip(str(error))
                 return
-            wrong = judged(glance, self._about, self._box)
+            self._looked = time.monotonic()
             if self._stop.is_set():
                 self.trip("the run was stopped")
             if wrong and not self._expected and not self.tripped:
