@@ -99,7 +99,7 @@ def list_tests() -> int:
         table.add_row(
             Text(test.id, "bold cyan"),
             test.name,
-            test.smallest_suite,
+            test.acquisition.suite,
             SAFETY_LETTERS[test.acquisition.safety],
             test.acquisition.summary,
             measured,

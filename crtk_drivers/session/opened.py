@@ -127,7 +127,7 @@ def open_session(
         session = Session(plugin, config)
         session.open_page()
         return session
-    running = _start_sim(plugin, config, sim_options)
+    running = start_sim_of(plugin, config, sim_options)
     try:
         session = Session(plugin, plugin.sim_config(config, running), running)
         session.open_page()
@@ -153,16 +153,22 @@ def reached(
     if not sim:
         yield config
         return
-    running = _start_sim(plugin, config, sim_options)
+    running = start_sim_of(plugin, config, sim_options)
     try:
         yield plugin.sim_config(config, running)
     finally:
         running.stop()
 
 
-def _start_sim(
+def start_sim_of(
     plugin: DevicePlugin, config: DeviceConfig, options: Mapping[str, Any] | None
 ) -> RunningSim:
+    """Start the simulator of a device, with the options that suit its configuration, and `options` over them.
+
+    Raises:
+        ConfigError: it has none, or a wrong option.
+        PluginError, MissingExtra, ConnectionFailed: it did not start.
+    """
     if plugin.sim is None:
         raise ConfigError(f"{plugin.name} has no simulator", remedy="Leave --sim out.")
     return start_sim(

@@ -233,7 +233,6 @@ class Bed:
         name: str,
         value: Callable[[float], Value],
         seconds: float,
-        rate: float | None = None,
     ) -> None:
         """Send a servo command again and again, each with the stamp of when it is sent.
 
@@ -241,9 +240,8 @@ class Bed:
             name: of the command.
             value: of the seconds since the begin.
             seconds: for how long.
-            rate: a second; `stream_rate` if None.
         """
-        period = 1.0 / (rate or self.stream_rate)
+        period = 1.0 / self.stream_rate
         begin = time.monotonic()
         due = begin
         while (now := time.monotonic()) < begin + seconds:

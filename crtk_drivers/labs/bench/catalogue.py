@@ -7,9 +7,9 @@ from typing import Final
 
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs.bench import losses, motions, sampling, staying, stops
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Suite
+from crtk_drivers.labs.bench.declared import BenchTest, Suite
 
-__all__ = ["TESTS", "chosen", "of"]
+__all__ = ["TESTS", "chosen"]
 
 TESTS: Final[tuple[BenchTest, ...]] = tuple(
     sorted(
@@ -35,9 +35,4 @@ def chosen(suite: Suite, only: Iterable[str] = ()) -> tuple[BenchTest, ...]:
             )
     if wanted:
         return tuple(test for test in TESTS if test.id in wanted)
-    return tuple(test for test in TESTS if suite.holds(test.smallest_suite))
-
-
-def of(acquisition: Acquisition, tests: Iterable[BenchTest]) -> tuple[BenchTest, ...]:
-    """Return those of `tests` that judge an acquisition."""
-    return tuple(test for test in tests if test.acquisition is acquisition)
+    return tuple(test for test in TESTS if suite.holds(test.acquisition.suite))

@@ -33,7 +33,8 @@ from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import Acquisition, Safety
 from crtk_drivers.labs.bench.door import Door
 from crtk_drivers.labs.bench.watch import HOLD_TIME, Watch
-from crtk_drivers.plugins.sim_plugin import RunningSim, start_sim
+from crtk_drivers.plugins import RunningSim
+from crtk_drivers.session import start_sim_of
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
 __all__ = ["Acquired", "Began", "DeviceOrder", "Reached", "RunOrder", "conduct"]
@@ -319,11 +320,7 @@ class _Hosted:
             given.append(from_values({"space": order.space.model_dump(exclude_none=True)}))
         config: DeviceConfig = load(plugin.config, *given)
         if order.sim and plugin.sim is not None:
-            self._sim = start_sim(
-                plugins.simulator(plugin.sim),
-                from_values(plugin.sim_options(config), f"the configuration of {plugin.name}"),
-                from_values(dict(order.sim_options), "the options of the simulator"),
-            )
+            self._sim = start_sim_of(plugin, config, order.sim_options)
             config = plugin.sim_config(config, self._sim)
         self._host = HostOrder(plugin.name, config, self._path, self._key)
         self._start_driver()

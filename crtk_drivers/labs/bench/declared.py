@@ -21,8 +21,11 @@ from crtk_drivers.labs.verdicts.estimates import Estimate
 from crtk_drivers.labs.verdicts.judging import Bound, Findings, Measurement, Quantity
 from crtk_drivers.samples import Vector
 
-__all__ = ["Acquisition", "BenchTest", "Safety", "Subject", "Suite"]
+__all__ = ["BUSY", "Acquisition", "BenchTest", "Safety", "Subject", "Suite"]
 
+
+BUSY: Final = 5e-3
+"""Seconds by which the bench's own timer, which paces what it sends, may be late."""
 
 LONGEST_GAP: Final = 0.03
 """Seconds without a sample, where five periods are less, after which a time is worth nothing."""
@@ -77,7 +80,6 @@ class Acquisition:
         run: does it.
         needs: CRTK names without which it cannot be done.
         suite: the smallest suite that it belongs to.
-        seconds: about how long it takes in the quick suite.
     """
 
     name: str
@@ -86,7 +88,6 @@ class Acquisition:
     run: Callable[[Bed], None]
     needs: tuple[str, ...] = ()
     suite: Suite = Suite.QUICK
-    seconds: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -219,7 +220,6 @@ class BenchTest:
         analyse: pure: judges it.
         quantities: that it measures.
         needs: CRTK names without which it cannot be judged.
-        suite: the smallest suite that it belongs to, if that is not its acquisition's.
         guards: a FAIL of it ends all motion of the device.
         of_kept: it judges what the acquisition kept, whatever became of that afterwards.
     """
@@ -231,11 +231,5 @@ class BenchTest:
     analyse: Callable[[Trace, Subject], Findings]
     quantities: tuple[Quantity, ...]
     needs: tuple[str, ...] = ()
-    suite: Suite | None = None
     guards: bool = False
     of_kept: bool = False
-
-    @property
-    def smallest_suite(self) -> Suite:
-        """The smallest suite that it belongs to."""
-        return self.suite or self.acquisition.suite

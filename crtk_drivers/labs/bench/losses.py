@@ -104,7 +104,6 @@ SILENCE: Final = Acquisition(
     _silence,
     ("measured_js", "move_jp"),
     suite=Suite.FULL,
-    seconds=6.0,
 )
 
 
@@ -187,7 +186,6 @@ KILLED: Final = Acquisition(
     _killed,
     ("servo_jp", "move_jp", "measured_js"),
     suite=Suite.FULL,
-    seconds=9.0,
 )
 
 
@@ -246,7 +244,6 @@ FROZEN: Final = Acquisition(
     _frozen,
     ("servo_jp", "move_jp", "measured_js"),
     suite=Suite.FULL,
-    seconds=8.0,
 )
 
 

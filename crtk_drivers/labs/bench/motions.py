@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from crtk_drivers.labs.bench.bed import Bed
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject
+from crtk_drivers.labs.bench.declared import BUSY, Acquisition, BenchTest, Safety, Subject
 from crtk_drivers.labs.bench.signals import fit_sine, noise, resolution, rest_time
 from crtk_drivers.labs.bench.trace import JointTrack, Trace
 from crtk_drivers.labs.verdicts.estimates import (
@@ -56,9 +56,6 @@ SHARE_OF_LIMITS: Final = 0.2
 
 STEPS: Final = 20.0
 """Steps of the encoder that an amplitude has at the least, else nothing is judged by it."""
-
-BUSY: Final = 5e-3
-"""Seconds by which the bench's own timer, which paces what it sends, may be late."""
 
 BUSY_ECHO: Final = 2e-3
 """The same, where single cycles of the device are judged."""
@@ -194,7 +191,6 @@ SINES: Final = Acquisition(
     Safety.SMALL,
     _sines,
     ("servo_jp", "move_jp", "measured_js"),
-    seconds=13.0,
 )
 
 
@@ -518,7 +514,6 @@ APPROACHES: Final = Acquisition(
     Safety.SMALL,
     _approaches,
     ("move_jp", "measured_js"),
-    seconds=12.0,
 )
 
 

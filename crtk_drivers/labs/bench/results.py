@@ -209,15 +209,10 @@ def _plot(plot: PlotValue) -> Plot:
             Line(
                 name=series.name,
                 x=tuple(round(value, 6) for value in series.x[::every]),
-                y=tuple(float(number_of(value)) for value in series.y[::every]),
+                y=tuple(float(f"{value:.6g}") for value in series.y[::every]),
             )
         )
     return Plot(title=plot.title, x_label=plot.x_label, y_label=plot.y_label, series=tuple(lines))
-
-
-def number_of(value: float) -> str:
-    """Return a number with six digits that count."""
-    return f"{value:.6g}"
 
 
 def write_run(run: Run, folder: Path) -> None:

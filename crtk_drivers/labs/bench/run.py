@@ -83,7 +83,6 @@ class _Tested:
     lab: LabDevice
     device: results.DeviceResult
     tests: tuple[BenchTest, ...]
-    wanted: tuple[str, ...] = ()
     about: About | None = None
     done: dict[str, results.Result] = field(default_factory=dict)
     stopped: str = ""
@@ -170,7 +169,7 @@ class _Bench:
         """Start the conductor, judge what it records, and return what was found."""
         self._keep()
         order = RunOrder(
-            tuple(_order(device, self._options) for device in self._lab.devices.values()),
+            tuple(_order(device) for device in self._lab.devices.values()),
             self._options.out,
             self._options.suite.thorough,
         )
@@ -251,8 +250,7 @@ class _Bench:
                 self._record(tested, _untested(test, Verdict.SKIPPED, why))
             elif test.acquisition.name not in wanted:
                 wanted.append(test.acquisition.name)
-        tested.wanted = tuple(wanted)
-        return tested.wanted
+        return tuple(wanted)
 
     def _acquired(self, message: Acquired) -> bool:
         """Judge a recording; return whether the device is used any further."""
@@ -433,7 +431,7 @@ def _described(device: LabDevice) -> results.DeviceResult:
     )
 
 
-def _order(device: LabDevice, options: BenchOptions) -> DeviceOrder:
+def _order(device: LabDevice) -> DeviceOrder:
     return DeviceOrder(
         device.name,
         device.plugin.name,

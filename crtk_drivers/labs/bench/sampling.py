@@ -51,7 +51,7 @@ def _rest(bed: Bed) -> None:
 
 
 AT_REST: Final = Acquisition(
-    "rest", "Reads, and does nothing else.", Safety.READ, _rest, suite=Suite.REST, seconds=REST
+    "rest", "Reads, and does nothing else.", Safety.READ, _rest, suite=Suite.REST
 )
 
 RATE = Quantity(

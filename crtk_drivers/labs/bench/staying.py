@@ -296,7 +296,7 @@ def _idle(bed: Bed) -> None:
 
 
 IDLE_ENABLED: Final = Acquisition(
-    "idle", "Holds still, ENABLED.", Safety.ENABLE, _idle, ("measured_js",), seconds=IDLE + 1.0
+    "idle", "Holds still, ENABLED.", Safety.ENABLE, _idle, ("measured_js",)
 )
 
 

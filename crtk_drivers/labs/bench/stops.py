@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from crtk_drivers.labs.bench.bed import SMALL_SPEED, Bed, Broken
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject
+from crtk_drivers.labs.bench.declared import BUSY, Acquisition, BenchTest, Safety, Subject
 from crtk_drivers.labs.bench.signals import resolution, rest_time, slope
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import exact, within
@@ -40,9 +40,6 @@ BEGIN: Final = 0.2
 
 BEHIND: Final = 1.2
 """Times the way of the ramp that fits into the reach: what follows the stop is on top of it."""
-
-BUSY: Final = 5e-3
-"""Seconds by which the bench's own timer, which paces what it sends, may be late."""
 
 ENDINGS: Final = ("hold", "silence", "disable")
 
@@ -78,6 +75,14 @@ def _ramp(home: Vector, speed: Vector, t: float) -> JointState:
     return JointState(position=home + speed * done)
 
 
+def _way(bed: Bed, home: Vector) -> Array:
+    """Return how far each joint (n,) may go, upwards where there is room for that."""
+    reach = bed.reach(0.8)
+    upper = np.array([limit.upper for limit in bed.about.capabilities.limits])
+    found: Array = np.where(upper - home > 1.5 * reach, reach, -reach)
+    return found
+
+
 def begin_motion(bed: Bed, home: Vector, *, velocity: bool = True) -> tuple[Vector, str]:
     """Bring all joints into motion by a stream, upwards where there is room for that.
 
@@ -89,10 +94,8 @@ def begin_motion(bed: Bed, home: Vector, *, velocity: bool = True) -> tuple[Vect
     Returns:
         the speeds (n,), and the command.
     """
-    reach = bed.reach(0.8)
-    upper = np.array([limit.upper for limit in bed.about.capabilities.limits])
-    direction = np.where(upper - home > 1.5 * reach, 1.0, -1.0)
-    speed = vector(direction * _speeds(bed, reach))
+    way = _way(bed, home)
+    speed = vector(np.sign(way) * _speeds(bed, np.abs(way)))
     if velocity and bed.offers("servo_jv"):
         bed.stream("servo_jv", lambda t: JointState(velocity=speed * min(1.0, t / BEGIN)), RUN)
         return speed, "servo_jv"
@@ -102,9 +105,7 @@ def begin_motion(bed: Bed, home: Vector, *, velocity: bool = True) -> tuple[Vect
 
 def _begin_move(bed: Bed, home: Vector) -> tuple[Vector, str]:
     """Bring all joints into motion by a move; return at a third of its way: no speeds (n,), command."""
-    reach = bed.reach(0.8)
-    upper = np.array([limit.upper for limit in bed.about.capabilities.limits])
-    goal = vector(home + np.where(upper - home > 1.5 * reach, 1.0, -1.0) * reach)
+    goal = vector(home + _way(bed, home))
     bed.submit("move_jp", JointState(position=goal))
     begun = bed.wait_until(lambda _: _share_of_way(bed.position, home, goal) > 1.0 / 3.0, LONGEST)
     if not begun:
@@ -146,7 +147,7 @@ def _stopping(kind: str) -> Acquisition:
         "disable": "Sends disable in a stream of all joints.",
     }
     needs = ("servo_jp", "move_jp", "hold", "measured_js")
-    return Acquisition(kind, says[kind], Safety.SMALL, run, needs, seconds=4.0)
+    return Acquisition(kind, says[kind], Safety.SMALL, run, needs)
 
 
 def _asked(trace: Trace, kind: str) -> float:
