@@ -4,6 +4,7 @@ All of it is set when this file is imported, which is before rclpy or any messag
 is inherited by the processes that tests start.
 """
 
+import faulthandler
 import gc
 import ipaddress
 import os
@@ -148,6 +149,33 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
         item.config.hook.pytest_timeout_cancel_timer(item=item)
 
 
+AFTER_ITS_TIME = 60.0
+"""Seconds past its time after which a test ends with its worker: it hangs in a library, or in its teardown."""
+
+STDERR = pytest.StashKey[int]()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep a file for the stacks of a test that hangs: what it writes itself is captured."""
+    config.stash[STDERR] = os.dup(2)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """End a worker, and tell where it was, whose test `timeout` could not end: all would wait for it."""
+    if not hasattr(item.config, "workerinput"):  # somebody looks on, perhaps with a debugger
+        return (yield)
+    marker = item.get_closest_marker("timeout")
+    limit = marker.args[0] if marker else float(item.config.getini("timeout"))
+    faulthandler.dump_traceback_later(
+        limit + AFTER_ITS_TIME, file=item.config.stash[STDERR], exit=True
+    )
+    try:
+        return (yield)
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+
+
 def pytest_report_header() -> Iterable[str]:
     """Say which ROS domain the tests are in, or that there is no ROS."""
     if HAVE_ROS:
@@ -198,7 +226,13 @@ def pytest_collection(session: pytest.Session) -> Generator[None, object, object
 
 @pytest.hookimpl(tryfirst=True)  # before those are left out that are slow
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of each sweep let one case in `every` be quick, not the same in all functions of a file."""
+    """Give time to what computes, in workers that get what others leave; let one case of each sweep be quick.
+
+    Of a sweep that is one in `every`, and not the same in all functions of a file.
+    """
+    for item in items:
+        if scheduling.computes(item.nodeid) and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(scheduling.LONGEST_COMPUTATION))
     sweeps: dict[str, list[pytest.Item]] = {}
     for item in items:
         if item.get_closest_marker("sweep"):

@@ -26,18 +26,60 @@ def test_it():
 """
 
 
-def test_a_failure_is_told_though_the_time_of_its_test_ends_meanwhile(tmp_path: Path) -> None:
-    test = tmp_path / "test_late.py"
-    test.write_text(FAILS_IN_ITS_LAST_SECOND)
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "conftest", "-c", os.devnull, str(test)],
-        cwd=tmp_path,
+HANGS_WHERE_NO_SIGNAL_REACHES_IT = """
+import signal, threading
+
+import conftest
+import pytest
+
+conftest.AFTER_ITS_TIME = 1.0
+pytestmark = pytest.mark.timeout(1)
+
+
+def test_it():
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGALRM])
+    threading.Event().wait()
+
+
+def test_another():
+    pass
+"""
+
+
+def run(folder: Path, source: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    test = folder / "test_it.py"
+    test.write_text(source)
+    return subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "conftest",
+            "-c",
+            os.devnull,
+            *arguments,
+            str(test),
+        ],
+        cwd=folder,
         env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         timeout=50,
     )
+
+
+def test_a_failure_is_told_though_the_time_of_its_test_ends_meanwhile(tmp_path: Path) -> None:
+    done = run(tmp_path, FAILS_IN_ITS_LAST_SECOND)
     assert "1 failed" in done.stdout, done.stdout + done.stderr
     assert "ValueError" in done.stdout
     assert "INTERNALERROR" not in done.stdout
+
+
+def test_what_hangs_inside_a_library_is_ended_and_told(tmp_path: Path) -> None:
+    done = run(tmp_path, HANGS_WHERE_NO_SIGNAL_REACHES_IT, "--numprocesses=1")
+    assert "1 failed, 1 passed" in done.stdout, done.stdout + done.stderr
+    assert "crashed while running 'test_it.py::test_it'" in done.stdout
+    assert "threading.py" in done.stderr, "where it was"

@@ -58,6 +58,10 @@ def ros_type(command: Command) -> str:
     return type_name(TYPES[command.payload])
 
 
+UNSPUN = 0.5
+"""Seconds after which an executor is taken for one that nobody spins."""
+
+
 class _InCallback(threading.local):
     active = False
 
@@ -417,6 +421,27 @@ class Link:
         self._stop.set()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(10.0 * SPIN_PERIOD)
+        self._where_it_is_spun(self._destroy)
+        if self._context is not None and self._executor is not None:
+            self._executor.shutdown(timeout_sec=SPIN_PERIOD)
+        if self._context is not None:
+            self._context.try_shutdown()
+
+    def _where_it_is_spun(self, work: Callable[[], None]) -> None:
+        """Do it in the thread of somebody else's executor: it raises where what it waits for is destroyed."""
+        if self._thread is None and self.node.executor is not None:
+            is_done = threading.Event()
+
+            def work_there() -> None:
+                work()
+                is_done.set()
+
+            self.node.executor.create_task(work_there)
+            is_done.wait(UNSPUN)
+        work()
+
+    def _destroy(self) -> None:
+        """Take back what was made of the node. The second time does nothing."""
         with self._lock:
             for box in self._inboxes.values():
                 self.node.destroy_subscription(box.subscription)
@@ -425,15 +450,11 @@ class Link:
             for caller in self._callers.values():
                 self.node.destroy_client(caller._client)  # noqa: SLF001 - made here
             self._inboxes, self._outboxes, self._callers = {}, {}, {}
-        if self._executor is not None and self._owns_node:
-            self._executor.remove_node(self.node)
-        if self._context is not None and self._executor is not None:
-            self._executor.shutdown(timeout_sec=SPIN_PERIOD)
-        if self._owns_node:
-            self.node.destroy_node()
-            self._owns_node = False
-        if self._context is not None:
-            self._context.try_shutdown()
+            if self._owns_node:
+                if self._executor is not None:
+                    self._executor.remove_node(self.node)
+                self.node.destroy_node()
+                self._owns_node = False
 
     # ------------------------------------------------------------------------------------ endpoints
 

@@ -16,6 +16,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+LONG = 200.0
+"""Seconds for a page, which takes two where nobody else wants the processor."""
+
 SCRIPTS = sorted(ROOT.glob("examples/*.py"))
 BLOCK = re.compile(r"^```python\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL)
 NOT_RUN = re.compile(r"<!-- not run:[^>]*-->\n+\Z")
@@ -42,7 +45,7 @@ PAGES = [
 
 def run(script: Path, folder: Path) -> None:
     """Run it; what it has started ends with it, whatever became of it."""
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, str(script)],
         cwd=folder,
         stdin=subprocess.DEVNULL,
@@ -50,13 +53,12 @@ def run(script: Path, folder: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
         process_group=0,
-    )
-    try:
-        said, warned = process.communicate(timeout=50)
-    finally:
-        with suppress(ProcessLookupError):  # nothing of it is left
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+    ) as process:
+        try:
+            said, warned = process.communicate(timeout=LONG)
+        finally:
+            with suppress(ProcessLookupError):  # nothing of it is left
+                os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == 0, f"{script}\n{said}\n{warned}"
 
 

@@ -57,7 +57,12 @@ WAITING = {
     "ros": 0.7,
     "sim": 0.1,
     "sims": 0.3,
+    "test_bench.py": 7.0,
+    "test_bench_proof.py": 5.0,
     "test_contract_loopback.py": 0.2,
+    "test_examining.py": 20.0,
+    "test_matrix.py": 2.0,
+    "test_own_drivers.py": 12.0,
     "virtual": 0.2,
     "wire": 0.5,
 }
@@ -66,6 +71,9 @@ WAITING = {
 ALONE = "ur_rtde"
 """In the name of tests of which one runs at a time: the vendor library streams 500 times a second, and has no
 priority over others, so that it is the first to be late."""
+
+LONGEST_COMPUTATION = 240.0
+"""Seconds that a test may take which computes."""
 
 LONGEST_COLLECTION = 120.0
 """Seconds for which workers wait for the first."""
@@ -161,6 +169,22 @@ class Scheduling(LoadScopeScheduling):
         tests = self.workqueue.pop(piece)
         self.assigned_work.setdefault(node, {})[piece] = tests
         node.send_runtest_some([self._numbers[name] for name, done in tests.items() if not done])
+
+    @override
+    def remove_node(self, node: WorkerController) -> str | None:
+        """Return the test during which a worker ended. It is done with: it would end the next one too."""
+        left = self.assigned_work.pop(node)
+        unfinished = (test for tests in left.values() for test, done in tests.items() if not done)
+        crashed = next(unfinished, None)
+        if crashed is None:
+            return None
+        left[self._pieces[crashed]][crashed] = True
+        self.workqueue.update(
+            (piece, tests) for piece, tests in left.items() if not all(tests.values())
+        )
+        for other in self.nodes:
+            self._reschedule(other)
+        return crashed
 
     @override
     def _reschedule(self, node: WorkerController) -> None:

@@ -81,8 +81,7 @@ def tampered(bench: DynamixelBench) -> int:
 
 def leave(bench: DynamixelBench, way: str) -> None:
     if way == "silence":
-        ended = bench.arm.health().stream_timeouts
-        eventually(lambda: bench.arm.health().stream_timeouts > ended, "the stream ends")
+        eventually(lambda: not bench.arm.health().stream, "the stream ends")
     else:
         getattr(bench.arm, way)()
 
