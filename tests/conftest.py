@@ -150,7 +150,7 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
 
 
 AFTER_ITS_TIME = 60.0
-"""Seconds past its time after which a test ends with its worker: it hangs in a library, or in its teardown."""
+"""Seconds past its time after which a test ends with its worker: it hangs in a library or its teardown."""
 
 STDERR = pytest.StashKey[int]()
 
