@@ -25,6 +25,7 @@ AUTO: Final = "auto"
 
 _REALTIME_PRIORITY: Final = 20
 _PR_SET_TIMERSLACK: Final = 29
+_KILLED_WITHIN: Final = 10.0
 
 _RUN_MODULE: Final = (
     "import json, runpy, sys;"
@@ -227,7 +228,7 @@ class RunningSim:
             code = self._process.wait(timeout)
         except subprocess.TimeoutExpired:
             self._process.kill()
-            code = self._process.wait()
+            code = self._process.wait(_KILLED_WITHIN)
         if self._life >= 0:
             os.close(self._life)
             self._life = -1

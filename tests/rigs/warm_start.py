@@ -31,14 +31,17 @@ MOST = 1 << 18
 FILES = 16
 """Files that a request may have."""
 
+ANSWERED_WITHIN = 30.0
+"""Seconds: at first, all simulators are imported meanwhile."""
+
 
 class Process:
     """A forked simulator, as `subprocess.Popen` has it: the part that `crtk_sim_backends` uses."""
 
-    def __init__(self, pid: int, ended: int) -> None:
+    def __init__(self, pid: int, told: socket.socket) -> None:
         self.pid = pid
         self.returncode: int | None = None
-        self._ended = ended  # readable when it has ended: how
+        self._told = told  # readable when it has ended: how
 
     def poll(self) -> int | None:
         return self._look(0.0)
@@ -50,11 +53,9 @@ class Process:
         return code
 
     def _look(self, timeout: float | None) -> int | None:
-        if self.returncode is None and select.select([self._ended], [], [], timeout)[0]:
-            told = os.read(self._ended, 64)
-            assert told, "the process that simulators are forked from has ended"
-            self.returncode = int(told)
-            os.close(self._ended)
+        if self.returncode is None and select.select([self._told], [], [], timeout)[0]:
+            with self._told:
+                self.returncode = number(self._told)
         return self.returncode
 
     def send_signal(self, number: int) -> None:
@@ -99,16 +100,18 @@ class WarmStart:
             "folder": os.getcwd(),
             "files": [1, 2, *pass_fds],
         }
-        ended, told = os.pipe()
+        # Each request has its own way for answers: a test that ends while it waits leaves none to the next.
+        told, tell = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        told.settimeout(ANSWERED_WITHIN)
         try:
-            with self._lock:
+            with tell, self._lock:
                 peer = self._peer or self._begin()
-                files = [told, *request["files"]]
+                files = [tell.fileno(), *request["files"]]
                 socket.send_fds(peer, [json.dumps(request).encode()], files)
-                pid = int(peer.recv(64))
-        finally:
-            os.close(told)
-        return Process(pid, ended)
+            return Process(number(told), told)
+        except BaseException:
+            told.close()
+            raise
 
     def close(self) -> None:
         """End the process. What it has forked goes on, as long as the one for whom it was forked."""
@@ -117,12 +120,19 @@ class WarmStart:
             self._process.wait(10.0)
 
 
+def number(told: socket.socket) -> int:
+    """Wait for what the process that forks tells next: the process id, then how it ended."""
+    data = told.recv(64)
+    assert data, "the process that simulators are forked from has ended"
+    return int(data)
+
+
 def serve(peer: socket.socket) -> dict[str, Any] | None:
     """Fork whatever is asked for. Return the request in the fork, and None where nobody asks any more."""
     awakened, awake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.set_wakeup_fd(awake, warn_on_full_buffer=False)
-    children: dict[int, int] = {}
+    children: dict[int, socket.socket] = {}
     while True:
         readable, _, _ = select.select([peer, awakened], [], [])
         if awakened in readable:
@@ -134,32 +144,36 @@ def serve(peer: socket.socket) -> dict[str, Any] | None:
         if not data:
             return None
         request: dict[str, Any] = json.loads(data)
-        told, *files = files
+        descriptor, *files = files
+        tell = socket.socket(fileno=descriptor)
         pid = os.fork()
         if pid == 0:
             signal.set_wakeup_fd(-1)
             signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-            for unused in (awakened, awake, told, *children.values()):
+            for unused in (awakened, awake):
                 os.close(unused)
-            peer.close()
+            for other in (peer, tell, *children.values()):
+                other.close()
             os.setsid()
             take(files, request["files"])
             return request
-        children[pid] = told
+        children[pid] = tell
         for file in files:
             os.close(file)
-        peer.send(str(pid).encode())
+        try:
+            tell.send(str(pid).encode())
+        except BrokenPipeError:  # whoever asked has gone
+            os.kill(pid, signal.SIGKILL)
 
 
-def reap(children: dict[int, int]) -> None:
+def reap(children: dict[int, socket.socket]) -> None:
     """Tell how those ended that have."""
     for pid in list(children):
         found, status = os.waitpid(pid, os.WNOHANG)
         if found:
-            told = children.pop(pid)
-            with suppress(BrokenPipeError):  # nobody waits for it any more
-                os.write(told, str(os.waitstatus_to_exitcode(status)).encode())
-            os.close(told)
+            # Whoever asked may have gone.
+            with children.pop(pid) as tell, suppress(BrokenPipeError):
+                tell.send(str(os.waitstatus_to_exitcode(status)).encode())
 
 
 def take(files: Sequence[int], numbers: Sequence[int]) -> None:

@@ -11,18 +11,19 @@ import pytest
 from crtk_sim_backends import process
 from crtk_sim_backends.can import SIM
 from crtk_sim_backends.process import SimStartError
+from rigs import warm_start
 from rigs.warm_start import WarmStart
 
 
 @pytest.fixture(params=["cold", "warm"], autouse=True)
-def start(request: pytest.FixtureRequest) -> Iterator[None]:
+def start(request: pytest.FixtureRequest) -> Iterator[WarmStart | None]:
     if request.param == "cold":
         request.getfixturevalue("cold_start")
-        yield
+        yield None
         return
     warm = WarmStart()
     with patch.object(process, "_start", warm.start):
-        yield
+        yield warm
     warm.close()
 
 
@@ -55,6 +56,18 @@ def test_it_ends_with_whom_it_is_for() -> None:
     os.close(sim._life)
     sim._life = -1
     assert sim._process.wait(10.0) == 0
+
+
+@pytest.mark.parametrize("start", ["warm"], indirect=True)
+def test_what_nobody_waits_for_any_more_is_no_answer_to_the_next(start: WarmStart) -> None:
+    SIM.spawn().stop()
+    os.kill(start._process.pid, signal.SIGSTOP)
+    with patch.object(warm_start, "ANSWERED_WITHIN", 0.1), pytest.raises(SimStartError):
+        SIM.spawn()
+    os.kill(start._process.pid, signal.SIGCONT)
+    with SIM.spawn() as sim:
+        assert sim.control.status()
+        assert sim.stop() == 0
 
 
 TOLD = """
