@@ -24,6 +24,7 @@ from crtk_drivers.errors import MissingExtra
 from crtk_drivers.ros import environment
 from crtk_sim_backends import process
 from rigs import scheduling
+from rigs.proof_table import proof_table
 from rigs.warm_start import WarmStart
 
 # What a shell may hold that changes how ROS 2 talks, or with whom.
@@ -243,6 +244,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for number, item in enumerate(cases):
             if number % every != first:
                 item.add_marker("slow")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Print what the bench found of arms with defects."""
+    lines = list(proof_table(terminalreporter.stats.get("passed", [])))
+    if lines:
+        terminalreporter.section("bench: figure, without a defect, with it")
+        terminalreporter.write_line("\n".join(lines))
 
 
 def pytest_collection_finish() -> None:

@@ -68,9 +68,9 @@ WAITING = {
 }
 """Folders whose tests talk to simulators, or step an arm, in real time, likewise."""
 
-ALONE = "ur_rtde"
-"""In the name of tests of which one runs at a time: the vendor library streams 500 times a second, and has no
-priority over others, so that it is the first to be late."""
+ALONE = ("ur_rtde", "test_examining")
+"""In the names of tests of which one of a sort runs at a time: the vendor library streams 500 times a second
+and has no priority over others, so that it is the first to be late; a device of rclpy takes half a core."""
 
 LONGEST_COMPUTATION = 240.0
 """Seconds that a test may take which computes."""
@@ -198,22 +198,23 @@ class Scheduling(LoadScopeScheduling):
     def _next_of(self, node: WorkerController) -> str | None:
         """Return the longest of what this worker may run: what is alone, then what waits, then the rest."""
         is_nice = node.workerinput.get(NICE_WORKER)
-        is_taken = any(self._has_alone(other) for other in self.nodes if other is not node)
+        taken = {sort for other in self.nodes if other is not node for sort in self._alone(other)}
 
         def may_run(piece: str) -> bool:
-            return computes(piece) or not (is_nice or (is_alone(piece) and is_taken))
+            return computes(piece) or not (is_nice or alone(piece) in taken)
 
         def preferred(piece: str) -> tuple[bool, bool, float]:
             duration = seconds(piece) * len(self.workqueue[piece])
-            return is_alone(piece), not computes(piece), duration
+            return alone(piece) is not None, not computes(piece), duration
 
         return max(filter(may_run, self.workqueue), key=preferred, default=None)
 
-    def _has_alone(self, node: WorkerController) -> bool:
-        return any(
-            is_alone(piece) and not all(tests.values())
-            for piece, tests in self.assigned_work[node].items()
+    def _alone(self, node: WorkerController) -> set[str]:
+        """Return the sorts of which this worker has something to run, and nobody else may."""
+        left = (
+            piece for piece, tests in self.assigned_work[node].items() if not all(tests.values())
         )
+        return {sort for piece in left if (sort := alone(piece))}
 
 
 def pieces(collected: list[str]) -> Iterator[tuple[str, str]]:
@@ -221,7 +222,7 @@ def pieces(collected: list[str]) -> Iterator[tuple[str, str]]:
     dealt: Counter[str] = Counter()
     for test in collected:
         file = _file(test)
-        sort = f"{file}::{ALONE}" if is_alone(test) else file
+        sort = f"{file}::{alone(test)}" if alone(test) else file
         yield test, f"{sort}::{dealt[sort] // max(1, round(PIECE / seconds(file)))}"
         dealt[sort] += 1
 
@@ -245,9 +246,10 @@ def computes(name: str) -> bool:
     return _found(name)[0]
 
 
-def is_alone(name: str) -> bool:
-    """Whether no other of its sort may run beside it."""
-    return ALONE in name and not computes(name)
+@cache
+def alone(name: str) -> str | None:
+    """Return the sort of which only one test may run at a time, None if others may run beside it."""
+    return next((sort for sort in ALONE if sort in name and not computes(name)), None)
 
 
 @cache
