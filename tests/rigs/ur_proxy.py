@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import queue
+import select
 import socket
 import struct
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from types import SimpleNamespace
@@ -90,33 +91,34 @@ class Proxy:
                 ).start()
 
     def _pass(self, source: socket.socket, target: socket.socket, port: int, inward: bool) -> None:
-        under_way: queue.Queue[tuple[float, bytes]] = queue.Queue()
-        threading.Thread(
-            target=self._hand_over, args=(under_way, source, target, port, inward), daemon=True
-        ).start()
-        with suppress(OSError):
-            for message in _messages(source, port):
-                under_way.put((time.monotonic(), message))
-        under_way.put((0.0, b""))
-
-    def _hand_over(
-        self,
-        under_way: queue.Queue[tuple[float, bytes]],
-        source: socket.socket,
-        target: socket.socket,
-        port: int,
-        inward: bool,
-    ) -> None:
-        with suppress(OSError):
-            while True:
-                came, message = under_way.get()
-                if not message:
-                    break
-                time.sleep(max(0.0, came + self.lag[inward] - time.monotonic()))
-                self._deliver(message, target, self._action_for(port, inward, message))
+        with suppress(OSError, ValueError):  # closed meanwhile
+            for messages in self._due(source, port, inward):
+                self._deliver(messages, target, port, inward)
         for one in (source, target):
             with suppress(OSError):
                 one.shutdown(socket.SHUT_RDWR)
+
+    def _due(self, source: socket.socket, port: int, inward: bool) -> Iterator[list[bytes]]:
+        """Yield what has taken its time, all at once, until the other end has closed."""
+        under_way: deque[tuple[float, bytes]] = deque()
+        buffer, is_open = b"", True
+        while is_open or under_way:
+            now = time.monotonic()
+            left = max(0.0, under_way[0][0] - now) if under_way else None
+            if not is_open:
+                time.sleep(left or 0.0)
+            elif select.select([source], [], [], left)[0]:
+                data = source.recv(65536)
+                is_open = bool(data)
+                messages, buffer = _messages(buffer + data, port)
+                due = time.monotonic() + self.lag[inward]
+                under_way.extend((due, message) for message in messages)
+            now = time.monotonic()
+            ready = []
+            while under_way and under_way[0][0] <= now:
+                ready.append(under_way.popleft()[1])
+            if ready:
+                yield ready
 
     def _action_for(self, port: int, inward: bool, message: bytes) -> str:
         if self._chosen is None:
@@ -128,33 +130,50 @@ class Proxy:
             self.hit.set()
             return self._action
 
-    def _deliver(self, message: bytes, target: socket.socket, action: str) -> None:
-        if action == "lost":
-            return
-        if action == "cut":
-            raise OSError("cut")
-        if action == "late":
-            time.sleep(LATE)
-        if action == "split":
-            size = max(1, len(message) // PIECES)
-            for start in range(0, len(message), size):
-                target.sendall(message[start : start + size])
-                time.sleep(0.001)
-            return
-        target.sendall(message * (2 if action == "doubled" else 1))
+    def _deliver(
+        self, messages: list[bytes], target: socket.socket, port: int, inward: bool
+    ) -> None:
+        sound: list[bytes] = []
+        for message in messages:
+            action = self._action_for(port, inward, message)
+            if not action:
+                sound.append(message)
+                continue
+            target.sendall(b"".join(sound))
+            sound.clear()
+            _spoiled(message, target, action)
+        if sound:
+            target.sendall(b"".join(sound))
 
 
-def _messages(source: socket.socket, port: int) -> Iterator[bytes]:
-    """Yield whole packages of RTDE; of the other ports what comes in one piece."""
-    buffer = b""
-    while data := source.recv(65536):
-        if port != RTDE:
-            yield data
-            continue
-        buffer += data
-        while len(buffer) >= 3 and len(buffer) >= (size := struct.unpack_from(">H", buffer)[0]):
-            yield buffer[:size]
-            buffer = buffer[size:]
+def _spoiled(message: bytes, target: socket.socket, action: str) -> None:
+    if action == "lost":
+        return
+    if action == "cut":
+        raise OSError("cut")
+    if action == "late":
+        time.sleep(LATE)
+    if action == "split":
+        size = max(1, len(message) // PIECES)
+        for start in range(0, len(message), size):
+            target.sendall(message[start : start + size])
+            time.sleep(0.001)
+        return
+    target.sendall(message * (2 if action == "doubled" else 1))
+
+
+def _messages(data: bytes, port: int) -> tuple[list[bytes], bytes]:
+    """Return whole packages of RTDE, of the other ports what is there, and the rest."""
+    if port != RTDE:
+        return ([data] if data else []), b""
+    found, start = [], 0
+    while len(data) - start >= 3:
+        (size,) = struct.unpack_from(">H", data, start)
+        if len(data) - start < size:
+            break
+        found.append(data[start : start + size])
+        start += size
+    return found, data[start:]
 
 
 @contextmanager
