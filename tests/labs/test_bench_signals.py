@@ -17,6 +17,8 @@ from crtk_drivers.labs.bench.signals import (
     rest_time,
     slope,
 )
+from crtk_drivers.labs.bench.stops import speed_before
+from crtk_drivers.labs.bench.trace import JointTrack
 
 
 @given(st.floats(0.001, 10.0), st.floats(-3.0, 3.0), st.floats(0.2, 8.0), st.floats(-5.0, 5.0))
@@ -74,3 +76,14 @@ def test_a_line_in_noise_is_found_with_its_amplitude() -> None:
     assert floor < 0.004
     with pytest.raises(ValueError, match="too short"):
         largest_line(values[:100], 200.0, above=5.0)
+
+
+def test_speed_before_a_stop_does_not_hang_on_when_samples_arrive() -> None:
+    stamp = np.arange(0.0, 1.0, 0.01)
+    arrival = np.ceil(stamp / 0.09) * 0.09 + 1e-5 * np.arange(100)
+    nothing = np.full((100, 2), np.nan)
+    position = np.column_stack([0.3 * stamp, -0.1 * stamp])
+    track = JointTrack(arrival, stamp, position, nothing, nothing)
+    assert speed_before(track, 0.92) == pytest.approx([0.3, 0.1])
+    invalid = JointTrack(arrival, np.full(100, np.nan), position, nothing, nothing)
+    assert speed_before(invalid, 0.92) == pytest.approx([0.0, 0.0])
