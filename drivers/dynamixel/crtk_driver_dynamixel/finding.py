@@ -44,7 +44,7 @@ def _look(port: str) -> Iterable[FoundDevice]:
     if not found:
         return []
     ((baud, _),) = Counter(one.baud for one in found).most_common(1)
-    chain = [one for one in found if one.baud == baud]
+    chain = sorted((one for one in found if one.baud == baud), key=lambda one: one.id)
     told = ", ".join(f"{one.model} (id {one.id})" for one in chain)
     others = sorted({one.baud for one in found} - {baud})
     told += "".join(f"; others at {rate} bit/s" for rate in others)

@@ -105,13 +105,15 @@ def _scan(
                 progress.console.print(text, markup=False, soft_wrap=True)
             else:
                 progress.update(task, description=f"{name} {one} bit/s", advance=1)
-    return found
+    return sorted(found, key=lambda one: (one.baud, one.id))
 
 
 def scan_bus(
     name: str, port: str, bauds: Sequence[int], protocols: Sequence[int], ids: Sequence[int]
 ) -> Iterator[Found | int]:
     """Yield every servo that answers, and the rate after each id that was asked.
+
+    Where one has answered, those that have not are asked again: an answer may be lost.
 
     Raises:
         ConnectionFailed: the port cannot be opened.
@@ -120,16 +122,22 @@ def scan_bus(
         bus.open()
         for baud in bauds:
             bus.set_baud(baud)
+            silent = []
             for protocol in protocols:
                 for id in ids:
-                    bus.set_link(id, protocol=protocol)
                     one = _ask(bus, name, baud, protocol, id)
                     if one is not None:
                         yield one
+                    else:
+                        silent.append((protocol, id))
                     yield baud
+            if len(silent) < len(protocols) * len(ids):
+                again = (_ask(bus, name, baud, protocol, id) for protocol, id in silent)
+                yield from (one for one in again if one is not None)
 
 
 def _ask(bus: Bus, name: str, baud: int, protocol: int, id: int) -> Found | None:
+    bus.set_link(id, protocol=protocol)
     try:
         told = bus.ping(id, attempts=1)
         number, firmware = told.model, told.firmware

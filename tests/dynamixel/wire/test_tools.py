@@ -54,6 +54,18 @@ def test_scan_finds_servos_of_both_protocols_and_writes_a_configuration_that_hol
     assert "cannot be written: File exists" in capsys.readouterr().err
 
 
+def test_scan_finds_a_servo_whose_first_answer_is_lost(
+    sim: RunningSim, tty: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sim.control.inject("drop", every=3)
+    try:
+        assert run("scan", "--port", tty, "--ids", "1-10", "--bauds", "1000000") == 0
+    finally:
+        sim.control.clear("drop")
+    told = capsys.readouterr().out
+    assert all(part in told for part in ("xm430-w350", "xl330-m288", "ax-12a")), told
+
+
 def test_scan_tells_what_to_do_if_nobody_answers(
     tty: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
