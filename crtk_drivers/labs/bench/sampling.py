@@ -39,6 +39,9 @@ STREAMS: Final = ("measured_js", "measured_cf", "measured_cp", "measured_cv")
 BUSY: Final = 2e-3
 """Seconds by which the bench's own timer may be late, where a quarter of a period is less."""
 
+JITTER_BOUND: Final = 0.25
+"""Share of a period; a bench whose own timer is later by that cannot tell who is late."""
+
 SLOW: Final = 0.02
 """Share of its rate by which a device may be off, where frequencies are looked for."""
 
@@ -151,10 +154,12 @@ def _jitter(trace: Trace, subject: Subject) -> Findings:
     late = share(int((steps > 2.0 * period).sum()), steps.size)
     return Findings(
         (
-            subject.measured(JITTER, in_percent(quantile(errors, 0.99)), Bound(25.0, "default")),
+            subject.measured(
+                JITTER, in_percent(quantile(errors, 0.99)), Bound(100.0 * JITTER_BOUND, "default")
+            ),
             subject.measured(LATE, in_percent(late), Bound(0.5, "default")),
         ),
-        doubts=subject.too_busy(max(0.25 * subject.period, BUSY)),
+        doubts=subject.too_busy(JITTER_BOUND * subject.period),
         plots=(
             Plot(
                 "Time between two samples",
