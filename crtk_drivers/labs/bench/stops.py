@@ -41,6 +41,9 @@ BEGIN: Final = 0.2
 BEHIND: Final = 1.2
 """Times the way of the ramp that fits into the reach: what follows the stop is on top of it."""
 
+HARDLY: Final = 5.0
+"""Times the tolerance of rest: a joint that moved by less tells nothing of how it stops."""
+
 ENDINGS: Final = ("hold", "silence", "disable")
 
 TIME = {
@@ -184,7 +187,7 @@ def _analysis(kind: str) -> Callable[[Trace, Subject], Findings]:
         tolerance = np.maximum.reduce([2.0 * steps, 0.01 * speed, np.full(speed.size, 1e-4)])
         column = int(np.argmax(speed / tolerance))
         moved = float(np.ptp(part.position[:, column]))
-        if moved < 10.0 * tolerance[column]:
+        if moved < HARDLY * tolerance[column]:
             name, at = subject.joints[column], speed[column]
             return Findings(doubts=(f"{name} hardly moved: by {moved:.2g}, at {at:.2g} a second",))
         at_asked = _at(part.at, part.position, asked)
