@@ -42,6 +42,7 @@ COMPUTING = {
     "test_new_plugin_types.py": 4.0,
     "test_new_plugins.py": 15.0,
     "test_plant.py": 0.2,
+    "test_trials.py": 2.0,
     "unit": 0.03,
     "urscript": 0.05,
 }
@@ -60,7 +61,7 @@ WAITING = {
     "test_bench.py": 7.0,
     "test_bench_proof.py": 5.0,
     "test_contract_loopback.py": 0.2,
-    "test_examining.py": 20.0,
+    "test_examining.py": 7.0,
     "test_matrix.py": 2.0,
     "test_own_drivers.py": 12.0,
     "virtual": 0.2,

@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, Self
+from typing import Any
 
 import rclpy
 from builtin_interfaces.msg import Time
@@ -24,7 +24,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Empty, Float64MultiArray, String
+from std_msgs.msg import Empty, Float64, Float64MultiArray, String
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
@@ -35,24 +35,22 @@ HEARTBEAT = 0.2
 
 
 class StudentDevice:
-    """The gantry on ROS. Use it as a context manager.
+    """The gantry on ROS.
 
     Args:
-        namespace: ``/student``.
+        node: that it has its topics and services on.
         faults: what is wrong with it.
     """
 
-    def __init__(self, namespace: str, *faults: str) -> None:
+    def __init__(self, node: Any, *faults: str) -> None:
         self.faults = frozenset(faults)
-        self.frame = f"{namespace.strip('/')}/base"
+        self.node = node
+        self.frame = f"{node.get_fully_qualified_name().split('/')[1]}/base"
         self.gantry = Gantry(self.faults)
         self._lock = threading.RLock()
         self._increment_ns = 0
         self._was_slow = False
         self._count = 0
-        self._context = Context()
-        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self.node = rclpy.create_node("gantry", namespace=namespace, context=self._context)
         self._publishers: dict[str, Any] = {}
         self._state_ns = 0
         self._told_at = -math.inf
@@ -62,13 +60,6 @@ class StudentDevice:
         self._set_up_publishers()
         self._set_up_subscriptions()
         self._set_up_services()
-        self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._stop = threading.Event()
-        self._threads = [
-            threading.Thread(target=self._spin, name="student spin"),
-            threading.Thread(target=self._run, name="student run"),
-        ]
 
     # ---------------------------------------------------------------------------------------- set-up
 
@@ -93,7 +84,8 @@ class StudentDevice:
             self._publish(name, JointState)
         old = "old_payload" in self.faults
         self._publish("measured_cp", TransformStamped if old else PoseStamped)
-        self._publish("measured_cv", TwistStamped)
+        for name in ("measured_cv", "body/measured_cv", "spatial/measured_cv"):
+            self._publish(name, TwistStamped)
         self._publish("jacobian", Float64MultiArray)
         if "no_setpoint_cp" not in self.faults:
             self._publish("setpoint_cp", PoseStamped)
@@ -118,9 +110,17 @@ class StudentDevice:
         listen("move_jr", JointState, lambda m: self._move(m, list(m.position), relative=True))
         listen("servo_cp", PoseStamped, self._servo_pose)
         listen("move_cp", PoseStamped, self._move_pose)
+        listen("servo_cr", PoseStamped, self._servo_displacement)
+        listen("move_cr", PoseStamped, self._move_displacement)
+        listen("servo_jf", JointState, lambda m: self.gantry.servo_effort(list(m.effort)))
+        listen("trajectory_j/set_ratio", Float64, self._set_ratio)
         listen("hold", Empty, lambda _: self.gantry.stop())
         if "dead_topic" in self.faults:
             listen("interpolate_jp", JointState, lambda _: None)
+        else:
+            listen(
+                "interpolate_jp", JointState, lambda m: self.gantry.interpolate(self._by_name(m))
+            )
         if "no_state_command" in self.faults:
             return
         if "text_command" in self.faults:
@@ -144,7 +144,7 @@ class StudentDevice:
                 self._tell_state(time.monotonic(), time.time_ns())
 
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-        depth = 100 if name == "servo_jr" else 1
+        depth = 100 if name == "servo_jr" or "queues" in self.faults else 1
         self.node.create_subscription(
             kind, name, receive, QoSProfile(depth=depth, durability=durability)
         )
@@ -165,6 +165,10 @@ class StudentDevice:
         since, self._increment_ns = stamp_ns - self._increment_ns, stamp_ns
         if since > 5_000_000 or "drops_increments" not in self.faults:
             self.gantry.servo_relative(list(message.position))
+
+    def _set_ratio(self, message: Float64) -> None:
+        if "ignores_ratio" not in self.faults and 0.0 < message.data <= 1.0:
+            self.gantry.ratio = message.data
 
     def _by_name(self, message: JointState) -> Vector:
         values = list(message.position)
@@ -197,6 +201,15 @@ class StudentDevice:
             told = _pose(values)
             told.header.stamp, told.header.frame_id = message.header.stamp, self.frame
             self._publishers["goal_cp"].publish(told)
+
+    def _servo_displacement(self, message: PoseStamped) -> None:
+        self.gantry.servo_relative(self._pose(message))
+
+    def _move_displacement(self, message: PoseStamped) -> None:
+        way = self._pose(message)
+        if way and "other_axes" in self.faults:
+            way = [way[1], way[0], way[2]]
+        self.gantry.move(way, relative=True)
 
     def _move(self, message: JointState, values: Vector, relative: bool = False) -> None:
         accepted = self.gantry.move(values, relative)
@@ -286,14 +299,17 @@ class StudentDevice:
             measured.velocity = [0.0, 0.0]
         if "nan_velocity" in faults:
             measured.velocity = [math.nan, 0.0, 0.0]
-        if "zero_effort" in faults:
-            measured.effort = [0.0, 0.0, 0.0]
+        measured.effort = [0.0, 0.0, 0.0] if "zero_effort" in faults else [1.0, 1.0, 2.0]
         self._send("measured_js", measured, stamp_ns, "" if "no_joint_frame" in faults else None)
         apart = 10**6 if "own_stamps" in faults else 0
         self._tell_tool(place, rate, stamp_ns + apart)
         setpoint = JointState(name=list(JOINTS), position=gantry.setpoint)
         if gantry.velocity is not None:
             setpoint = JointState(name=list(JOINTS), velocity=gantry.velocity)
+        elif gantry.effort is not None:
+            setpoint.effort = gantry.effort
+            if "effort_and_place" not in faults:
+                setpoint.position = []
         elif gantry.goal is not None and "still_setpoint" not in faults:
             setpoint.velocity = list(gantry.rate)
         streams = now - self._heard_at < 0.1 and self._command_ns and "own_time" not in faults
@@ -316,6 +332,10 @@ class StudentDevice:
         if "angular_first" in faults:
             twist.twist.angular, twist.twist.linear = twist.twist.linear, twist.twist.angular
         self._send("measured_cv", twist, stamp_ns, "" if "no_twist_frame" in faults else None)
+        self._send("spatial/measured_cv", twist, stamp_ns)
+        if "body_twist" in faults:
+            linear.x, linear.y, linear.z = (-2.0 * each for each in rate)
+        self._send("body/measured_cv", twist, stamp_ns)
         sign = -1.0 if "wrong_jacobian" in faults else 1.0
         matrix = Float64MultiArray()
         matrix.data = [sign * float(row == column) for row in range(6) for column in range(3)]
@@ -334,7 +354,34 @@ class StudentDevice:
         message.header.frame_id = self.frame if frame is None else frame
         self._publishers[name].publish(message)
 
-    # ----------------------------------------------------------------------------------------- threads
+    def step(self, seconds: float) -> None:
+        """Go on for some time, and tell where it is."""
+        with self._lock:
+            now = time.monotonic()
+            self.gantry.step(now, seconds)
+            self._tell(now, time.time_ns())
+
+
+class StudentNode:
+    """The gantry on a node of its own, in real time. Use it as a context manager.
+
+    Args:
+        namespace: ``/student``.
+        faults: what is wrong with it.
+    """
+
+    def __init__(self, namespace: str, *faults: str) -> None:
+        self._context = Context()
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("gantry", namespace=namespace, context=self._context)
+        self.device = StudentDevice(self._node, *faults)
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._stop = threading.Event()
+        self._threads = [
+            threading.Thread(target=self._spin, name="student spin"),
+            threading.Thread(target=self._run, name="student run"),
+        ]
 
     def _spin(self) -> None:
         while not self._stop.is_set():
@@ -345,22 +392,20 @@ class StudentDevice:
         before = time.monotonic()
         while not self._stop.wait(PERIOD):
             now = time.monotonic()
-            with self._lock:
-                self.gantry.step(now, now - before)
-                self._tell(now, time.time_ns())
+            self.device.step(now - before)
             before = now
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> StudentDevice:
         for thread in self._threads:
             thread.start()
-        return self
+        return self.device
 
     def __exit__(self, *details: object) -> None:
         self._stop.set()
         for thread in self._threads:
             thread.join()
         self._executor.shutdown()
-        self.node.destroy_node()
+        self._node.destroy_node()
         self._context.try_shutdown()
 
 

@@ -11,7 +11,15 @@ PLACE = (0.01, -0.02, 0.03)
 RANGE = 0.5
 SPEED = 0.25
 """m/s of its moves."""
+SERVO_SPEED = 0.8
+"""m/s at which the setpoint goes to what is commanded."""
+FOLLOWING = 8.0
+"""1/s: how fast an interpolated goal is approached."""
 STREAM_TIMEOUT = 0.3
+LATE_STOP = 1.2
+DWELL = 0.15
+"""s after a position in which no velocity is taken."""
+READY_AFTER = 0.4
 EPSILON = 1e-9
 LONG = 0.09
 SHORT = 0.01
@@ -24,8 +32,14 @@ class Gantry:
 
     def __init__(self, faults: Collection[str]) -> None:
         self.faults = faults
-        self.state = "DISABLED"
+        self.state = "FAULT" if "fault_resumes" in faults else "DISABLED"
         self.is_busy = False
+        self.wanted: list[Vector] = []
+        self.approached: Vector | None = None
+        self.approached_at = -math.inf
+        self.effort: Vector | None = None
+        self.ratio = 1.0
+        self.enabled_at = -math.inf
         self.measured = list(PLACE)
         self.setpoint = list(self.measured)
         self.rate = [0.0, 0.0, 0.0]
@@ -60,11 +74,14 @@ class Gantry:
             table["PAUSED", "enable"] = "ENABLED"
         if "resume_faults" in self.faults:
             table["DISABLED", "resume"] = "FAULT"
+        if "fault_resumes" in self.faults:
+            table["FAULT", "resume"] = "ENABLED"
         after = table.get((self.state, word))
         if after is None:
+            self.is_refused = "silent_states" not in self.faults
             return
         if after == "ENABLED":
-            self.setpoint = list(self.measured)
+            self.setpoint, self.enabled_at = list(self.measured), time.monotonic()
             if "enable_moves" in self.faults:
                 self.setpoint[0] += 0.01
         elif "disable_goes_on" not in self.faults:
@@ -72,10 +89,15 @@ class Gantry:
         self.state, self.changed = after, True
 
     def stop(self) -> None:
-        self.goal = self.velocity = None
+        self.clear()
         self.setpoint = list(self.measured)
         if "busy_after_hold" not in self.faults:
             self.set_busy(False)
+
+    def clear(self) -> None:
+        """Forget what it goes to."""
+        self.goal = self.velocity = self.approached = self.effort = None
+        self.wanted.clear()
 
     def set_busy(self, busy: bool) -> None:
         if busy is not self.is_busy:
@@ -83,6 +105,8 @@ class Gantry:
 
     @property
     def accepts(self) -> bool:
+        if "late_enabled" in self.faults and time.monotonic() < self.enabled_at + READY_AFTER:
+            return False
         return self.state == "ENABLED" or "moves_disabled" in self.faults
 
     def is_valid(self, values: Vector, relative: bool = False) -> bool:
@@ -107,21 +131,44 @@ class Gantry:
 
     def servo(self, values: Vector) -> None:
         if self.accepts and self.is_valid(values):
-            self.goal = self.velocity = None
+            waiting = list(self.wanted) if "queues" in self.faults else []
+            self.clear()
             self.set_busy("busy_servo" in self.faults)
             self.served, self.serves = time.monotonic(), True
-            self.setpoint = values
+            self.wanted = [*waiting, values]
 
     def servo_relative(self, values: Vector) -> None:
         if self.accepts and self.is_valid(values, relative=True):
-            self.goal = self.velocity = None
+            self.clear()
             start = self.measured if "adds_to_measured" in self.faults else self.setpoint
             self.setpoint = [s + v for s, v in zip(start, values, strict=True)]
 
     def servo_velocity(self, values: Vector) -> None:
         if self.accepts and len(values) == 3 and all(map(math.isfinite, values)):
-            self.goal, self.velocity = None, values
+            serves = self.wanted and time.monotonic() < self.served + DWELL
+            if serves and "alternates" not in self.faults:
+                self.is_refused = True
+                return
+            if "jumps_between" in self.faults and self.velocity is None:
+                self.setpoint[-1] += 0.04
+            self.clear()
+            self.velocity = values
+            late = LATE_STOP if "late_stop" in self.faults else 0.0
+            self.stream_until = time.monotonic() + STREAM_TIMEOUT + late
+
+    def servo_effort(self, values: Vector) -> None:
+        if self.accepts and len(values) == 3 and all(map(math.isfinite, values)):
+            self.clear()
+            self.effort = values
             self.stream_until = time.monotonic() + STREAM_TIMEOUT
+
+    def interpolate(self, values: Vector) -> None:
+        if self.accepts and self.is_valid(values):
+            now = time.monotonic()
+            if "drops_goals" in self.faults and now - self.approached_at < 0.15:
+                return
+            self.clear()
+            self.approached, self.approached_at = values, now
 
     def move(self, values: Vector, relative: bool = False) -> bool:
         """Return whether the goal is accepted."""
@@ -130,8 +177,8 @@ class Gantry:
         if self.goal is not None and "not_pre_emptive" in self.faults:
             return False
         start = self.measured if "adds_to_measured" in self.faults else self.setpoint
+        self.clear()
         self.goal = [s + v for s, v in zip(start, values, strict=True)] if relative else values
-        self.velocity = None
         length = math.dist(self.goal, self.setpoint)
         self.serves = False
         self.falls_short = "short_move" in self.faults and length > LONG
@@ -153,12 +200,27 @@ class Gantry:
                     max(-RANGE, min(RANGE, s + sign * v * seconds))
                     for s, v in zip(self.setpoint, self.velocity, strict=True)
                 ]
+        elif self.effort is not None:
+            if now > self.stream_until:
+                self.effort = None
+        elif self.approached is not None:
+            rate = 5.0 * FOLLOWING if "drops_goals" in self.faults else FOLLOWING
+            share = 1.0 - math.exp(-rate * seconds)
+            self.setpoint = [
+                s + share * (g - s) for s, g in zip(self.setpoint, self.approached, strict=True)
+            ]
+        elif self.wanted:
+            goal = self.wanted.pop(0) if len(self.wanted) > 1 else self.wanted[0]
+            most = math.inf if "any_step" in self.faults else SERVO_SPEED * seconds
+            self.setpoint = [
+                s + max(-most, min(most, g - s)) for s, g in zip(self.setpoint, goal, strict=True)
+            ]
         elif self.goal is not None:
             way = [g - s for g, s in zip(self.goal, self.setpoint, strict=True)]
             length = math.hypot(*way)
             if self.falls_short and length < SHORT:
                 way, length = [0.0, 0.0, 0.0], 0.0
-            share = 1.0 if length < EPSILON else min(1.0, SPEED * seconds / length)
+            share = 1.0 if length < EPSILON else min(1.0, self.ratio * SPEED * seconds / length)
             self.setpoint = [s + share * w for s, w in zip(self.setpoint, way, strict=True)]
             if share == 1.0:
                 self.goal = None

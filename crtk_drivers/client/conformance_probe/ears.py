@@ -120,6 +120,11 @@ class Ears:
         raw = self._newest(name)
         return None if raw is None else cartesian_heard(raw, self._rows[name].payload)
 
+    def number(self, name: str) -> float | None:
+        """Return the newest value of a setting."""
+        raw = self._newest(name)
+        return None if raw is None else float(raw.message.data)
+
     def _newest(self, name: str) -> Raw | None:
         heard = self._heard.get(name)
         return heard[-1] if heard else None

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 
+from rclpy.node import Node
+
 from crtk_drivers.client.conformance_probe.ears import Ears
 from crtk_drivers.client.conformance_probe.graph_reading import find_device
 from crtk_drivers.client.conformance_probe.looking import look
@@ -19,7 +21,7 @@ from crtk_drivers.testing.conformance.observed import Observation
 from crtk_drivers.testing.conformance.outcome import Outcome
 from crtk_drivers.testing.conformance.rounds import NOT_PERMITTED, judge
 from crtk_drivers.testing.conformance.trial import Trial
-from crtk_drivers.testing.conformance.trials import run_trials
+from crtk_drivers.testing.conformance.trials import HEARD_BELOW, run_trials
 
 FIND_TIME = 5.0
 LISTEN_TIME = 5.0
@@ -62,7 +64,7 @@ def examine(
         tried: Mapping[str, Sequence[Finding]] = {}
         why = NOT_PERMITTED
         if may_move and any(CLAUSES[each].needs is not Needs.PASSIVE for each in ids):
-            tried, why = _try(link, ears, seen, ids, expected or Expectations(), tell)
+            tried, why = try_out(link.node, ears, seen, ids, expected or Expectations(), tell)
         results = judge(seen, ids, tried, why)
         seconds = time.monotonic() - since
         ended = why if may_move and why != NOT_PERMITTED else ""
@@ -71,16 +73,29 @@ def examine(
         link.close()
 
 
-def _try(
-    link: Link,
+def try_out(
+    node: Node,
     ears: Ears,
     seen: Observation,
     ids: Sequence[str],
     expected: Expectations,
     tell: Callable[[str], None],
 ) -> tuple[Mapping[str, Sequence[Finding]], str]:
-    ears.drop([name for name in seen.graph.offered() if "/" in name])
-    probe = RosProbe(link.node, seen.graph, ears)
+    """Command a device, and return what `run_trials` does.
+
+    Args:
+        node: to publish with.
+        ears: that hear the device.
+        seen: of it while nobody commanded it.
+        ids: of the clauses.
+        expected: tolerances and steps.
+        tell: called with what is being done.
+
+    Raises:
+        ConnectionFailed: the device does not hear a command that it offers.
+    """
+    ears.drop([name for name in seen.graph.offered() if "/" in name and name not in HEARD_BELOW])
+    probe = RosProbe(node, seen.graph, ears)
     try:
         return run_trials(Trial(probe, expected, seen), ids, tell)
     finally:

@@ -13,7 +13,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from crtk_drivers.client.conformance_probe.ears import Ears
 from crtk_drivers.client.ros_link import GRAPH_PERIOD
-from crtk_drivers.commands import Kind, Payload, find
+from crtk_drivers.commands import Kind, Level, Payload, find
 from crtk_drivers.errors import ConnectionFailed
 from crtk_drivers.ros.messages import TYPES, set_stamp
 from crtk_drivers.testing.conformance.observed import (
@@ -29,6 +29,8 @@ from crtk_drivers.testing.conformance.observed import (
 
 CONNECT_TIME = 5.0
 DEPTH = 100
+SENT_BY_TWO = ("servo_jv",)
+"""What is sent as another client, too."""
 
 
 class RosProbe:
@@ -47,14 +49,18 @@ class RosProbe:
         self._sent: list[Sent] = []
         self._late: list[float] = []
         self._publishers: dict[str, Any] = {}
+        self._seconds: dict[str, Any] = {}
         prefix = f"{graph.namespace.rstrip('/')}/"
         for each, row in graph.commanded():
-            if "/" not in each.name and each.ros_type == ROS_TYPES[row.payload]:
-                self._publishers[each.name] = node.create_publisher(
-                    TYPES[row.payload], f"{prefix}{each.name}", _profile(each)
-                )
+            is_own = "/" not in each.name or row.level is Level.SETTING
+            if is_own and each.ros_type == ROS_TYPES[row.payload]:
+                topic = (TYPES[row.payload], f"{prefix}{each.name}", _profile(each))
+                self._publishers[each.name] = node.create_publisher(*topic)
+                if each.name in SENT_BY_TWO:
+                    self._seconds[each.name] = node.create_publisher(*topic)
+        every = [*self._publishers.items(), *self._seconds.items()]
         end = time.monotonic() + CONNECT_TIME
-        while loose := [n for n, p in self._publishers.items() if not p.get_subscription_count()]:
+        while loose := [n for n, p in every if not p.get_subscription_count()]:
             if time.monotonic() > end:
                 raise ConnectionFailed(
                     f"the device does not hear {', '.join(loose)}", where=graph.namespace
@@ -63,9 +69,9 @@ class RosProbe:
 
     def close(self) -> None:
         """Withdraw the publishers, and what they sent."""
-        for publisher in self._publishers.values():
+        for publisher in (*self._publishers.values(), *self._seconds.values()):
             self._node.destroy_publisher(publisher)
-        self._publishers = {}
+        self._publishers, self._seconds = {}, {}
 
     def now(self) -> float:
         """Return monotonic s."""
@@ -83,6 +89,10 @@ class RosProbe:
         """Return the newest pose, twist or wrench of a name."""
         return self._ears.cartesian(name)
 
+    def number(self, name: str) -> float | None:
+        """Return the newest value of a setting."""
+        return self._ears.number(name)
+
     def send(
         self,
         name: str,
@@ -92,6 +102,7 @@ class RosProbe:
         names: Sequence[str] = (),
         frame: str = "",
         stamped: bool = True,
+        second: bool = False,
     ) -> Sent:
         """Send a command; one that the device does not offer in its type is not sent."""
         row = find(name)
@@ -107,12 +118,15 @@ class RosProbe:
             message.name = list(names)
             field = {Kind.VELOCITY: "velocity", Kind.EFFORT: "effort"}.get(row.kind, "position")
             setattr(message, field, array("d", values))
+        elif row.payload is Payload.NUMBER:
+            message.data = values[0]
         elif values:
             _fill(message, row.payload, values)
         sent = Sent(time.monotonic(), stamp_ns, name, tuple(values), text)
-        if name in self._publishers:
+        publishers = self._seconds if second else self._publishers
+        if name in publishers:
             self._sent.append(sent)
-            self._publishers[name].publish(message)
+            publishers[name].publish(message)
         return sent
 
     def sleep(self, seconds: float) -> None:

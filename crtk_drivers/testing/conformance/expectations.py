@@ -12,6 +12,9 @@ class JointRange(Settings):
 
     lower: float = Field(description="Least position, in rad or m.")
     upper: float = Field(description="Greatest position, in rad or m.")
+    velocity: float | None = Field(
+        default=None, gt=0.0, description="Greatest velocity, in rad/s or m/s."
+    )
 
 
 class Expectations(Settings):
@@ -42,6 +45,13 @@ class Expectations(Settings):
     move_time: Seconds = Field(default=10.0, description="s that a small move may take.")
     stop_time: Seconds = Field(
         default=1.0, description="s after which motion that was ended must be over."
+    )
+    stream_stop: Seconds | None = Field(
+        default=None,
+        description="s within which the joints stand after the last command of a stream.",
+    )
+    flood_time: Seconds = Field(
+        default=5.0, description="s for which it is sent a thousand commands a second."
     )
     joint: int = Field(
         default=-1,

@@ -10,6 +10,8 @@ from typing import Final
 
 import numpy as np
 
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
+from crtk_drivers.samples import Array
 from crtk_drivers.testing.conformance.findings import (
     Finding,
     conforms,
@@ -26,6 +28,10 @@ RATIO: Final = 0.02
 SLOPE: Final = 0.05
 JACOBIAN_SHARE: Final = 0.02
 NEAR: Final = 5e-3
+LEAST_WAY: Final = 1e-3
+"""m that the tool must have gone, or rad that it must have turned."""
+ANGLE: Final = 5.0
+"""Degrees."""
 
 Numbers = Sequence[float]
 
@@ -133,6 +139,70 @@ def jacobian_gives_the_twist(trace: Trace, begin: Numbers, target: Numbers) -> F
     return conforms(told) if share <= JACOBIAN_SHARE else diverges(told)
 
 
+def twist_is_linear_first(trace: Trace, begin: Numbers, target: Numbers) -> Finding:
+    """DAT-18."""
+    poses = [e for e in trace.cartesian.get("measured_cp", ()) if e.stamp_ns]
+    twists = [e for e in trace.cartesian.get("measured_cv", ()) if e.stamp_ns]
+    if not poses or not twists:
+        return not_offered("not both measured_cp and measured_cv")
+    if min(len(poses), len(twists)) < LEAST_SAMPLES:
+        return undetermined("too few messages on the way")
+    stamps = np.array([e.stamp_ns for e in twists]) / 1e9
+    rates = np.array([e.numbers for e in twists])
+    went = np.sum(0.5 * (rates[1:] + rates[:-1]) * np.diff(stamps)[:, None], axis=0)
+    begins, ends = poses[0].numbers, poses[-1].numbers
+    way, turn = np.subtract(ends[:3], begins[:3]), _turn(begins[3:], ends[3:])
+    for what, done, told in (("way", way, went[:3]), ("turn", turn, went[3:])):
+        length, size = float(np.linalg.norm(done)), float(np.linalg.norm(told))
+        if length < LEAST_WAY:
+            continue
+        cosine = float(done @ told) / (length * size) if size > 0.1 * length else -1.0
+        angle = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+        words = f"the {what} of the tool and that of its twist are {angle:.1f}° apart"
+        return conforms(words) if angle <= ANGLE else diverges(words)
+    return undetermined("the tool hardly moved")
+
+
+def _turn(begin: Numbers, end: Numbers) -> Array:
+    """Return the rotation vector (3,) of a small turn from one orientation to another: rad."""
+    ends, begins = (matrix_from_quaternion(np.array(each)) for each in (end, begin))
+    turn = ends @ begins.T
+    return 0.5 * np.array(
+        [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+    )
+
+
+def twists_agree(trace: Trace, begin: Numbers, target: Numbers) -> Finding:
+    """SUB-1."""
+    names = ("measured_cv", "body/measured_cv", "spatial/measured_cv")
+    own, body, spatial = (
+        {e.stamp_ns: np.array(e.numbers) for e in trace.cartesian.get(name, ()) if e.stamp_ns}
+        for name in names
+    )
+    poses = {e.stamp_ns: e.numbers for e in trace.cartesian.get("measured_cp", ()) if e.stamp_ns}
+    if not own or not poses or not (body or spatial):
+        return not_offered("no twist of body or space")
+    found = []
+    for stamp in own.keys() & poses.keys():
+        linear, angular = own[stamp][:3], own[stamp][3:]
+        place, turn = np.array(poses[stamp][:3]), matrix_from_quaternion(np.array(poses[stamp][3:]))
+        if stamp in body:
+            expected = np.concatenate((turn.T @ linear, turn.T @ angular))
+            found.append((body[stamp], expected))
+        if stamp in spatial:
+            found.append(
+                (spatial[stamp], np.concatenate((linear - np.cross(angular, place), angular)))
+            )
+    if len(found) < LEAST_SAMPLES:
+        return undetermined("too few messages with one stamp")
+    size = float(np.sqrt(np.mean([each**2 for _, each in found])))
+    if size < 1e-6:
+        return undetermined("the tool did not move")
+    share = float(np.sqrt(np.mean([(one - other) ** 2 for one, other in found]))) / size
+    told = f"{100 * share:.2f} % apart"
+    return conforms(told) if share <= JACOBIAN_SHARE else diverges(told)
+
+
 def setpoint_is_told(trace: Trace, begin: Numbers, target: Numbers) -> Finding:
     """SPT-1."""
     heard = _valid(trace, "setpoint_js")
@@ -190,7 +260,9 @@ JOINT_STREAM_JUDGES: Final[Mapping[str, Judge]] = MappingProxyType(
         "DAT-12": fresh_stamps_are_fresh,
         "DAT-13": velocity_is_derivative,
         "DAT-15": one_scale,
+        "DAT-18": twist_is_linear_first,
         "DAT-22": jacobian_gives_the_twist,
+        "SUB-1": twists_agree,
         "SPT-1": setpoint_is_told,
         "SPT-2": setpoint_is_position,
         "SPT-8": setpoint_has_the_stamp,

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
+from crtk_drivers.testing.conformance.clause_rows import Needs
+from crtk_drivers.testing.conformance.clauses import CLAUSES
 from crtk_drivers.testing.conformance.data_judges import DATA_JUDGES
 from crtk_drivers.testing.conformance.findings import Finding, Judged, judged, undetermined
 from crtk_drivers.testing.conformance.graph_judges import GRAPH_JUDGES
@@ -22,6 +24,7 @@ TESTED: Final = TRIED | frozenset(JUDGES)
 """The clauses that this tool can judge."""
 
 NOT_TESTED: Final = "not yet tested by this tool"
+BY_HAND: Final = "needs somebody at the device"
 NOT_PERMITTED: Final = "needs --may-move"
 
 
@@ -51,7 +54,7 @@ def judge(
 
 def _unjudged(clause: str, why_not: str) -> Finding:
     if clause not in TESTED:
-        return undetermined(NOT_TESTED)
+        return undetermined(BY_HAND if CLAUSES[clause].needs is Needs.OPERATOR else NOT_TESTED)
     if why_not == NOT_PERMITTED:
         return undetermined(NOT_PERMITTED)
     return undetermined(f"not tried: {why_not or 'what comes before it did not succeed'}")

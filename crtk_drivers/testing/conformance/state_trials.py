@@ -17,17 +17,42 @@ from crtk_drivers.testing.conformance.findings import (
 from crtk_drivers.testing.conformance.trial import Stopped, Trial, far
 
 WRONG_WORDS: Final = ("ENABLE", " enable", "Enable", "enabled", "")
+TOLD_WITHIN: Final = 1.0
+"""Seconds."""
 STREAM_LENGTH: Final = 5
 """Messages of a stream that must be refused."""
 
 
+def in_fault(trial: Trial) -> None:
+    """STA-9, of a device that is found in FAULT. It is brought out of it, if it lets itself be."""
+    for word in ("pause", "resume"):
+        states = trial.said(word)
+        if states != ["FAULT"]:
+            trial.note("STA-9", diverges(f"{word!r} in FAULT: then {', '.join(states[1:])}"))
+            return
+    out = trial.reach("enable", "ENABLED") or trial.reach("disable", "DISABLED")
+    told = f"pause and resume change nothing; after enable or disable it is {trial.word()}"
+    trial.note("STA-9", conforms(told))
+    if not out:
+        raise Stopped("it stays in FAULT")
+
+
 def in_disabled(trial: Trial) -> None:
-    """STA-6, STA-12, RAT-2, and MOV-1 in DISABLED."""
+    """STA-6, STA-12, STA-14, RAT-2, and MOV-1 in DISABLED."""
     if trial.word() != "DISABLED" and not trial.reach("disable", "DISABLED"):
         trial.note("STA-7", diverges(f"disable leads to {trial.word()}"))
         raise Stopped("it cannot be disabled")
+    began = trial.probe.now()
     for word in ("pause", "resume"):
         trial.note("STA-6", _stays(trial, word, "DISABLED"))
+    trial.probe.wait(lambda: bool(trial.probe.trace(began).told), TOLD_WITHIN)
+    told = [text for _, text in trial.probe.trace(began).told]
+    trial.note(
+        "STA-14",
+        conforms(told[0][:120])
+        if told
+        else diverges("nothing is said of an invalid command, neither on refusals nor on /rosout"),
+    )
     for word in WRONG_WORDS:
         trial.note("STA-12", _stays(trial, word, "DISABLED"))
     began = trial.probe.now()

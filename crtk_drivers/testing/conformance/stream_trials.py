@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Final
 
 import numpy as np
 
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
+from crtk_drivers.samples import Array
 from crtk_drivers.testing.conformance.data_judges import pose_distance
 from crtk_drivers.testing.conformance.findings import (
     Finding,
@@ -24,6 +27,9 @@ VELOCITY_TIME: Final = 0.5
 SILENCE_TIME: Final = 2.0
 ANGLE: Final = math.radians(5.0)
 SAME: Final = 1e-6
+RELATIVE_POSES: Final = ("servo_cr", "interpolate_cr", "move_cr")
+RELATIVE_TIME: Final = 0.6
+"""Seconds of a stream of increments."""
 BURST: Final = 4
 """Increments that are sent at once: a queue that is one deep keeps one of them."""
 
@@ -157,8 +163,8 @@ def _sum(trial: Trial, way: np.ndarray, burst: int) -> Finding:
 
 
 def velocities(trial: Trial) -> None:
-    """MOV-12, MOV-13, SPT-3 and SPT-5."""
-    clauses = ("MOV-12", "MOV-13", "SPT-3", "SPT-5")
+    """MOV-12 to MOV-14, SPT-3, SPT-5 and DAT-11."""
+    clauses = ("MOV-12", "MOV-13", "MOV-14", "SPT-3", "SPT-5", "DAT-11")
     if not trial.offers("servo_jv"):
         for clause in clauses:
             trial.note(clause, not_offered("no servo_jv"))
@@ -179,14 +185,24 @@ def velocities(trial: Trial) -> None:
     if not stands:
         trial.hold()
         trial.note("MOV-13", diverges("it goes on after the stream has ended"))
+        trial.note("MOV-14", undetermined("it does not stop at all"))
     else:
         time = _standstill(silent, trial) - ended
         trial.note(
             "MOV-13", conforms(f"at rest {time:.2f} s after the last, {abs(moved):.4f} in all")
         )
+        trial.note("MOV-14", _stops_in_time(time, trial.stream_stop))
     trial.note("SPT-3", _velocity_setpoint(during, velocity))
-    trial.note("SPT-5", _invalid_pose(during))
+    for clause in ("SPT-5", "DAT-11"):
+        trial.note(clause, _invalid_pose(during))
     trial.go(begin)
+
+
+def _stops_in_time(time: float, declared: float | None) -> Finding:
+    if declared is None:
+        return undetermined("no time is declared")
+    told = f"at rest after {time:.2f} s, {declared:.2f} s are declared"
+    return conforms(told) if time <= declared else diverges(told)
 
 
 def _follows(share: float) -> Finding:
@@ -273,6 +289,57 @@ def poses(trial: Trial) -> None:
         told = "setpoint_js follows servo_cp"
         trial.note("SPT-7", conforms(told) if changed else diverges("setpoint_js does not change"))
     trial.go(joints)
+
+
+def relative_poses(trial: Trial) -> None:
+    """MOV-10."""
+    names = [name for name in RELATIVE_POSES if trial.offers(name)]
+    if not names or not trial.offers("measured_cp"):
+        trial.note("MOV-10", not_offered(f"none of {', '.join(RELATIVE_POSES)}"))
+        return
+    joints = trial.here()
+    turned = matrix_from_quaternion(np.array(trial.pose()[3:]))
+    axis = int(np.argmin(np.diag(turned)))
+    step = trial.expected.linear_step
+    ways = {}
+    for name in names:
+        before = np.array(trial.pose()[:3])
+        point = np.zeros(7)
+        point[6] = 1.0
+        if name == "move_cr":
+            point[axis] = step
+            trial.probe.send(name, tuple(point))
+        else:
+            count = int(RELATIVE_TIME * STREAM_RATE)
+            point[axis] = step / count
+            trial.stream(name, [tuple(point)] * count)
+        trial.probe.wait(lambda b=before: _gone(trial, b) >= 0.9 * step, trial.expected.stop_time)  # type: ignore[misc]
+        trial.at_rest()
+        way = np.subtract(trial.pose()[:3], before)
+        if np.linalg.norm(way) >= 0.5 * step:
+            ways[name] = way / np.linalg.norm(way)
+        trial.go(joints)
+    trial.note("MOV-10", _one_frame(ways, turned, axis))
+
+
+def _gone(trial: Trial, before: Sequence[float]) -> float:
+    return float(np.linalg.norm(np.subtract(trial.pose()[:3], before)))
+
+
+def _one_frame(ways: Mapping[str, Array], turned: Array, axis: int) -> Finding:
+    """Compare the directions in which commands of one displacement went."""
+    if len(ways) < 2:
+        return undetermined(f"{len(ways)} of {', '.join(RELATIVE_POSES)} moved the tool")
+    frames = {"the base": np.eye(3)[axis], "the tool": turned[:, axis]}
+    said = []
+    for name, way in ways.items():
+        near = [frame for frame, direction in frames.items() if way @ direction >= math.cos(ANGLE)]
+        said.append(f"{name} along {'xyz'[axis]} of {' and '.join(near) or 'neither'}")
+    apart = max(
+        math.acos(max(-1.0, min(1.0, float(a @ b)))) for a, b in combinations(ways.values(), 2)
+    )
+    told = "; ".join(said)
+    return conforms(told) if apart <= 2.0 * ANGLE else diverges(told)
 
 
 def _direction(before: Sequence[float], after: Sequence[float], axis: int, step: float) -> Finding:

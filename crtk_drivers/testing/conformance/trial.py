@@ -53,6 +53,9 @@ class Probe(Protocol):
     def cartesian(self, name: str) -> CartesianHeard | None:
         """Return the newest pose, twist or wrench of a name."""
 
+    def number(self, name: str) -> float | None:
+        """Return the newest value of a setting."""
+
     def send(
         self,
         name: str,
@@ -62,8 +65,18 @@ class Probe(Protocol):
         names: Sequence[str] = (),
         frame: str = "",
         stamped: bool = True,
+        second: bool = False,
     ) -> Sent:
-        """Send a command: its positions, velocities or efforts, as its name says."""
+        """Send a command: its positions, velocities or efforts, as its name says.
+
+        Args:
+            name: of the command.
+            numbers, text: of it.
+            names: of the joints.
+            frame: of the header.
+            stamped: with the time of now.
+            second: as another client.
+        """
 
     def sleep(self, seconds: float) -> None:
         """Let time pass."""
@@ -95,12 +108,14 @@ class Trial:
     def __init__(self, probe: Probe, expected: Expectations, rest: Observation) -> None:
         self.probe = probe
         self.expected = expected
+        self.topics: Mapping[str, Command] = rest.graph.offered()
         self.commands: Mapping[str, Command] = {
-            name: row for name, row in rest.graph.offered().items() if "/" not in name
+            name: row for name, row in self.topics.items() if "/" not in name
         }
         self.found: dict[str, list[Finding]] = defaultdict(list)
         self.still = max(expected.still, NOISES * _noise(rest.trace))
         self.ranges = expected.ranges or _declared(rest.manifest)
+        self.stream_stop = expected.stream_stop or _declared_stop(rest.manifest)
         self.frame = next((e.frame for e in rest.trace.cartesian.get("measured_cp", ())), "")
 
     def note(self, clause: str, finding: Finding) -> None:
@@ -139,6 +154,12 @@ class Trial:
     def joint(self) -> int:
         """The place of the joint that is moved."""
         return self.expected.joint % len(self.here())
+
+    @property
+    def velocity(self) -> float | None:
+        """What is declared of the joint that is moved: rad/s or m/s."""
+        joints = len(self.here())
+        return self.ranges[self.joint].velocity if len(self.ranges) == joints else None
 
     def away(self, length: float) -> tuple[float, ...]:
         """Return the measured joints with one of them moved by `length`, to where there is room."""
@@ -301,5 +322,16 @@ def _declared(manifest: Mapping[str, object]) -> tuple[JointRange, ...]:
         lower, upper = each.get("lower"), each.get("upper")
         if lower is None or upper is None or not lower < upper:
             return ()
-        found.append(JointRange(lower=lower, upper=upper))
+        found.append(JointRange(lower=lower, upper=upper, velocity=each.get("velocity")))
     return tuple(found)
+
+
+def _declared_stop(manifest: Mapping[str, object]) -> float | None:
+    """Return within how many seconds after the last command of a stream the joints stand."""
+    stop = manifest.get("stop")
+    if not isinstance(stop, Mapping):
+        return None
+    timeout, time = stop.get("stream_timeout"), stop.get("time")
+    if not (isinstance(timeout, float | int) and isinstance(time, float | int)):
+        return None
+    return timeout + time

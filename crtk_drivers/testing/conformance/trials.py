@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from crtk_drivers.testing.conformance import move_trials, state_trials, stream_trials
+from crtk_drivers.testing.conformance import change_trials, move_trials, state_trials, stream_trials
 from crtk_drivers.testing.conformance.findings import (
     Finding,
     Verdict,
@@ -27,7 +27,11 @@ class Step:
 
 
 STEPS: Final = (
-    Step(state_trials.in_disabled, ("STA-6", "STA-12", "RAT-2", "MOV-1"), is_motion=False),
+    Step(
+        state_trials.in_disabled,
+        ("STA-6", "STA-12", "STA-14", "RAT-2", "MOV-1"),
+        is_motion=False,
+    ),
     Step(state_trials.enabling, ("STA-5", "MOV-2", "SPT-9"), is_motion=False),
     Step(state_trials.in_enabled, ("STA-7", "STA-8", "MOV-1", "MOV-2"), is_motion=False),
     Step(
@@ -38,14 +42,15 @@ STEPS: Final = (
     Step(
         stream_trials.positions,
         (
-            *("MOV-4", "MOV-5", "MOV-6", "DAT-2", "DAT-12", "DAT-13", "DAT-15", "DAT-22"),
-            *("SPT-1", "SPT-2", "SPT-8", "BSY-4"),
+            *("MOV-4", "MOV-5", "MOV-6", "DAT-2", "DAT-12", "DAT-13", "DAT-15", "DAT-18"),
+            *("DAT-22", "SUB-1", "SPT-1", "SPT-2", "SPT-8", "BSY-4"),
         ),
     ),
     Step(stream_trials.names_in_another_order, ("MOV-7",)),
     Step(stream_trials.increments, ("MOV-11", "QOS-6")),
-    Step(stream_trials.velocities, ("MOV-12", "MOV-13", "SPT-3", "SPT-5")),
+    Step(stream_trials.velocities, ("MOV-12", "MOV-13", "MOV-14", "SPT-3", "SPT-5", "DAT-11")),
     Step(stream_trials.poses, ("MOV-8", "MOV-9", "SPT-7")),
+    Step(stream_trials.relative_poses, ("MOV-10",)),
     Step(move_trials.arrives, ("MOV-16", "BSY-2", "GOL-1", "SPT-6")),
     Step(move_trials.to_where_it_is, ("BSY-3",)),
     Step(move_trials.pre_empted, ("MOV-18",)),
@@ -55,14 +60,28 @@ STEPS: Final = (
     Step(move_trials.poses, ("MOV-17",)),
     Step(move_trials.refused_goal, ("GOL-2",)),
     Step(move_trials.dead_topics, ("SET-1",)),
+    Step(change_trials.first_command, ("STA-11",)),
+    Step(change_trials.burst, ("QOS-5",)),
+    Step(change_trials.flood, ("INP-7",)),
+    Step(change_trials.far_step, ("MOV-15",)),
+    Step(change_trials.interpolated, ("MOV-20",)),
+    Step(change_trials.changes_of_kind, ("MOV-21",)),
+    Step(change_trials.two_clients, ("MOV-25",)),
+    Step(change_trials.slower_moves, ("MOV-24",)),
+    Step(change_trials.efforts, ("SPT-4",)),
 )
-"""``STA-10`` is decided by all of them."""
+"""``STA-9`` comes before them, in a device that is found in FAULT; ``STA-10`` is decided by all of them."""
+
+HEARD_BELOW: Final = ("body/measured_cv", "spatial/measured_cv", "trajectory_j/ratio")
+"""Names in sub-namespaces that trials need."""
 
 MOST_LATE: Final = 0.02
 """Seconds that a stream of this tool may be late: a period of it."""
 TOO_LATE: Final = "this machine was late by"
 
-TRIED: Final = frozenset({"STA-10", *(clause for step in STEPS for clause in step.clauses)})
+TRIED: Final = frozenset(
+    {"STA-9", "STA-10", *(clause for step in STEPS for clause in step.clauses)}
+)
 
 
 def chosen_steps(ids: Collection[str]) -> tuple[Step, ...]:
@@ -86,11 +105,14 @@ def run_trials(
         Findings by clause, and why the trials ended early, empty if they did not.
     """
     before, why = trial.word(), ""
-    if before not in ("DISABLED", "ENABLED", "PAUSED"):
+    if before not in ("DISABLED", "ENABLED", "PAUSED", "FAULT"):
         return {}, f"it is {before or 'silent'}: nothing can be tried"
     if not trial.offers("state_command", "measured_js"):
         return {}, "it has no state_command, or no measured_js to see motion by"
     try:
+        if before == "FAULT":
+            tell("trying STA-9")
+            state_trials.in_fault(trial)
         for step in chosen_steps(ids):
             tell(f"trying {', '.join(step.clauses)}")
             if step.is_motion:
@@ -144,7 +166,7 @@ def leave_as_found(trial: Trial, state: str) -> None:
     trial.hold()
     if trial.word() in ("", "FAULT"):
         return
-    if state == "DISABLED":
+    if state in ("DISABLED", "FAULT"):
         trial.reach("disable", "DISABLED")
         return
     try:

@@ -32,7 +32,13 @@ from crtk_drivers.testing.conformance.findings import (
 from crtk_drivers.testing.conformance.observed import ROS_TYPES, Graph, Observation
 from crtk_drivers.testing.conformance.outcome import Outcome, plain_data, statement
 from crtk_drivers.testing.conformance.report_files import html, junit, write_report
-from crtk_drivers.testing.conformance.rounds import NOT_PERMITTED, NOT_TESTED, TESTED, judge
+from crtk_drivers.testing.conformance.rounds import (
+    BY_HAND,
+    NOT_PERMITTED,
+    NOT_TESTED,
+    TESTED,
+    judge,
+)
 from crtk_drivers.testing.conformance.trials import STEPS, chosen_steps, excuse
 
 SOURCES = {"RM", "OS", "SL", "MSG", "PC", "RI", "dVRK", "HZ", "OURS"}
@@ -129,9 +135,12 @@ def test_what_diverges_in_a_motion_is_left_open_where_this_tool_was_late_itself(
 
 def test_what_was_not_judged_says_why() -> None:
     seen = Observation(Graph("/arm"))
-    untested = next(each for each in CLAUSES if each not in TESTED)
-    results = judge(seen, ("MOV-4", untested), {}, NOT_PERMITTED)
-    assert [each.finding.text for each in results] == [NOT_PERMITTED, NOT_TESTED]
+    results = judge(seen, ("MOV-4", "HOM-2", "MOV-3"), {}, NOT_PERMITTED)
+    assert {each.clause.id: each.finding.text for each in results} == {
+        "MOV-4": NOT_PERMITTED,
+        "HOM-2": NOT_TESTED,
+        "MOV-3": BY_HAND,
+    }
     (result,) = judge(seen, ("MOV-4",), {}, "enable moved it")
     assert result.finding.text == "not tried: enable moved it"
     (result,) = judge(seen, ("MOV-4",), {"MOV-4": [conforms("it follows")]}, "")

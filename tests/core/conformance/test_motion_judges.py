@@ -22,12 +22,14 @@ from crtk_drivers.testing.conformance.observed import (
 
 BEGIN, TARGET = (0.0, 0.1), (0.0, 0.2)
 COUNT, PERIOD, WAY = 100, 0.01, 0.1
-POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+ASIDE = 0.3
+"""m by which the tool is beside the axis that it goes along; it turns as it goes."""
 
 
 def sound() -> Trace:
     """Return a joint that goes 0.1 rad in half of the time, by a cosine, and the setpoints of that."""
-    joints, setpoints, twists, sent, states = [], [], [], [], []
+    joints, setpoints, twists, poses, sent, states = [], [], [], [], [], []
+    of_body, of_space = [], []
     for index in range(COUNT):
         at, stamp = PERIOD * index, 10**9 + int(1e9 * PERIOD * index)
         phase = min(1.0, 2.0 * index / COUNT)
@@ -36,16 +38,29 @@ def sound() -> Trace:
         head = (at, stamp, stamp, "base")
         joints.append(JointsHeard(*head, ("a", "b"), (0.0, place), (0.0, speed), (0.0, 1.0)))
         setpoints.append(JointsHeard(*head, ("a", "b"), (0.0, place)))
-        twists.append(CartesianHeard(*head, (speed, 0.0, 0.0, 0.0, 0.0, 0.0)))
+        turn = (0.0, 0.0, speed)
+        half = 0.5 * place
+        poses.append(
+            CartesianHeard(*head, (place, ASIDE, 0.0, 0.0, 0.0, math.sin(half), math.cos(half)))
+        )
+        twists.append(CartesianHeard(*head, (speed, 0.0, 0.0, *turn)))
+        along, across = speed * math.cos(place), -speed * math.sin(place)
+        of_body.append(CartesianHeard(*head, (along, across, 0.0, *turn)))
+        of_space.append(CartesianHeard(*head, (speed * (1.0 + ASIDE), -speed * place, 0.0, *turn)))
         sent.append(Sent(at, stamp, "servo_jp", (0.0, place)))
         states.append(StateHeard(*head, "ENABLED", True, False))
-    pose = CartesianHeard(0.9, 10**9, 10**9, "base", POSE)
-    jacobian = MatrixHeard(0.0, 0, 0, "", (6, 2), (0.0, 1.0, *(0.0,) * 10))
+    jacobian = MatrixHeard(0.0, 0, 0, "", (6, 2), (0.0, 1.0, *(0.0,) * 9, 1.0))
     return Trace(
         0.0,
         COUNT * PERIOD,
         {"measured_js": tuple(joints), "setpoint_js": tuple(setpoints)},
-        {"measured_cv": tuple(twists), "measured_cp": (pose,), "setpoint_cp": (pose,)},
+        {
+            "measured_cv": tuple(twists),
+            "measured_cp": tuple(poses),
+            "setpoint_cp": (poses[-1],),
+            "body/measured_cv": tuple(of_body),
+            "spatial/measured_cv": tuple(of_space),
+        },
         {"jacobian": (jacobian,)},
         tuple(states),
         (),
@@ -70,6 +85,18 @@ def cartesian(name: str, **fields: Any) -> Change:
     return lambda t: replace(
         t,
         cartesian={**t.cartesian, name: tuple(replace(e, **fields) for e in t.cartesian[name])},
+    )
+
+
+def twist(name: str, change: Callable[[Any, Any], tuple[float, ...]]) -> Change:
+    return lambda t: replace(
+        t,
+        cartesian={
+            **t.cartesian,
+            name: tuple(
+                replace(e, numbers=change(e.numbers[:3], e.numbers[3:])) for e in t.cartesian[name]
+            ),
+        },
     )
 
 
@@ -102,7 +129,13 @@ CHANGES: list[tuple[str, Change]] = [
         joints("setpoint_js", lambda e: replace(e, position=() if e.at > 0.5 else e.position)),
     ),
     ("SPT-2", joints("setpoint_js", lambda e: replace(e, position=(0.0, 1.5 * e.position[1])))),
-    ("SPT-2", cartesian("setpoint_cp", numbers=(0.01, *POSE[1:]))),
+    ("SPT-2", cartesian("setpoint_cp", numbers=(0.01, ASIDE, *(0.0,) * 4, 1.0))),
+    (
+        "DAT-18 DAT-22 SUB-1",
+        twist("measured_cv", lambda linear, angular: (*angular, *linear)),
+    ),
+    ("SUB-1", twist("body/measured_cv", lambda linear, angular: (linear[0], 0.0, 0.0, *angular))),
+    ("SUB-1", twist("spatial/measured_cv", lambda linear, angular: (linear[0], *(0.0,) * 5))),
     ("SPT-8", joints("setpoint_js", lambda e: replace(e, stamp_ns=e.stamp_ns + 1))),
     ("BSY-4", lambda t: replace(t, states=(replace(t.states[50], is_busy=True),))),
 ]

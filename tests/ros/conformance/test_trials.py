@@ -1,0 +1,148 @@
+"""Faults that are found by commanding a device are caught by their clauses, and by no other.
+
+Device and tool are the real ones, their messages too; their time is stepped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+import pytest
+
+from crtk_drivers.client.conformance_probe import ears as hearing
+from crtk_drivers.client.conformance_probe import ros_probe
+from crtk_drivers.client.conformance_probe.ears import Ears
+from crtk_drivers.client.conformance_probe.examining import try_out
+from crtk_drivers.testing.conformance.clauses import chosen
+from crtk_drivers.testing.conformance.findings import Verdict
+from crtk_drivers.testing.conformance.observed import Graph, Observation
+from crtk_drivers.testing.conformance.outcome import Outcome
+from crtk_drivers.testing.conformance.rounds import judge
+from rigs import student_device, student_gantry
+from rigs.examined_student import QUICK, check, clauses_of, names_of
+from rigs.stepped_ros import PERIOD, Node, Steps, Wire
+from rigs.student_device import StudentDevice
+from rigs.student_gantry import PLACE
+
+LISTEN = 1.5
+SERVICES = {"STA-4", "DAT-19", "DAT-20", "DAT-21", "CLI-2"}
+"""Clauses that a device at rest is asked about, over ROS."""
+
+CHANGES = {"STA-11", "QOS-5", "INP-7", "MOV-15", "MOV-20", "MOV-21", "MOV-24", "MOV-25", "SPT-4"}
+"""Clauses of the trials that come last, none of which decides another."""
+
+ACTIVE: list[Mapping[str, str]] = [
+    {"never_enabled": "STA-5"},
+    {"resume_faults": "STA-6 STA-10"},
+    {"moves_disabled": "MOV-1"},
+    {"fault_resumes": "STA-9"},
+    {
+        "late_enabled": "STA-11",
+        "queues": "QOS-5 INP-7",
+        "any_step": "MOV-15",
+        "drops_goals": "MOV-20",
+        "jumps_between": "MOV-21",
+        "ignores_ratio": "MOV-24",
+        "alternates": "MOV-25",
+        "effort_and_place": "SPT-4",
+    },
+    {"enable_moves": "MOV-2"},
+    {
+        "resume_enables": "STA-6",
+        "resume_disables": "STA-7",
+        "enable_out_of_paused": "STA-8",
+        "any_case": "STA-12",
+        "silent_disabled": "RAT-2",
+        "silent_states": "STA-14",
+        "nan": "INP-1",
+    },
+    {
+        "any_size": "INP-2",
+        "zero_quaternion": "INP-3",
+        "any_frame": "INP-5",
+        "tells_nothing": "INP-8 STA-14",
+        "zero_effort": "DAT-2",
+        "fast_velocity": "DAT-13",
+        "own_time": "SPT-8",
+        "busy_servo": "BSY-4",
+        "by_place": "MOV-7",
+        "drops_increments": "QOS-6",
+        "velocity_sign": "MOV-12",
+        "valid_setpoint_cp": "SPT-5 DAT-11",
+        "body_twist": "SUB-1",
+        "late_stop": "MOV-14",
+        "turned_frame": "MOV-8",
+        "other_axes": "MOV-10",
+        "scale": "DAT-15 MOV-19",
+        "busy_after_hold": "BSY-5 BSY-3",
+        "disable_goes_on": "STA-13",
+        "dead_topic": "SET-1",
+    },
+    {
+        "angular_first": "DAT-22 DAT-18",
+        "adds_to_measured": "MOV-11 QOS-6",
+        "stream_goes_on": "MOV-13",
+        "short_move": "MOV-16 MOV-19",
+        "still_setpoint": "SPT-6",
+        "never_busy": "BSY-2 BSY-3",
+        "not_pre_emptive": "MOV-18",
+        "any_goal": "GOL-2",
+    },
+]
+"""Faults that are found by commanding it. Some break two clauses at once."""
+
+
+class SteppedEars(Ears):
+    """Ears that step the time in which they wait.
+
+    Args:
+        node, graph: as those of `Ears`.
+        steps: of it.
+    """
+
+    def __init__(self, node: Any, graph: Graph, steps: Steps) -> None:
+        super().__init__(node, graph)
+        self._steps = steps
+
+    def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
+        return self._steps.wait(condition, timeout)
+
+
+def examined(ids: Collection[str], *faults: str) -> tuple[Outcome, StudentDevice]:
+    """Examine a device as `crtk-driver conform --may-move` does; return what is found, and the device."""
+    steps, wire = Steps(), Wire()
+    with steps.instead_of_time(hearing, ros_probe, student_device, student_gantry):
+        own, node = Node(wire, "gantry", "/student"), Node(wire, "crtk_conform")
+        device = StudentDevice(own, *faults)
+        graph = own.graph()
+        ears = SteppedEars(node, graph, steps)
+        steps.step = lambda: device.step(PERIOD)
+        began = steps.monotonic()
+        steps.sleep(LISTEN)
+        seen = Observation(graph, ears.trace(began))
+        tried, why = try_out(node, ears, seen, tuple(ids), QUICK, lambda text: None)
+    return Outcome("/student", 0.0, judge(seen, tuple(ids), tried, why), {}, 0.0, why), device
+
+
+def tried_for(clauses: set[str]) -> list[str]:
+    """Return the clauses to try. Long ones, and STA-10, which needs all trials, only if they are meant."""
+    long = {"SET-1", "STA-10"} - clauses
+    rest = set(chosen([])) - CHANGES
+    wanted = CHANGES if clauses <= CHANGES else rest - long
+    return [each for each in chosen([]) if each in wanted]
+
+
+def test_a_sound_device_diverges_nowhere_and_is_left_as_it_was_found() -> None:
+    outcome, device = examined(chosen([]))
+    assert outcome.ended == ""
+    check(outcome, {})
+    assert len(outcome.of(Verdict.CONFORMS)) >= 90 - len(SERVICES)
+    assert device.gantry.state == "DISABLED"
+    assert device.gantry.measured == pytest.approx(PLACE, abs=5e-3)
+
+
+@pytest.mark.parametrize("faults", ACTIVE, ids=names_of)
+def test_what_must_be_tried_is_caught(faults: Mapping[str, str]) -> None:
+    outcome, _ = examined(tried_for(clauses_of(faults)), *faults)
+    check(outcome, faults)
