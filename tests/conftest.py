@@ -190,7 +190,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> Generator[None, int,
     cores = yield
     is_all = config.args == config.getini("testpaths")
     is_chosen = "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ
-    return scheduling.WORKERS_A_CORE * cores if is_all and not is_chosen else cores
+    return scheduling.workers(cores) if is_all and not is_chosen else cores
 
 
 def pytest_configure_node(node: WorkerController) -> None:

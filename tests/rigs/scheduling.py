@@ -22,8 +22,11 @@ from typing_extensions import override
 from xdist.scheduler.loadscope import LoadScopeScheduling
 from xdist.workermanage import WorkerController
 
-WORKERS_A_CORE = 3
-"""Two thirds of them wait, for the most part: one takes a third of a core, with its simulators."""
+WAITING_A_CORE = 2.5
+"""Workers that wait, for the most part: one takes a quarter of a core, with its simulators."""
+
+COMPUTING_A_CORE = 1.0
+"""Workers that compute, with what the others leave."""
 
 NICE = 5
 """Of the workers that compute: they get a third of what another process gets that wants all it can get."""
@@ -88,9 +91,15 @@ _folders: list[TemporaryDirectory[str]] = []
 """What the workers of this process tell it, and each other, if it has any."""
 
 
+def workers(cores: int) -> int:
+    """Return how many workers run all tests."""
+    return int((WAITING_A_CORE + COMPUTING_A_CORE) * cores)
+
+
 def is_nice(number: int, workers: int) -> bool | None:
     """Whether worker `number` (from 0) of so many computes; None where they are too few to be divided."""
-    return number < workers // 3 if workers > 3 else None
+    share = COMPUTING_A_CORE / (WAITING_A_CORE + COMPUTING_A_CORE)
+    return number < round(share * workers) if workers > 3 else None
 
 
 def take_share(given: dict[str, Any]) -> None:
