@@ -18,7 +18,7 @@ FROM_ROOT = {
 _ON_SITE = {source: name for name, source in FROM_ROOT.items()}
 
 API = {
-    "python": ("Devices in Python", ["crtk_drivers.front.local", "crtk_drivers.move"]),
+    "python": ("Devices in Python", ["crtk_drivers.front.local", "crtk_drivers.motion.move"]),
     "client": ("The far side of ROS", ["crtk_drivers.client.remote"]),
     "device": (
         "What a plugin implements",

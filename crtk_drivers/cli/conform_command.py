@@ -26,9 +26,9 @@ from crtk_drivers.errors import ConfigError, ConnectionFailed
 from crtk_drivers.ros.names import checked_namespace
 
 if TYPE_CHECKING:
-    from crtk_drivers.testing.conformance.expectations import Expectations
-    from crtk_drivers.testing.conformance.findings import Judged
-    from crtk_drivers.testing.conformance.outcome import Outcome
+    from crtk_drivers.client.conformance.expectations import Expectations
+    from crtk_drivers.client.conformance.findings import Judged
+    from crtk_drivers.client.conformance.outcome import Outcome
 
 LISTEN_TIME: Final = 5.0
 NOTHING_JUDGED: Final = 3
@@ -87,8 +87,8 @@ def _conform(
         crtk-driver conform /PSM1 --only NAM,TYP,QOS
         crtk-driver conform /ur5 --may-move --out report
     """
-    from crtk_drivers.testing.conformance.clauses import chosen
-    from crtk_drivers.testing.conformance.expectations import Expectations
+    from crtk_drivers.client.conformance.clauses import chosen
+    from crtk_drivers.client.conformance.expectations import Expectations
 
     ids = chosen(only.split(","))
     if is_list:
@@ -114,7 +114,7 @@ def _examined(
     listen: float,
     timeout: float,
 ) -> Outcome:
-    from crtk_drivers.client.conformance_probe.examining import examine
+    from crtk_drivers.client.conformance.probe.examining import examine
 
     with ERR.status(f"{plain(namespace)} ...") as status, interruptible():
         try:
@@ -138,8 +138,8 @@ def _examined(
 
 def _told(outcome: Outcome, out: Path | None) -> int:
     """Say what was found in a few lines, write the report, and return the exit code."""
-    from crtk_drivers.testing.conformance.findings import exit_code
-    from crtk_drivers.testing.conformance.outcome import statement
+    from crtk_drivers.client.conformance.findings import exit_code
+    from crtk_drivers.client.conformance.outcome import statement
 
     count = Counter(each.finding.verdict.value for each in outcome.results)
     OUT.print()
@@ -148,7 +148,7 @@ def _told(outcome: Outcome, out: Path | None) -> int:
         OUT.print(Text(f"the trials ended early: {outcome.ended}", "yellow"))
     OUT.print(Text(statement(outcome), "bold"))
     if out is not None:
-        from crtk_drivers.testing.conformance.report_files import write_report
+        from crtk_drivers.client.conformance.report_files import write_report
 
         for path in write_report(outcome, out):
             OUT.print(Text(f"wrote {path}", "dim"))
@@ -156,8 +156,8 @@ def _told(outcome: Outcome, out: Path | None) -> int:
 
 
 def _print_list(ids: Iterable[str]) -> None:
-    from crtk_drivers.testing.conformance.clauses import CLAUSES
-    from crtk_drivers.testing.conformance.rounds import TESTED
+    from crtk_drivers.client.conformance.clauses import CLAUSES
+    from crtk_drivers.client.conformance.rounds import TESTED
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     for column in ("clause", "level", "source", "needs", ""):
@@ -170,7 +170,7 @@ def _print_list(ids: Iterable[str]) -> None:
 
 
 def _table(results: Iterable[Judged]) -> Table:
-    from crtk_drivers.testing.conformance.rounds import NOT_PERMITTED, NOT_TESTED
+    from crtk_drivers.client.conformance.rounds import NOT_PERMITTED, NOT_TESTED
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     for column in ("clause", "level", "verdict", "what is asked, and what was seen"):

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Final
 
 from crtk_drivers.cli.config_reference import table_of
-from crtk_drivers.testing.conformance.clause_rows import ROWS, Needs
-from crtk_drivers.testing.conformance.clauses import CLAUSES
-from crtk_drivers.testing.conformance.expectations import Expectations
-from crtk_drivers.testing.conformance.rounds import NOT_TESTED, TESTED
+from crtk_drivers.client.conformance.clause_rows import ROWS, Needs
+from crtk_drivers.client.conformance.clauses import CLAUSES
+from crtk_drivers.client.conformance.expectations import Expectations
+from crtk_drivers.client.conformance.rounds import NOT_TESTED, TESTED
 
 _MARKED: Final = re.compile(
     r"(?P<begin><!-- (?P<what>clauses|expectations) -->\n).*?(?=<!-- end -->)", re.DOTALL

@@ -24,7 +24,7 @@ from crtk_drivers.errors import (
     Reason,
 )
 from crtk_drivers.geometry.quaternions import quaternion_product, unit
-from crtk_drivers.move import Move
+from crtk_drivers.motion.move import Move
 from crtk_drivers.samples import JointState, Pose, vector
 from crtk_drivers.state import OperatingState
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing_extensions import override
 
 from crtk_drivers.errors import CommandRefused, ConnectionLost, MotionAborted
-from crtk_drivers.move import Move, Outcome
+from crtk_drivers.motion.move import Move, Outcome
 from crtk_drivers.state import OperatingState, Status
 
 ACCEPT_TIMEOUT = 1.0

@@ -32,10 +32,10 @@ from crtk_drivers.motion.context import MotionContext
 from crtk_drivers.motion.executor import MotionExecutor
 from crtk_drivers.motion.feedback import Feedback
 from crtk_drivers.motion.inverse import Reach
+from crtk_drivers.motion.move import Move, Outcome
 from crtk_drivers.motion.orders import OrderMaker
 from crtk_drivers.motion.stopping import Stopping
 from crtk_drivers.motion.told import Told
-from crtk_drivers.move import Move, Outcome
 from crtk_drivers.options import EngineOptions
 from crtk_drivers.samples import EMPTY, Flag, Number, Pose, Stamp, Value, Vector
 from crtk_drivers.state import OperatingState, StateCommand, Status, parse_command

@@ -17,7 +17,7 @@ from crtk_drivers.commands import Command
 from crtk_drivers.engine.transitions import Transitions
 from crtk_drivers.errors import REPORT, CommandRefused, Reason
 from crtk_drivers.motion.arbiter import Client, Order
-from crtk_drivers.move import Move, Outcome
+from crtk_drivers.motion.move import Move, Outcome
 from crtk_drivers.samples import Value
 from crtk_drivers.state import HOMING_COMMANDS, OperatingState
 from crtk_drivers.status.board import StatusBoard

@@ -17,8 +17,8 @@ from xml.parsers import expat
 import numpy as np
 
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.files import read_capped
 from crtk_drivers.kinematics.chain import LARGEST, Chain, ChainJoint, JointKind, placed, turn
+from crtk_drivers.kit.capped_file import read_capped
 from crtk_drivers.samples import Array
 
 __all__ = ["parse_urdf", "read_urdf"]

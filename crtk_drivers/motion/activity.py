@@ -8,8 +8,8 @@ from typing_extensions import override
 
 from crtk_drivers.device import Device
 from crtk_drivers.motion.arbiter import Order
+from crtk_drivers.motion.move import Move, Outcome
 from crtk_drivers.motion.output import Output
-from crtk_drivers.move import Move, Outcome
 from crtk_drivers.status.procedures import Procedure
 
 

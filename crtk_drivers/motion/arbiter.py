@@ -20,7 +20,7 @@ from crtk_drivers.commands import Level, find
 from crtk_drivers.device import Goal, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.geometry.frames import both
-from crtk_drivers.move import Move
+from crtk_drivers.motion.move import Move
 from crtk_drivers.options import EngineOptions
 from crtk_drivers.samples import EMPTY, Pose, Value, Vector, empty, vector
 

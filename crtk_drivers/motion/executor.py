@@ -27,6 +27,7 @@ from crtk_drivers.motion.arbiter import Arbiter, Order, combined
 from crtk_drivers.motion.context import MotionContext
 from crtk_drivers.motion.executions import NativeMove, begin_move, is_native
 from crtk_drivers.motion.mixed import MixedAxesStream, MixedJointStream
+from crtk_drivers.motion.move import Outcome
 from crtk_drivers.motion.output import Output
 from crtk_drivers.motion.streams import (
     DirectStream,
@@ -38,7 +39,6 @@ from crtk_drivers.motion.streams import (
     Stream,
     direct_target,
 )
-from crtk_drivers.move import Outcome
 
 logger = logging.getLogger(__name__)
 

@@ -17,7 +17,7 @@ from crtk_drivers.geometry.frames import pose_in_base, product, wrench_in_base
 from crtk_drivers.motion.arbiter import Order
 from crtk_drivers.motion.context import MotionContext
 from crtk_drivers.motion.mixed import aimed
-from crtk_drivers.move import Move
+from crtk_drivers.motion.move import Move
 from crtk_drivers.samples import (
     EMPTY,
     AxisMode,

@@ -26,7 +26,7 @@ from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, ConfigError, Reason
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.motion.arbiter import Client
-from crtk_drivers.move import Outcome
+from crtk_drivers.motion.move import Outcome
 from crtk_drivers.samples import (
     AxisMode,
     CartesianServo,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from crtk_drivers.testing.conformance.expectations import Expectations, JointRange
-from crtk_drivers.testing.conformance.findings import Verdict
-from crtk_drivers.testing.conformance.outcome import Outcome
+from crtk_drivers.client.conformance.expectations import Expectations, JointRange
+from crtk_drivers.client.conformance.findings import Verdict
+from crtk_drivers.client.conformance.outcome import Outcome
 from rigs.student_gantry import PLACE, RANGE, SERVO_SPEED
 
 RANGES = (JointRange(lower=-RANGE, upper=RANGE, velocity=1.5 * SERVO_SPEED),) * len(PLACE)

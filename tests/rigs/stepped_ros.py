@@ -17,8 +17,8 @@ from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 
+from crtk_drivers.client.conformance.observed import Endpoint, Graph
 from crtk_drivers.commands import Direction
-from crtk_drivers.testing.conformance.observed import Endpoint, Graph
 
 PERIOD: Final = 0.01
 EPOCH_NS: Final = 1_700_000_000_000_000_000

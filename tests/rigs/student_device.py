@@ -1,6 +1,6 @@
 """A CRTK device as somebody might write it in an afternoon, without this package: a gantry of three axes.
 
-It is sound, and each of its faults breaks one clause of `crtk_drivers.testing.conformance`. Names, types and
+It is sound, and each of its faults breaks one clause of `crtk_drivers.client.conformance`. Names, types and
 rules are written out here: taken from the package under test, they would prove nothing.
 """
 

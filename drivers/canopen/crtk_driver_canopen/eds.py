@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType, object_type, parse_object
 from crtk_drivers.errors import ConfigError, MissingExtra
-from crtk_drivers.files import read_capped
+from crtk_drivers.kit.capped_file import read_capped
 
 try:
     from canopen.objectdictionary import ODArray, ODRecord, ODVariable

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from crtk_driver_dynamixel.tools import BAUDS, require_libraries
+from crtk_driver_dynamixel.tool_options import BAUDS
+from crtk_driver_dynamixel.tools import require_libraries
 from crtk_drivers.plugins import Finder, FoundDevice
 
 __all__ = ["FINDER"]

@@ -23,7 +23,7 @@ from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.models import OperatingMode, model_numbered
 from crtk_driver_dynamixel.own_limits import OwnLimit, own_limits
 from crtk_driver_dynamixel.replies import ServoCorrupt, ServoSilent
-from crtk_driver_dynamixel.tools import (
+from crtk_driver_dynamixel.tool_options import (
     BAUDS,
     IDS,
     CalibrateOptions,

@@ -13,12 +13,9 @@ from xml.etree import ElementTree
 import pytest
 from typing_extensions import override
 
-from crtk_drivers.errors import ConfigError
-from crtk_drivers.ros.manifest import type_name
-from crtk_drivers.ros.messages import TYPES
-from crtk_drivers.testing.conformance.clause_rows import Level, Needs
-from crtk_drivers.testing.conformance.clauses import CLAUSES, chosen
-from crtk_drivers.testing.conformance.findings import (
+from crtk_drivers.client.conformance.clause_rows import Level, Needs
+from crtk_drivers.client.conformance.clauses import CLAUSES, chosen
+from crtk_drivers.client.conformance.findings import (
     Finding,
     Verdict,
     conforms,
@@ -29,17 +26,20 @@ from crtk_drivers.testing.conformance.findings import (
     together,
     undetermined,
 )
-from crtk_drivers.testing.conformance.observed import ROS_TYPES, Graph, Observation
-from crtk_drivers.testing.conformance.outcome import Outcome, plain_data, statement
-from crtk_drivers.testing.conformance.report_files import html, junit, write_report
-from crtk_drivers.testing.conformance.rounds import (
+from crtk_drivers.client.conformance.observed import ROS_TYPES, Graph, Observation
+from crtk_drivers.client.conformance.outcome import Outcome, plain_data, statement
+from crtk_drivers.client.conformance.report_files import html, junit, write_report
+from crtk_drivers.client.conformance.rounds import (
     BY_HAND,
     NOT_PERMITTED,
     NOT_TESTED,
     TESTED,
     judge,
 )
-from crtk_drivers.testing.conformance.trials import STEPS, chosen_steps, excuse
+from crtk_drivers.client.conformance.trials import STEPS, chosen_steps, excuse
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.ros.manifest import type_name
+from crtk_drivers.ros.messages import TYPES
 
 SOURCES = {"RM", "OS", "SL", "MSG", "PC", "RI", "dVRK", "HZ", "OURS"}
 BEGAN = 1_769_817_600.0  # 2026-01-31

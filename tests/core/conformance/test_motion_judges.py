@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from crtk_drivers.testing.conformance.findings import Verdict
-from crtk_drivers.testing.conformance.motion_judges import JOINT_STREAM_JUDGES
-from crtk_drivers.testing.conformance.observed import (
+from crtk_drivers.client.conformance.findings import Verdict
+from crtk_drivers.client.conformance.motion_judges import JOINT_STREAM_JUDGES
+from crtk_drivers.client.conformance.observed import (
     CartesianHeard,
     JointsHeard,
     MatrixHeard,

@@ -9,9 +9,8 @@ from typing import Any
 
 import pytest
 
-from crtk_drivers.commands import Direction
-from crtk_drivers.testing.conformance.findings import Verdict
-from crtk_drivers.testing.conformance.observed import (
+from crtk_drivers.client.conformance.findings import Verdict
+from crtk_drivers.client.conformance.observed import (
     NUDGE,
     Answer,
     Answers,
@@ -25,7 +24,8 @@ from crtk_drivers.testing.conformance.observed import (
     StateHeard,
     Trace,
 )
-from crtk_drivers.testing.conformance.rounds import JUDGES
+from crtk_drivers.client.conformance.rounds import JUDGES
+from crtk_drivers.commands import Direction
 
 JOINTS = ("a", "b", "c")
 PLACE = (0.1, 0.2, 0.3)

@@ -18,7 +18,7 @@ from crtk_drivers.errors import (
     MotionAborted,
     Reason,
 )
-from crtk_drivers.move import Outcome
+from crtk_drivers.motion.move import Outcome
 from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import JointState, Pose, Sample, Stamp, Twist, Wrench, vector
 from crtk_drivers.state import OperatingState

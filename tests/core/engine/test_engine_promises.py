@@ -15,7 +15,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from crtk_drivers.commands import COMMANDS
 from crtk_drivers.device import Condition, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceFault, StopUnconfirmed
-from crtk_drivers.move import Move
+from crtk_drivers.motion.move import Move
 from crtk_drivers.samples import Twist, vector
 from crtk_drivers.state import OperatingState, StateCommand
 from rigs.scripted_engine import LIMIT, PERIOD, Rig, jf, jp, jv, pose, two_joints

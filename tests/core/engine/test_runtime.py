@@ -13,7 +13,7 @@ from crtk_drivers.device import Capabilities, Setpoint
 from crtk_drivers.engine import Engine, threads
 from crtk_drivers.engine.threads import SWITCH_INTERVAL, Runtime
 from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceError, MotionAborted
-from crtk_drivers.move import Outcome
+from crtk_drivers.motion.move import Outcome
 from crtk_drivers.samples import JointState, Sample, vector
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice

@@ -10,7 +10,7 @@ import pytest
 from crtk_drivers.device import Condition, Steps
 from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, DeviceFault, MotionAborted, Reason
-from crtk_drivers.move import Move, Outcome
+from crtk_drivers.motion.move import Move, Outcome
 from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import JointState, Stamp, vector
 from crtk_drivers.state import OperatingState

@@ -8,7 +8,7 @@ from crtk_drivers.device import Goal, Mode, Setpoint
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.geometry.quaternions import quaternion_from_rotvec, rotvec_from_quaternion
 from crtk_drivers.motion.arbiter import Arbiter, Order
-from crtk_drivers.move import Move
+from crtk_drivers.motion.move import Move
 from crtk_drivers.options import EngineOptions
 from crtk_drivers.samples import Pose, vector
 

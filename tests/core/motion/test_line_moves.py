@@ -12,7 +12,7 @@ from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, MotionAborted, Reason
 from crtk_drivers.geometry.frames import moved
 from crtk_drivers.geometry.rates import turn
-from crtk_drivers.move import Move
+from crtk_drivers.motion.move import Move
 from crtk_drivers.samples import Number, Pose, Vector, vector
 from rigs.scripted_arm import ARM, BENT, LIMIT, PERIOD, TOOL, ArmRig, apart, step, twist
 from rigs.scripted_engine import jp

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from crtk_drivers.device import Mode
 from crtk_drivers.errors import MotionAborted
-from crtk_drivers.move import Move, Outcome
+from crtk_drivers.motion.move import Move, Outcome
 from rigs.scripted_engine import LIMIT, PERIOD, Rig, jp, two_joints
 
 

@@ -25,7 +25,7 @@ from crtk_drivers.errors import (
     Reason,
     StopUnconfirmed,
 )
-from crtk_drivers.move import Outcome
+from crtk_drivers.motion.move import Outcome
 from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import JointState, Sample, vector
 from crtk_drivers.state import OperatingState as S

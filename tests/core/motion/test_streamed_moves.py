@@ -8,7 +8,7 @@ import pytest
 from crtk_drivers.device import CartesianLimits, JointLimits, Mode
 from crtk_drivers.errors import MotionAborted
 from crtk_drivers.motion.executions import ARRIVAL_TIMEOUT, PACE_TIME
-from crtk_drivers.move import Move
+from crtk_drivers.motion.move import Move
 from crtk_drivers.samples import Value, vector
 from crtk_drivers.trajectory.profiles import JointProfile
 from rigs.scripted_arm import ARM, BENT, LIMIT, PERIOD, TOOL, ArmRig

@@ -11,7 +11,7 @@ from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, MotionAborted, Reason
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.motion.executor import REST_TIMEOUT
-from crtk_drivers.move import Move
+from crtk_drivers.motion.move import Move
 from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import Flag, Value, vector
 from crtk_drivers.state import OperatingState

@@ -13,7 +13,7 @@ from crtk_drivers.client import RemoteDevice, connect
 from crtk_drivers.device import Condition
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, MotionAborted, Reason, TransitionFailed
-from crtk_drivers.move import Outcome
+from crtk_drivers.motion.move import Outcome
 from crtk_drivers.samples import Pose
 from crtk_drivers.state import OperatingState
 from rigs.loopback_client import Far, far_device

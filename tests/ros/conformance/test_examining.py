@@ -7,9 +7,9 @@ from collections.abc import Mapping
 
 import pytest
 
-from crtk_drivers.client.conformance_probe.examining import examine
-from crtk_drivers.testing.conformance.clauses import chosen
-from crtk_drivers.testing.conformance.findings import Verdict
+from crtk_drivers.client.conformance.clauses import chosen
+from crtk_drivers.client.conformance.findings import Verdict
+from crtk_drivers.client.conformance.probe.examining import examine
 from rigs.examined_student import QUICK, check, left_open, names_of
 from rigs.student_device import StudentNode
 from rigs.student_gantry import PLACE

@@ -11,12 +11,12 @@ from contextlib import contextmanager
 
 import pytest
 
-from crtk_drivers.client.conformance_probe.examining import examine
-from crtk_drivers.testing.conformance.clause_rows import Needs
-from crtk_drivers.testing.conformance.clauses import CLAUSES
-from crtk_drivers.testing.conformance.expectations import Expectations
-from crtk_drivers.testing.conformance.findings import Verdict
-from crtk_drivers.testing.conformance.trials import chosen_steps
+from crtk_drivers.client.conformance.clause_rows import Needs
+from crtk_drivers.client.conformance.clauses import CLAUSES
+from crtk_drivers.client.conformance.expectations import Expectations
+from crtk_drivers.client.conformance.findings import Verdict
+from crtk_drivers.client.conformance.probe.examining import examine
+from crtk_drivers.client.conformance.trials import chosen_steps
 from rigs.ros_client import TIMEOUT
 
 MAIN = "import sys; from crtk_drivers.cli import main; sys.exit(main())"

@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-from crtk_drivers.client.conformance_probe import ears as hearing
-from crtk_drivers.client.conformance_probe import ros_probe
-from crtk_drivers.client.conformance_probe.ears import Ears
-from crtk_drivers.client.conformance_probe.examining import try_out
-from crtk_drivers.testing.conformance.clauses import chosen
-from crtk_drivers.testing.conformance.findings import Verdict
-from crtk_drivers.testing.conformance.observed import Graph, Observation
-from crtk_drivers.testing.conformance.outcome import Outcome
-from crtk_drivers.testing.conformance.rounds import judge
+from crtk_drivers.client.conformance.clauses import chosen
+from crtk_drivers.client.conformance.findings import Verdict
+from crtk_drivers.client.conformance.observed import Graph, Observation
+from crtk_drivers.client.conformance.outcome import Outcome
+from crtk_drivers.client.conformance.probe import ears as hearing
+from crtk_drivers.client.conformance.probe import ros_probe
+from crtk_drivers.client.conformance.probe.ears import Ears
+from crtk_drivers.client.conformance.probe.examining import try_out
+from crtk_drivers.client.conformance.rounds import judge
 from rigs import student_device, student_gantry
 from rigs.examined_student import QUICK, check, clauses_of, names_of
 from rigs.stepped_ros import PERIOD, Node, Steps, Wire

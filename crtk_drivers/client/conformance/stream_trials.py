@@ -9,19 +9,19 @@ from typing import Final
 
 import numpy as np
 
-from crtk_drivers.geometry.quaternions import matrix_from_quaternion
-from crtk_drivers.samples import Array
-from crtk_drivers.testing.conformance.data_judges import pose_distance
-from crtk_drivers.testing.conformance.findings import (
+from crtk_drivers.client.conformance.data_judges import pose_distance
+from crtk_drivers.client.conformance.findings import (
     Finding,
     conforms,
     diverges,
     not_offered,
     undetermined,
 )
-from crtk_drivers.testing.conformance.motion_judges import JOINT_STREAM_JUDGES
-from crtk_drivers.testing.conformance.observed import Trace
-from crtk_drivers.testing.conformance.trial import STREAM_RATE, Trial, far, ramp
+from crtk_drivers.client.conformance.motion_judges import JOINT_STREAM_JUDGES
+from crtk_drivers.client.conformance.observed import Trace
+from crtk_drivers.client.conformance.trial import STREAM_RATE, Trial, far, ramp
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
+from crtk_drivers.samples import Array
 
 VELOCITY_TIME: Final = 0.5
 SILENCE_TIME: Final = 2.0

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from crtk_drivers.testing.conformance.clause_rows import Level, Needs
-from crtk_drivers.testing.conformance.findings import Judged, Verdict
+from crtk_drivers.client.conformance.clause_rows import Level, Needs
+from crtk_drivers.client.conformance.findings import Judged, Verdict
 
 SCHEMA: Final = "crtk_conformance/1"
 CRTK_VERSION: Final = "1.3"

@@ -12,10 +12,9 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from crtk_drivers.commands import Command, Kind, Space
-from crtk_drivers.testing.conformance.expectations import Expectations, JointRange
-from crtk_drivers.testing.conformance.findings import Finding
-from crtk_drivers.testing.conformance.observed import (
+from crtk_drivers.client.conformance.expectations import Expectations, JointRange
+from crtk_drivers.client.conformance.findings import Finding
+from crtk_drivers.client.conformance.observed import (
     CartesianHeard,
     JointsHeard,
     Observation,
@@ -23,6 +22,7 @@ from crtk_drivers.testing.conformance.observed import (
     StateHeard,
     Trace,
 )
+from crtk_drivers.commands import Command, Kind, Space
 
 STREAM_RATE: Final = 50.0
 """Hz of the streams that are sent."""

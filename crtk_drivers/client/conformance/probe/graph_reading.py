@@ -10,11 +10,11 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
+from crtk_drivers.client.conformance.observed import ROS_TYPES, Endpoint, Graph
 from crtk_drivers.client.discovery import POLL, Catalogue
 from crtk_drivers.client.ros_link import Link
 from crtk_drivers.commands import Direction, Payload
 from crtk_drivers.ros.messages import TYPES
-from crtk_drivers.testing.conformance.observed import ROS_TYPES, Endpoint, Graph
 
 SETTLE = 1.0
 """Seconds without anything new after which a namespace is complete."""

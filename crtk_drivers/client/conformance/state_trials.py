@@ -6,15 +6,15 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from crtk_drivers.commands import Command, Kind, Level, Space
-from crtk_drivers.testing.conformance.findings import (
+from crtk_drivers.client.conformance.findings import (
     Finding,
     conforms,
     diverges,
     not_offered,
     undetermined,
 )
-from crtk_drivers.testing.conformance.trial import Stopped, Trial, far
+from crtk_drivers.client.conformance.trial import Stopped, Trial, far
+from crtk_drivers.commands import Command, Kind, Level, Space
 
 WRONG_WORDS: Final = ("ENABLE", " enable", "Enable", "enabled", "")
 TOLD_WITHIN: Final = 1.0

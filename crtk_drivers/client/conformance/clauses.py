@@ -8,8 +8,8 @@ from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Final
 
+from crtk_drivers.client.conformance.clause_rows import ROWS, Level, Needs
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.testing.conformance.clause_rows import ROWS, Level, Needs
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,17 +10,17 @@ from typing import Final
 
 import numpy as np
 
-from crtk_drivers.geometry.quaternions import matrix_from_quaternion
-from crtk_drivers.samples import Array
-from crtk_drivers.testing.conformance.findings import (
+from crtk_drivers.client.conformance.findings import (
     Finding,
     conforms,
     diverges,
     not_offered,
     undetermined,
 )
-from crtk_drivers.testing.conformance.observed import JointsHeard, Trace
-from crtk_drivers.testing.conformance.trial import far
+from crtk_drivers.client.conformance.observed import JointsHeard, Trace
+from crtk_drivers.client.conformance.trial import far
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
+from crtk_drivers.samples import Array
 
 MOST_REPEATED: Final = 10
 LEAST_SAMPLES: Final = 8

@@ -9,15 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from crtk_drivers.client.conformance_probe.ears import Ears
-from crtk_drivers.client.conformance_probe.heard_messages import Raw, state_heard
-from crtk_drivers.client.ros_link import Caller, Link
-from crtk_drivers.commands import Payload
-from crtk_drivers.errors import ConnectionFailed, DataTimeout
-from crtk_drivers.ros.messages import TYPES, set_pose
-from crtk_drivers.samples import Pose, vector
-from crtk_drivers.testing.conformance.data_judges import ANSWER_TIME
-from crtk_drivers.testing.conformance.observed import (
+from crtk_drivers.client.conformance.data_judges import ANSWER_TIME
+from crtk_drivers.client.conformance.observed import (
     NUDGE,
     ROS_TYPES,
     STATE_SERVICE,
@@ -27,7 +20,14 @@ from crtk_drivers.testing.conformance.observed import (
     Observation,
     StateHeard,
 )
-from crtk_drivers.testing.conformance.state_judges import SILENCE
+from crtk_drivers.client.conformance.probe.ears import Ears
+from crtk_drivers.client.conformance.probe.heard_messages import Raw, state_heard
+from crtk_drivers.client.conformance.state_judges import SILENCE
+from crtk_drivers.client.ros_link import Caller, Link
+from crtk_drivers.commands import Payload
+from crtk_drivers.errors import ConnectionFailed, DataTimeout
+from crtk_drivers.ros.messages import TYPES, set_pose
+from crtk_drivers.samples import Pose, vector
 
 STATE_CALLS = 10
 FAR = 1000.0

@@ -6,15 +6,15 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from crtk_drivers.testing.conformance import change_trials, move_trials, state_trials, stream_trials
-from crtk_drivers.testing.conformance.findings import (
+from crtk_drivers.client.conformance import change_trials, move_trials, state_trials, stream_trials
+from crtk_drivers.client.conformance.findings import (
     Finding,
     Verdict,
     conforms,
     diverges,
     undetermined,
 )
-from crtk_drivers.testing.conformance.trial import Stopped, Trial
+from crtk_drivers.client.conformance.trial import Stopped, Trial
 
 
 @dataclass(frozen=True, slots=True)

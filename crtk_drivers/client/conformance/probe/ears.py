@@ -14,17 +14,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
-from crtk_drivers.client.conformance_probe.heard_messages import (
-    Raw,
-    cartesian_heard,
-    joints_heard,
-    matrix_heard,
-    state_heard,
-    transforms_heard,
-)
-from crtk_drivers.commands import Command, Level, Payload
-from crtk_drivers.ros.messages import TYPES
-from crtk_drivers.testing.conformance.observed import (
+from crtk_drivers.client.conformance.observed import (
     ROS_TYPES,
     CartesianHeard,
     Endpoint,
@@ -34,6 +24,16 @@ from crtk_drivers.testing.conformance.observed import (
     StateHeard,
     Trace,
 )
+from crtk_drivers.client.conformance.probe.heard_messages import (
+    Raw,
+    cartesian_heard,
+    joints_heard,
+    matrix_heard,
+    state_heard,
+    transforms_heard,
+)
+from crtk_drivers.commands import Command, Level, Payload
+from crtk_drivers.ros.messages import TYPES
 
 DEPTH = 1000
 """Messages that may wait: what is lost here would count against the device."""

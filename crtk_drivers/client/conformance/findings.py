@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from crtk_drivers.testing.conformance.clause_rows import Level
-from crtk_drivers.testing.conformance.clauses import CLAUSES, Clause
+from crtk_drivers.client.conformance.clause_rows import Level
+from crtk_drivers.client.conformance.clauses import CLAUSES, Clause
 
 MOST_EVIDENCE: Final = 5
 """Lines of evidence that a finding keeps."""

@@ -8,14 +8,14 @@ from typing import Final
 
 import numpy as np
 
-from crtk_drivers.testing.conformance.findings import (
+from crtk_drivers.client.conformance.findings import (
     conforms,
     diverges,
     not_offered,
     undetermined,
 )
-from crtk_drivers.testing.conformance.observed import Trace
-from crtk_drivers.testing.conformance.trial import STREAM_RATE, Stopped, Trial, far, ramp
+from crtk_drivers.client.conformance.observed import Trace
+from crtk_drivers.client.conformance.trial import STREAM_RATE, Stopped, Trial, far, ramp
 
 AMOUNT: Final = 50
 """Positions of a burst."""

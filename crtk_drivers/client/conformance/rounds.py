@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
-from crtk_drivers.testing.conformance.clause_rows import Needs
-from crtk_drivers.testing.conformance.clauses import CLAUSES
-from crtk_drivers.testing.conformance.data_judges import DATA_JUDGES
-from crtk_drivers.testing.conformance.findings import Finding, Judged, judged, undetermined
-from crtk_drivers.testing.conformance.graph_judges import GRAPH_JUDGES
-from crtk_drivers.testing.conformance.observed import Observation
-from crtk_drivers.testing.conformance.state_judges import STATE_JUDGES
-from crtk_drivers.testing.conformance.trials import TRIED
+from crtk_drivers.client.conformance.clause_rows import Needs
+from crtk_drivers.client.conformance.clauses import CLAUSES
+from crtk_drivers.client.conformance.data_judges import DATA_JUDGES
+from crtk_drivers.client.conformance.findings import Finding, Judged, judged, undetermined
+from crtk_drivers.client.conformance.graph_judges import GRAPH_JUDGES
+from crtk_drivers.client.conformance.observed import Observation
+from crtk_drivers.client.conformance.state_judges import STATE_JUDGES
+from crtk_drivers.client.conformance.trials import TRIED
 
 JUDGES: Final[Mapping[str, Callable[[Observation], Finding]]] = MappingProxyType(
     {**GRAPH_JUDGES, **DATA_JUDGES, **STATE_JUDGES}

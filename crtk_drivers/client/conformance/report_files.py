@@ -7,12 +7,12 @@ from collections import Counter
 from pathlib import Path
 from typing import Final
 
+from crtk_drivers.client.conformance.findings import Judged, Verdict
+from crtk_drivers.client.conformance.outcome import Outcome, plain_data, statement
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs.verdicts import judging
 from crtk_drivers.labs.verdicts.html_page import Cell, badge, page, table, text
 from crtk_drivers.labs.verdicts.junit import Case, Suite, junit_xml
-from crtk_drivers.testing.conformance.findings import Judged, Verdict
-from crtk_drivers.testing.conformance.outcome import Outcome, plain_data, statement
 
 KINDS: Final = {
     Verdict.CONFORMS: "good",

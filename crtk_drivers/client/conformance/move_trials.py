@@ -8,17 +8,17 @@ from typing import Final
 
 import numpy as np
 
-from crtk_drivers.commands import Kind, Level
-from crtk_drivers.testing.conformance.data_judges import pose_distance
-from crtk_drivers.testing.conformance.findings import (
+from crtk_drivers.client.conformance.data_judges import pose_distance
+from crtk_drivers.client.conformance.findings import (
     Finding,
     conforms,
     diverges,
     not_offered,
     undetermined,
 )
-from crtk_drivers.testing.conformance.observed import Trace
-from crtk_drivers.testing.conformance.trial import Trial, far
+from crtk_drivers.client.conformance.observed import Trace
+from crtk_drivers.client.conformance.trial import Trial, far
+from crtk_drivers.commands import Kind, Level
 
 BUSY_FALLS: Final = 0.5
 """Seconds between arrival and the end of busy, either way."""

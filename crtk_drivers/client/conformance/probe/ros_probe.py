@@ -11,12 +11,7 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from crtk_drivers.client.conformance_probe.ears import Ears
-from crtk_drivers.client.ros_link import GRAPH_PERIOD
-from crtk_drivers.commands import Kind, Level, Payload, find
-from crtk_drivers.errors import ConnectionFailed
-from crtk_drivers.ros.messages import TYPES, set_stamp
-from crtk_drivers.testing.conformance.observed import (
+from crtk_drivers.client.conformance.observed import (
     ROS_TYPES,
     CartesianHeard,
     Endpoint,
@@ -26,6 +21,11 @@ from crtk_drivers.testing.conformance.observed import (
     StateHeard,
     Trace,
 )
+from crtk_drivers.client.conformance.probe.ears import Ears
+from crtk_drivers.client.ros_link import GRAPH_PERIOD
+from crtk_drivers.commands import Kind, Level, Payload, find
+from crtk_drivers.errors import ConnectionFailed
+from crtk_drivers.ros.messages import TYPES, set_stamp
 
 CONNECT_TIME = 5.0
 DEPTH = 100
@@ -34,7 +34,7 @@ SENT_BY_TWO = ("servo_jv",)
 
 
 class RosProbe:
-    """A `crtk_drivers.testing.conformance.trial.Probe` over ROS 2.
+    """A `crtk_drivers.client.conformance.trial.Probe` over ROS 2.
 
     Publishers are made at once, so that a stop has nothing to wait for. They are volatile, but where the
     device insists on hearing the past: there a volatile one would not be heard at all.

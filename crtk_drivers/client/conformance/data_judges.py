@@ -10,21 +10,21 @@ from typing import Final
 
 import numpy as np
 
-from crtk_drivers.commands import Payload, find
-from crtk_drivers.testing.conformance.findings import (
+from crtk_drivers.client.conformance.findings import (
     Finding,
     conforms,
     diverges,
     not_offered,
     undetermined,
 )
-from crtk_drivers.testing.conformance.observed import (
+from crtk_drivers.client.conformance.observed import (
     NUDGE,
     CartesianHeard,
     Heard,
     JointsHeard,
     Observation,
 )
+from crtk_drivers.commands import Payload, find
 
 LEAST_RATE: Final = 20.0
 MOST_SPREAD: Final = 3.0

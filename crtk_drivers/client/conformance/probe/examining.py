@@ -7,21 +7,21 @@ from collections.abc import Callable, Mapping, Sequence
 
 from rclpy.node import Node
 
-from crtk_drivers.client.conformance_probe.ears import Ears
-from crtk_drivers.client.conformance_probe.graph_reading import find_device
-from crtk_drivers.client.conformance_probe.looking import look
-from crtk_drivers.client.conformance_probe.ros_probe import RosProbe
+from crtk_drivers.client.conformance.clause_rows import Needs
+from crtk_drivers.client.conformance.clauses import CLAUSES
+from crtk_drivers.client.conformance.expectations import Expectations
+from crtk_drivers.client.conformance.findings import Finding
+from crtk_drivers.client.conformance.observed import Observation
+from crtk_drivers.client.conformance.outcome import Outcome
+from crtk_drivers.client.conformance.probe.ears import Ears
+from crtk_drivers.client.conformance.probe.graph_reading import find_device
+from crtk_drivers.client.conformance.probe.looking import look
+from crtk_drivers.client.conformance.probe.ros_probe import RosProbe
+from crtk_drivers.client.conformance.rounds import NOT_PERMITTED, judge
+from crtk_drivers.client.conformance.trial import Trial
+from crtk_drivers.client.conformance.trials import HEARD_BELOW, run_trials
 from crtk_drivers.client.ros_link import Link
 from crtk_drivers.ros import environment
-from crtk_drivers.testing.conformance.clause_rows import Needs
-from crtk_drivers.testing.conformance.clauses import CLAUSES
-from crtk_drivers.testing.conformance.expectations import Expectations
-from crtk_drivers.testing.conformance.findings import Finding
-from crtk_drivers.testing.conformance.observed import Observation
-from crtk_drivers.testing.conformance.outcome import Outcome
-from crtk_drivers.testing.conformance.rounds import NOT_PERMITTED, judge
-from crtk_drivers.testing.conformance.trial import Trial
-from crtk_drivers.testing.conformance.trials import HEARD_BELOW, run_trials
 
 FIND_TIME = 5.0
 LISTEN_TIME = 5.0

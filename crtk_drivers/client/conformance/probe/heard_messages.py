@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from crtk_drivers.commands import Payload
-from crtk_drivers.ros.messages import stamp_ns
-from crtk_drivers.testing.conformance.observed import (
+from crtk_drivers.client.conformance.observed import (
     CartesianHeard,
     JointsHeard,
     MatrixHeard,
     StateHeard,
 )
+from crtk_drivers.commands import Payload
+from crtk_drivers.ros.messages import stamp_ns
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,15 +8,15 @@ from itertools import pairwise
 from types import MappingProxyType
 from typing import Final
 
-from crtk_drivers.testing.conformance.data_judges import of_all, place
-from crtk_drivers.testing.conformance.findings import (
+from crtk_drivers.client.conformance.data_judges import of_all, place
+from crtk_drivers.client.conformance.findings import (
     Finding,
     conforms,
     diverges,
     not_offered,
     undetermined,
 )
-from crtk_drivers.testing.conformance.observed import Observation, StateHeard
+from crtk_drivers.client.conformance.observed import Observation, StateHeard
 
 SILENCE: Final = 5.0
 """Seconds without an operating state after which there is no heartbeat."""

@@ -8,6 +8,19 @@ from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Final
 
+from crtk_drivers.client.conformance.findings import (
+    Finding,
+    conforms,
+    diverges,
+    not_offered,
+    undetermined,
+)
+from crtk_drivers.client.conformance.observed import (
+    ROS_TYPES,
+    STATE_SERVICE,
+    Endpoint,
+    Observation,
+)
 from crtk_drivers.commands import (
     FRAMES,
     SUB_NAMESPACES,
@@ -17,19 +30,6 @@ from crtk_drivers.commands import (
     Payload,
     Space,
     is_name,
-)
-from crtk_drivers.testing.conformance.findings import (
-    Finding,
-    conforms,
-    diverges,
-    not_offered,
-    undetermined,
-)
-from crtk_drivers.testing.conformance.observed import (
-    ROS_TYPES,
-    STATE_SERVICE,
-    Endpoint,
-    Observation,
 )
 
 _LIKE_CRTK: Final = re.compile(r"(measured\d?|setpoint|goal|servo|interpolate|move)_[jc][a-z]*")
