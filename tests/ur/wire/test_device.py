@@ -171,7 +171,7 @@ def test_a_newer_move_goes_on_with_the_speed_of_the_one_before_or_begins_at_rest
         first.wait(LONG)
     stops = bool(bench.engine.capabilities.native_moves)
     assert (min(speeds) < 0.01) is stops
-    assert stops or min(speeds) > 0.9
+    assert stops or min(speeds) > 0.5  # a client that is late slows it down, and no more
 
 
 def test_moves_that_follow_each_other_fast_end_in_the_last(bench):
