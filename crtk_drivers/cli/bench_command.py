@@ -61,6 +61,14 @@ def _bench_run(
             "--may-move", help="Real devices may be enabled and moved. Stand beside them."
         ),
     ] = False,
+    may_travel: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--may-travel",
+            metavar="NAME",
+            help="With --may-move: this real device may go to the ends of its space. May be repeated.",
+        ),
+    ] = None,
     against: Annotated[
         str,
         typer.Option(
@@ -93,6 +101,7 @@ def _bench_run(
             suite=suite,
             only=[name for name in only.split(",") if name],
             may_move=may_move,
+            may_travel=may_travel or (),
             against=against,
             out=out,
             inconclusive_ok=inconclusive,

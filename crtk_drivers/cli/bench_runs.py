@@ -47,6 +47,7 @@ def run(
     suite: Suite,
     only: Sequence[str],
     may_move: bool,
+    may_travel: Sequence[str],
     against: str,
     out: Path | None,
     inconclusive_ok: bool,
@@ -61,7 +62,7 @@ def run(
     lab = load_lab(path, sim=sim, only=tuple(devices))
     folder = out or Path("runs") / f"{datetime.now(UTC).strftime('%Y%m%dT%H%M%SZ')}-{lab.name}"
     earlier = _earlier(against, folder, lab.name)
-    options = BenchOptions(suite, tuple(only), may_move, folder)
+    options = BenchOptions(suite, tuple(only), may_move, folder, tuple(may_travel))
     with stop_signals() as stop, _shown() as show:
         try:
             found = run_bench(lab, options, show, stop)
@@ -106,8 +107,8 @@ def list_tests() -> int:
         )
     OUT.print(table)
     OUT.print(
-        "\nClasses: R reads, E enables, S moves a little (0.1 rad, 20 mm at most), X takes a process away, "
-        "XL in motion.",
+        "\nClasses: R reads, E enables, S moves a little (0.1 rad, 20 mm at most), L through its space, "
+        "X takes a process away, XL in motion.",
         style="dim",
     )
     return 0

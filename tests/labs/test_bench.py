@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -241,7 +242,7 @@ def test_a_real_device_is_only_read_unless_it_is_allowed(tmp_path: Path) -> None
     from crtk_drivers.labs.bench.run import lacking
     from crtk_drivers.testing.loopback import LoopbackDevice
 
-    def why(test_id: str, *, may_move: bool, more: str = "") -> str:
+    def why(test_id: str, *, may_move: bool, more: str = "", travels: str = "") -> str:
         path = tmp_path / "lab.toml"
         path.write_text(
             f'[devices.arm]\nplugin = "ur"\nsettings = {{ host = "192.168.1.9" }}\n{more}'
@@ -260,7 +261,7 @@ def test_a_real_device_is_only_read_unless_it_is_allowed(tmp_path: Path) -> None
             readings={"serial": "7"},
             is_homed=True,
         )
-        options = BenchOptions(Suite.QUICK, (), may_move, tmp_path)
+        options = BenchOptions(Suite.QUICK, (), may_move, tmp_path, (travels,))
         test = next(test for test in TESTS if test.id == test_id)
         return lacking(test, about, device, options)
 
@@ -270,11 +271,38 @@ def test_a_real_device_is_only_read_unless_it_is_allowed(tmp_path: Path) -> None
     assert why("M1", may_move=True) == ""
     assert "`space`" in why("M2", may_move=True)
     assert why("M2", may_move=True, more=space) == ""
+    assert "`space.joints`" in why("S9", may_move=True, more=space, travels="arm")
+    ranges = ", ".join(["{ lower = -0.5, upper = 0.5 }"] * 6)
+    fast, slow = (f"space = {{ speed = {speed}, joints = [{ranges}] }}\n" for speed in (0.6, 0.5))
+    assert "at 0.5 at most" in why("S9", may_move=True, more=fast, travels="arm")
+    assert "--may-travel arm" in why("S9", may_move=True, more=slow, travels="other")
+    assert "--may-move" in why("S9", may_move=False, more=slow, travels="arm")
+    assert why("S9", may_move=True, more=slow, travels="arm") == ""
+    assert why("M2", may_move=True, more=slow) == ""
+    assert "simulators only" in why("S3", may_move=True, more=slow, travels="arm")
     other = f'{space}identity = {{ serial = "8" }}\n'
     assert why("M2", may_move=True, more=other) == (
         "it is another device than the lab file says: serial is 7, not 8"
     )
     assert why("T3", may_move=True, more=other) == ""
+
+
+def test_a_name_that_may_travel_is_one_of_the_lab(tmp_path: Path) -> None:
+    (tmp_path / "lab.toml").write_text(GANTRY)
+    options = BenchOptions(Suite.QUICK, ("S9",), True, tmp_path / "run", ("gentry",))
+    with pytest.raises(ConfigError, match=r"no device 'gentry' that may travel.*gantry"):
+        run_bench(load_lab(tmp_path / "lab.toml"), options, lambda *_: None, StopRequest())
+    assert not (tmp_path / "run").exists()
+
+
+def test_efforts_are_asked_of_those_that_measure_them(bench: Bench, tmp_path: Path) -> None:
+    whole = (Path(__file__).parents[1] / "data" / "pan_tilt.urdf").read_text()
+    urdf = tmp_path / "without_masses.urdf"
+    urdf.write_text(re.sub("<inertial>.*?</inertial>", "", whole, flags=re.DOTALL))
+    run = bench(f'[devices.arm]\nplugin = "virtual"\nsettings = {{ urdf = "{urdf}" }}\n', "J5")
+    ((_, test),) = run.tests
+    assert test.verdict is Verdict.SKIPPED
+    assert test.reason == "the device does not offer measured_js.effort"
 
 
 def test_results_of_a_newer_version_are_refused(tmp_path: Path) -> None:

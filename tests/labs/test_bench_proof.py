@@ -6,6 +6,7 @@ nothing; of that its measurements know nothing, and these are looked at here.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,11 +17,13 @@ import numpy as np
 import pytest
 
 from crtk_drivers.engine import Engine
+from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject
 from crtk_drivers.labs.bench.trace import Row, Trace
+from crtk_drivers.labs.lab_file import BoundEntry
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict
-from crtk_drivers.samples import Wrench, vector
+from crtk_drivers.samples import JointState, Text, Wrench, vector
 from crtk_drivers.testing.loopback import ROTARY
 from rigs.bench_bed import acquired, found
 from rigs.proof_table import tell_proof
@@ -70,8 +73,39 @@ PROOFS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("silence", {"slow_stop": 40.0}, ("stop.silence.time", "stop.silence.distance")),
     ("disable", {"sag_on_disable": 0.05}, ("stop.disable.distance",)),
     ("hold", {"rebound": 0.02}, ("stop.hold.back",)),
+    (
+        "client_killed",
+        {"slow_stop": 40.0},
+        ("stop.client_killed.time", "stop.client_killed.distance"),
+    ),
+    ("strokes", {"effort_sign": -1, "coulomb_friction": 3.0}, ("joints.effort.work",)),
+    ("random_steps", {"tracking_lag": 0.15}, ("motion.latency.delay",)),
+    (
+        "limits",
+        {"overspeed": 1.3, "overtravel": 0.03},
+        ("limits.speed.peak", "limits.range.beyond"),
+    ),
+    ("ranges", {"position_jump": 0.009, "jump_at": 0.5}, ("joints.range.step",)),
+    (
+        "lines",
+        {"line_bow": 0.003, "speed_ripple": 0.2},
+        ("motion.line.distance", "motion.line.ripple"),
+    ),
+    (
+        "endurance",
+        {"position_drift": 5e-4, "lost_samples": 0.05},
+        ("motion.endurance.drift", "motion.endurance.late"),
+    ),
 ]
 """Acquisition, defects of a virtual arm, and the measurements that must fail by them."""
+
+PAN_TILT = {"urdf": str(Path(__file__).parents[1] / "data" / "pan_tilt.urdf"), "acceleration": 10.0}
+
+ARMS: dict[str, dict[str, Any]] = {"limits": PAN_TILT, "ranges": PAN_TILT}
+"""Those that go through ranges: short ones of few joints."""
+
+BRIEF = 0.1
+"""How thorough what otherwise takes minutes is here."""
 
 ELSEWHERE = {
     "sampling.stamps.together": "what is derived has the stamp of its source by construction",
@@ -90,6 +124,11 @@ ELSEWHERE = {
     "loss.return.time": "test_what_is_told_of_a_silent_device_is_judged",
     "loss.return.moved": "test_what_is_told_of_a_silent_device_is_judged",
     "stop.silence.back": "as stop.hold.back",
+    "stop.client_killed.back": "as stop.hold.back",
+    "joints.friction.coulomb": "test_what_efforts_say_is_friction_and_has_a_sign",
+    "joints.friction.viscous": "test_what_efforts_say_is_friction_and_has_a_sign",
+    "joints.friction.ripple": "test_what_efforts_say_is_friction_and_has_a_sign",
+    "motion.endurance.refused": "test_what_is_refused_in_a_long_run_is_counted",
     "stop.disable.back": "as stop.hold.back",
     "stop.disable.time": "as stop.hold.time; its bound is the second in which the driver itself says FAULT",
 }
@@ -106,6 +145,11 @@ def verdict_of(findings: list[Findings], quantity: str) -> Verdict:
     verdicts = [one.verdict for one in measured if one.quantity.id == quantity]
     assert verdicts, f"{quantity} was not measured: {[each.reason for each in findings]}"
     return Verdict.FAIL if Verdict.FAIL in verdicts else verdicts[0]
+
+
+def thorough_of(name: str) -> float:
+    """Return how thorough an acquisition is carried out here."""
+    return BRIEF if name == "endurance" else 1.0
 
 
 def test_every_judged_measurement_has_its_proof() -> None:
@@ -131,7 +175,8 @@ def test_a_defect_makes_its_test_fail(
     tmp_path: Path,
     record_property: Callable[[str, object], None],
 ) -> None:
-    trace, subject = acquired(ACQUISITIONS[name], "virtual", {"defects": defects}, tmp_path)
+    values = {**ARMS.get(name, {}), "defects": defects}
+    trace, subject = acquired(ACQUISITIONS[name], "virtual", values, tmp_path, thorough_of(name))
     findings = [test.analyse(trace, subject) for test in TESTS if test.acquisition.name == name]
     measurements = [one for each in findings for one in each.measurements]
     late = subject.too_busy(BUSY)
@@ -143,8 +188,12 @@ def test_a_defect_makes_its_test_fail(
     assert set(verdicts.values()) == {Verdict.FAIL}, (verdicts, told)
 
 
-IN_PROCESS = [name for name, found in ACQUISITIONS.items() if found.safety < Safety.FAULT]
-"""Those that take away no process."""
+IN_PROCESS = [
+    name
+    for name, found in ACQUISITIONS.items()
+    if found.safety < Safety.FAULT or name == "client_killed"
+]
+"""Those that take away no process, or one that is not the device's."""
 
 
 @pytest.mark.sweep(3)
@@ -153,7 +202,8 @@ def test_a_sound_arm_fails_nowhere(
     name: str, tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
     acquisition: Acquisition = ACQUISITIONS[name]
-    trace, subject = acquired(acquisition, "virtual", {}, tmp_path)
+    values = ARMS.get(name, {})
+    trace, subject = acquired(acquisition, "virtual", values, tmp_path, thorough_of(name))
     for test in TESTS:
         if test.acquisition is acquisition:
             findings = test.analyse(trace, subject)
@@ -199,6 +249,99 @@ def test_the_mains_in_a_force_sensor_are_found() -> None:
             rows.append(("measured_cf", at, at, Wrench(vector(force), vector((0.0, 0.0, 0.0)))))
         findings = BY_ID["F1"].analyse(Trace.of(rows), subject)
         assert verdict_of([findings], "force.noise.mains") is verdict
+
+
+def stroked(coulomb: float, viscous: float, sign: float = 1.0) -> Trace:
+    """Return the recording of strokes of one joint with a weight, friction, and a ripple of its effort."""
+    rows: list[Row] = []
+    clock = 10**18
+
+    def event(text: str) -> None:
+        told = Text(json.dumps({"kind": "mark", "text": text}))
+        rows.append(("events", clock, clock, told))
+
+    for seconds in (0.5, 0.5, 1.0, 1.0, 2.0, 2.0):
+        event("begin")
+        for index in range(round(200.0 * (2.0 * seconds + 0.6))):
+            t = 0.005 * index
+            there, back = np.clip([t, t - seconds - 0.3], 0.0, seconds)
+            position = 0.08 * (there - back) / seconds
+            moving = float(0.0 < t < seconds) - float(0.0 < t - seconds - 0.3 < seconds)
+            friction = moving * (coulomb + viscous * 0.08 / seconds)
+            ripple = 0.1 * math.sin(40.0 * t)
+            effort = sign * (5.0 * math.cos(position) + friction + ripple)
+            clock += 5_000_000
+            state = JointState(vector((position,)), vector((0.0,)), vector((effort,)), ("joint_1",))
+            rows.append(("measured_js", clock, clock, state))
+        event("end")
+    return Trace.of(rows)
+
+
+def test_what_efforts_say_is_friction_and_has_a_sign() -> None:
+    subject = replace(SUBJECT, rate=200.0)
+    for sign, verdict in ((1.0, Verdict.PASS), (-1.0, Verdict.FAIL)):
+        assert BY_ID["J5"].analyse(stroked(2.0, 3.0, sign), subject).verdict is verdict
+    without = BY_ID["J5"].analyse(stroked(0.0, 0.0), subject)
+    assert without.verdict is Verdict.INCONCLUSIVE, "what carries a weight does no work"
+    assert "too little friction" in without.reason
+
+    told = BY_ID["J6"].analyse(stroked(2.0, 3.0), subject)
+    assert told.verdict is Verdict.PASS, "it is only told"
+    values = [one.estimate.value for one in told.measurements if one.estimate is not None]
+    assert values == pytest.approx([2.0, 3.0, 0.1], rel=0.15)
+    for quantity in BY_ID["J6"].quantities:
+        bound = BoundEntry(value=0.01, lower=-0.01, because="it was oiled")
+        strict = replace(subject, bounds={quantity.id: bound})
+        judged = BY_ID["J6"].analyse(stroked(2.0, 3.0), strict)
+        assert verdict_of([judged], quantity.id) is Verdict.FAIL
+
+
+def test_what_is_refused_in_a_long_run_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submit, count = Engine.submit, iter(range(10**9))
+
+    def sometimes(self: Engine, name: str, *rest: Any) -> object:
+        if name == "servo_jp" and next(count) == 100:
+            raise CommandRefused(name, Reason.STREAM_OWNED, "for once")
+        return submit(self, name, *rest)
+
+    monkeypatch.setattr(Engine, "submit", sometimes)
+    acquisition = BY_ID["M12"].acquisition
+    trace, subject = acquired(acquisition, "loopback", {"rate": 500.0}, tmp_path, BRIEF)
+    findings = BY_ID["M12"].analyse(trace, subject)
+    assert verdict_of([findings], "motion.endurance.refused") is Verdict.FAIL
+
+
+def ranged(jump: float) -> Trace:
+    """Return the recording of one joint that goes through its range, and is off by `jump` past 1 rad."""
+    rows: list[Row] = []
+    for index in range(400):
+        clock = 10**18 + 10_000_000 * index
+        if index in (0, 399):
+            text = {"kind": "mark", "text": "end 0" if index else "begin 0"}
+            rows.append(("events", clock, clock, Text(json.dumps(text))))
+        position = 0.008 * index
+        told = vector((position + jump * (position > 1.0),))
+        rows.append(("measured_js", clock, clock, JointState(told, name=("joint_1",))))
+    return Trace.of(rows)
+
+
+@pytest.mark.parametrize(
+    ("jump", "done", "verdict"),
+    [
+        (0.0, True, Verdict.PASS),
+        (0.0, False, Verdict.INCONCLUSIVE),
+        (-math.tau, False, Verdict.FAIL),
+        (0.06, True, Verdict.FAIL),
+    ],
+)
+def test_an_encoder_that_wraps_fails_though_its_move_broke(
+    jump: float, done: bool, verdict: Verdict
+) -> None:
+    subject = replace(SUBJECT, kept={"left_out": {}, "done": done})
+    assert BY_ID["J7"].of_kept
+    assert BY_ID["J7"].analyse(ranged(jump), subject).verdict is verdict
 
 
 LOOKS = [

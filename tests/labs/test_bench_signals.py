@@ -9,6 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from crtk_drivers.labs.bench.latency import SEQUENCE, delay
+from crtk_drivers.labs.bench.limits import peak_speed
 from crtk_drivers.labs.bench.signals import (
     fit_sine,
     largest_line,
@@ -87,3 +89,32 @@ def test_speed_before_a_stop_does_not_hang_on_when_samples_arrive() -> None:
     assert speed_before(track, 0.92) == pytest.approx([0.3, 0.1])
     invalid = JointTrack(arrival, np.full(100, np.nan), position, nothing, nothing)
     assert speed_before(invalid, 0.92) == pytest.approx([0.0, 0.0])
+
+
+def test_how_late_something_is_is_found_in_noise() -> None:
+    random = np.random.default_rng(5)
+    sent_at = np.arange(0.0, 6.0, 0.01)
+    sent = np.array([SEQUENCE[int(t / 0.1) % len(SEQUENCE)] for t in sent_at], dtype=float)
+    at = np.arange(1.5, 5.0, 0.002)
+    late = np.interp(at - 0.0832, sent_at, sent)
+    found, alike = delay(sent_at, sent, at, late + random.normal(0.0, 0.1, at.size), 0.5)
+    assert found == pytest.approx(0.0832, abs=2e-3)
+    assert alike > 0.95
+    _, alike = delay(sent_at, sent, at, random.normal(0.0, 0.1, at.size), 0.5)
+    assert alike < 0.3
+
+
+def test_a_sequence_looks_like_itself_at_no_other_delay() -> None:
+    levels = 2 * np.array(SEQUENCE) - 1
+    assert [int(levels @ np.roll(levels, shift)) for shift in range(15)] == [15, *[-1] * 14]
+
+
+def test_the_greatest_speed_is_taken_over_some_time() -> None:
+    at = np.arange(0.0, 1.0, 0.002)
+    position = np.column_stack([np.where(at < 0.5, 0.0, np.minimum(2.0 * (at - 0.5), 0.2))])
+    nothing = np.full((at.size, 1), np.nan)
+    track = JointTrack(at, at, position, nothing, nothing)
+    assert peak_speed(track, 0, 0.04) == pytest.approx(2.0)
+    position[100] += 1e-3  # one sample that is off
+    assert peak_speed(track, 0, 0.04) == pytest.approx(2.0)
+    assert math.isnan(peak_speed(track, 0, 2.0))

@@ -14,6 +14,7 @@ from crtk_drivers.labs.verdicts.estimates import (
     Estimate,
     exact,
     greatest,
+    line,
     mean,
     quantile,
     share,
@@ -111,6 +112,17 @@ def test_a_mean_has_the_interval_of_its_trials() -> None:
     assert (found.value, found.n) == (2.0, 3)
     assert found.upper - found.value == pytest.approx(4.303 / math.sqrt(3.0))
     assert mean([5.0]).upper == math.inf
+
+
+def test_a_line_has_the_interval_of_its_residuals() -> None:
+    begin, slope = line([0.0, 1.0, 2.0, 3.0], [1.1, 2.9, 5.1, 6.9])
+    assert (begin.value, slope.value) == pytest.approx((1.06, 1.96))
+    # Residuals 0.04, -0.12, 0.12, -0.04: s = 0.1265, over the root of 5 of the places, times t of 2.
+    assert slope.upper - slope.value == pytest.approx(4.303 * 0.1265 / math.sqrt(5.0), rel=1e-3)
+    assert begin.upper - begin.value == pytest.approx(4.303 * 0.1265 * math.sqrt(0.7), rel=1e-3)
+    for wrong in (([1.0, 1.0], [1.0, 2.0]), ([1.0, 2.0], [1.0, 2.0, 3.0])):
+        with pytest.raises(ValueError, match="no line"):
+            line(*wrong)
 
 
 def test_wilsons_interval_has_known_values() -> None:

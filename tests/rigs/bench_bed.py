@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,8 +10,9 @@ from typing import Any
 
 from crtk_drivers import plugins
 from crtk_drivers.config import from_values, load
-from crtk_drivers.labs.bench.bed import Bed
-from crtk_drivers.labs.bench.calls import About, HostOrder
+from crtk_drivers.labs.bench.bed import Bed, Process
+from crtk_drivers.labs.bench.calls import About, ClientOrder, HostOrder
+from crtk_drivers.labs.bench.client import start_client
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Subject
 from crtk_drivers.labs.bench.door import Door
 from crtk_drivers.labs.bench.host import Host
@@ -18,14 +20,44 @@ from crtk_drivers.labs.bench.recorder import read_recording
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.bench.watch import Watch
 from crtk_drivers.labs.verdicts.judging import Findings
+from crtk_drivers.samples import Vector
 from crtk_drivers.session import Session
 from crtk_drivers.status.stop_request import StopRequest
 
 TIMEOUT = 20.0
 
 
+class Clients:
+    """The one process that a device in this process has beside it: a client that can be killed."""
+
+    def __init__(self, door: str) -> None:
+        self._door = door
+        self._client: subprocess.Popen[bytes] | None = None
+
+    def start_client(self, command: str, home: Vector, speed: Vector, rate: float) -> None:
+        self._client = start_client(ClientOrder(self._door, b"key", command, home, speed, rate))
+
+    def kill_client(self) -> None:
+        assert self._client is not None
+        self._client.kill()
+        self._client.wait()
+
+    def pid(self, which: Process) -> int:
+        raise NotImplementedError
+
+    def kill_driver(self) -> None:
+        raise NotImplementedError
+
+    def revive_driver(self) -> tuple[Door, Door]:
+        raise NotImplementedError
+
+
 def acquired(
-    acquisition: Acquisition, plugin: str, values: Mapping[str, Any], folder: Path
+    acquisition: Acquisition,
+    plugin: str,
+    values: Mapping[str, Any],
+    folder: Path,
+    thorough: float = 1.0,
 ) -> tuple[Trace, Subject]:
     """Carry out an acquisition; return what its analyses are given."""
     declared = plugins.device(plugin)
@@ -42,8 +74,9 @@ def acquired(
             watch = Watch(Door(str(door), b"key", TIMEOUT), about, None, StopRequest())
             own.call("record", str(recording))
             watch.start()
+            bed = Bed("arm", about, own, watch, thorough, Clients(str(door)))
             try:
-                acquisition.run(Bed("arm", about, own, watch, 1.0))
+                acquisition.run(bed)
             finally:
                 watch.close()
                 own.call("stop_recording", within=TIMEOUT)
@@ -51,7 +84,8 @@ def acquired(
     finally:
         stop.set()
         serving.join(TIMEOUT)
-    return Trace.of(read_recording(recording)), Subject.of(about, tuple(watch.lateness), {})
+    subject = Subject.of(about, tuple(watch.lateness), {}, bed.kept)
+    return Trace.of(read_recording(recording)), subject
 
 
 def found(test: BenchTest, plugin: str, values: Mapping[str, Any], folder: Path) -> Findings:

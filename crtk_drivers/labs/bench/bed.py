@@ -11,20 +11,21 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from enum import StrEnum
 from typing import Any, Final, Protocol
 
 import numpy as np
 
+from crtk_drivers.config import BoxConfig
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs.bench.calls import About, Glance
-from crtk_drivers.labs.bench.door import Door
+from crtk_drivers.labs.bench.door import Door, Refused
 from crtk_drivers.labs.bench.watch import Watch
-from crtk_drivers.samples import JointState, Pose, Value, Vector, vector
+from crtk_drivers.samples import JointState, Number, Pose, Value, Vector, vector
 from crtk_drivers.state import OperatingState, Status
 
-__all__ = ["Bed", "Broken", "Process", "Processes", "Tripped"]
+__all__ = ["Bed", "Broken", "Process", "Processes", "Tripped", "paced"]
 
 SMALL_ANGLE: Final = 0.1
 """rad: how far a joint goes at most from where it is in a small motion."""
@@ -37,6 +38,12 @@ SMALL_SPEED: Final = 0.1
 
 ROOM: Final = 0.9
 """Share of the room to the end of its range that a joint uses."""
+
+RATIO: Final = "trajectory_j/set_ratio_v"
+"""The command for the share of the velocity limits that moves use."""
+
+PLACES: Final = 20
+"""At which it is looked whether a way is free, before it is gone."""
 
 LOOK_PERIOD: Final = 0.02
 
@@ -67,6 +74,25 @@ class Processes(Protocol):
 
     def revive_driver(self) -> tuple[Door, Door]:
         """Start the driver's process again; return two connections to it, one for the watch."""
+
+    def start_client(self, command: str, home: Vector, speed: Vector, rate: float) -> None:
+        """Start a process that streams; see `ClientOrder`."""
+
+    def kill_client(self) -> None:
+        """End that process as by ``kill -9``, and wait for that; nothing if there is none."""
+
+
+def _is_in(point: Vector, box: BoxConfig) -> bool:
+    return bool((point >= box.lower).all() and (point <= box.upper).all())
+
+
+def paced(rate: float, seconds: float) -> Iterator[float]:
+    """Yield the seconds since the begin, `rate` times a second; what is late is not made up for."""
+    begin = due = time.monotonic()
+    while (now := time.monotonic()) < begin + seconds:
+        yield now - begin
+        due = max(due + 1.0 / rate, time.monotonic())
+        time.sleep(max(0.0, due - time.monotonic()))
 
 
 class Bed:
@@ -228,6 +254,19 @@ class Bed:
                 f"a move ended in {self.glance().status.state}: {self.glance().status.cause}"
             )
 
+    @contextmanager
+    def slowed(self, ratio: float) -> Iterator[None]:
+        """Within, moves use a share of the velocity limits; all of them where the device knows no ratio."""
+        if not self.offers(RATIO):
+            yield
+            return
+        self.submit(RATIO, Number(ratio))
+        try:
+            yield
+        finally:
+            with suppress(CrtkError):
+                self._door.submit(RATIO, Number(1.0))
+
     def stream(
         self,
         name: str,
@@ -241,13 +280,19 @@ class Bed:
             value: of the seconds since the begin.
             seconds: for how long.
         """
-        period = 1.0 / self.stream_rate
-        begin = time.monotonic()
-        due = begin
-        while (now := time.monotonic()) < begin + seconds:
-            self.submit(name, value(now - begin), time.time_ns())
-            due = max(due + period, time.monotonic())
-            time.sleep(max(0.0, due - time.monotonic()))
+        for t in paced(self.stream_rate, seconds):
+            self.submit(name, value(t), time.time_ns())
+
+    def insist(self, name: str, value: Callable[[float], Value], seconds: float) -> tuple[int, int]:
+        """As `stream`, of what may be refused; return how many commands were sent, and refused."""
+        sent = refused = 0
+        for t in paced(self.stream_rate, seconds):
+            sent += 1
+            try:
+                self.submit(name, value(t), time.time_ns())
+            except Refused:
+                refused += 1
+        return sent, refused
 
     @property
     def stream_rate(self) -> float:
@@ -275,12 +320,36 @@ class Bed:
         room = ROOM * np.minimum(here - lower, upper - here)
         return vector(np.clip(np.minimum(far, room), 0.0, None))
 
+    def is_free(self, goal: Vector) -> bool:
+        """Whether the joints may go straight to (n,), and the tool with them, as the lab file says."""
+        here = self.setpoint
+        limits = self.about.capabilities.limits
+        within = (limit.lower <= at <= limit.upper for limit, at in zip(limits, goal, strict=True))
+        if not all(within):
+            return False
+        box = self._watch.box
+        if box is None:
+            return True
+        for share in np.linspace(0.0, 1.0, PLACES):
+            pose = self.forward(vector(here + share * (goal - here)))
+            if pose is None or not _is_in(pose.position, box):
+                return False
+        return True
+
     def forward(self, joints: Vector) -> Pose | None:
         """Return the tool pose of a joint position (n,); None without kinematics."""
         if not self.about.has_kinematics:
             return None
         pose: Pose = self._door.call("forward", joints)
         return pose
+
+    def inverse(self, pose: Pose, near: Vector) -> Vector | None:
+        """Return a joint position (n,) of a tool pose, near another one; None if it has none."""
+        try:
+            joints: Vector = self._door.call("inverse", pose, near)
+        except Refused:
+            return None
+        return joints
 
     # -------------------------------------------------------------------------------------------- faults
 
@@ -299,6 +368,16 @@ class Bed:
             yield
         finally:
             os.kill(pid, signal.SIGCONT)
+
+    @contextmanager
+    def client(self, command: str, home: Vector, speed: Vector) -> Iterator[None]:
+        """Within, a process of its own streams; it is killed at the end. See `ClientOrder`."""
+        processes = self._own_processes
+        processes.start_client(command, home, speed, self.stream_rate)
+        try:
+            yield
+        finally:
+            processes.kill_client()
 
     def kill_driver(self) -> None:
         """End the driver as by a power cut of its computer."""

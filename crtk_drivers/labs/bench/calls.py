@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from crtk_drivers.config import DeviceConfig
 from crtk_drivers.device import Capabilities
-from crtk_drivers.samples import Stamp, Value
+from crtk_drivers.samples import Stamp, Value, Vector
 from crtk_drivers.state import Status
 
-__all__ = ["About", "Failed", "Glance", "HostOrder"]
+__all__ = ["EFFORT", "About", "ClientOrder", "Failed", "Glance", "HostOrder"]
+
+EFFORT: Final = "measured_js.effort"
+"""Stands beside CRTK names for a ``measured_js`` that has efforts."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +43,33 @@ class HostOrder:
 
 
 @dataclass(frozen=True)
+class ClientOrder:
+    """A stream that comes from a process of its own.
+
+    Attributes:
+        door, key: of the device's process.
+        command: ``servo_jv`` or ``servo_jp``.
+        home: where the joints are set (n,).
+        speed: to which they are brought (n,).
+        rate: commands a second.
+    """
+
+    door: str
+    key: bytes
+    command: str
+    home: Vector
+    speed: Vector
+    rate: float
+
+
+@dataclass(frozen=True)
 class About:
     """What a device is, as the bench needs it.
 
     Attributes:
         name: of the device, with its address.
         capabilities: with the limits that hold in this run.
-        commands: CRTK names that it offers.
+        commands: CRTK names that it offers, and `EFFORT` if it measures efforts.
         silence: seconds without a command after which a servo stream has ended.
         sample_timeout: seconds without a sample after which the link counts as lost.
         stale_after: seconds after which a sample is no longer valid.

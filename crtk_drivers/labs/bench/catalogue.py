@@ -6,14 +6,33 @@ from collections.abc import Iterable
 from typing import Final
 
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.labs.bench import losses, motions, sampling, staying, stops
+from crtk_drivers.labs.bench import (
+    efforts,
+    endurance,
+    latency,
+    limits,
+    lines,
+    losses,
+    motions,
+    ranges,
+    sampling,
+    staying,
+    stops,
+)
 from crtk_drivers.labs.bench.declared import BenchTest, Suite
 
 __all__ = ["TESTS", "chosen"]
 
 TESTS: Final[tuple[BenchTest, ...]] = tuple(
     sorted(
-        (*sampling.TESTS, *staying.TESTS, *stops.TESTS, *motions.TESTS, *losses.TESTS),
+        (
+            test
+            for part in (
+                *(sampling, staying, stops, motions, efforts, latency, endurance),
+                *(ranges, lines, limits, losses),
+            )
+            for test in part.TESTS
+        ),
         key=lambda test: test.acquisition.safety,
     )
 )

@@ -28,12 +28,14 @@ from crtk_drivers import plugins
 from crtk_drivers.config import DeviceConfig, SpaceConfig, from_values, load
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs.bench.bed import Bed, Broken, Process, Tripped
-from crtk_drivers.labs.bench.calls import About, HostOrder
+from crtk_drivers.labs.bench.calls import About, ClientOrder, HostOrder
 from crtk_drivers.labs.bench.catalogue import TESTS
+from crtk_drivers.labs.bench.client import start_client
 from crtk_drivers.labs.bench.declared import Acquisition, Safety
 from crtk_drivers.labs.bench.door import Door
 from crtk_drivers.labs.bench.watch import HOLD_TIME, Watch
 from crtk_drivers.plugins import RunningSim
+from crtk_drivers.samples import Vector
 from crtk_drivers.session import start_sim_of
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
@@ -252,6 +254,7 @@ class _Hosted:
         self._key = secrets.token_bytes(32)
         self._log = folder / f"{order.name}.log"
         self._process: subprocess.Popen[bytes] | None = None
+        self._client: subprocess.Popen[bytes] | None = None
         self._sim: RunningSim | None = None
         self._door: Door | None = None
         self._trouble: CrtkError | None = None
@@ -355,6 +358,18 @@ class _Hosted:
         self._process.wait()
         self.door.close()
         Path(self._path).unlink(missing_ok=True)
+
+    def start_client(self, command: str, home: Vector, speed: Vector, rate: float) -> None:
+        """Start a process that streams to the driver."""
+        order = ClientOrder(self._path, self._key, command, home, speed, rate)
+        self._client = start_client(order)
+
+    def kill_client(self) -> None:
+        """End that process as by ``kill -9``."""
+        client, self._client = self._client, None
+        if client is not None:
+            client.kill()
+            client.wait()
 
     def revive_driver(self) -> tuple[Door, Door]:
         """Start the driver again; return the connection that supervises it, and one for the watch."""

@@ -37,14 +37,16 @@ class Safety(IntEnum):
     READ = 0
     ENABLE = 1
     SMALL = 2
-    FAULT = 3
-    FAULT_IN_MOTION = 4
+    LARGE = 3
+    FAULT = 4
+    FAULT_IN_MOTION = 5
 
 
 SAFETY_LETTERS: Final = {
     Safety.READ: "R",
     Safety.ENABLE: "E",
     Safety.SMALL: "S",
+    Safety.LARGE: "L",
     Safety.FAULT: "X",
     Safety.FAULT_IN_MOTION: "XL",
 }
@@ -189,6 +191,14 @@ class Subject:
         if longest <= max(5.0 * self.period, LONGEST_GAP):
             return ()
         return (f"no sample came for {1e3 * longest:.0f} ms in the midst of it",)
+
+    def uneven(self, stamps: Vector) -> tuple[str, ...]:
+        """Return a doubt if samples, of these times of acquisition (N,), came too unevenly for speeds."""
+        steps = np.diff(stamps[np.isfinite(stamps)])
+        late = float(np.quantile(steps, 0.99)) if steps.size else math.inf
+        if late <= 1.5 * self.period:
+            return ()
+        return (f"one sample in a hundred came {1e3 * late:.0f} ms after the one before",)
 
     def measured(
         self,

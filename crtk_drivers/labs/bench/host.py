@@ -24,10 +24,10 @@ from typing_extensions import override
 from crtk_drivers import plugins
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, CrtkError, unexpected
-from crtk_drivers.labs.bench.calls import About, Failed, Glance, HostOrder
+from crtk_drivers.labs.bench.calls import EFFORT, About, Failed, Glance, HostOrder
 from crtk_drivers.labs.bench.recorder import SampleRecorder
 from crtk_drivers.motion.arbiter import Client
-from crtk_drivers.samples import Pose, Stamp, Value, Vector
+from crtk_drivers.samples import JointState, Pose, Stamp, Value, Vector
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
@@ -191,7 +191,7 @@ class Host:
         return About(
             name=engine.where,
             capabilities=engine.capabilities,
-            commands=tuple(engine.commands),
+            commands=(*engine.commands, *self._efforts()),
             silence=engine.options.stream_timeout,
             sample_timeout=engine.options.sample_timeout,
             stale_after=engine.stale_after,
@@ -200,6 +200,10 @@ class Host:
             readings=self._readings(),
             is_homed=engine.status.is_homed,
         )
+
+    def _efforts(self) -> tuple[str, ...]:
+        value, _ = self._engine.feedback("measured_js") or (None, None)
+        return (EFFORT,) if isinstance(value, JointState) and value.effort.size else ()
 
     def _glance(self) -> Glance:
         engine = self._engine

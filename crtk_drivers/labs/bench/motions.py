@@ -11,7 +11,7 @@ import numpy as np
 from crtk_drivers.labs.bench.bed import Bed
 from crtk_drivers.labs.bench.declared import BUSY, Acquisition, BenchTest, Safety, Subject
 from crtk_drivers.labs.bench.signals import fit_sine, noise, resolution, rest_time
-from crtk_drivers.labs.bench.trace import JointTrack, Trace
+from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import (
     Estimate,
     exact,
@@ -206,33 +206,12 @@ def _windows(trace: Trace, frequency: float) -> list[tuple[float, float]]:
     return [(begin + index / frequency, begin + (index + 1) / frequency) for index in range(count)]
 
 
-def _commanded(trace: Trace) -> tuple[Vector, Array]:
-    sent = [
-        (at, value.position)
-        for at, _, value in trace.commands("servo_jp")
-        if isinstance(value, JointState)
-    ]
-    return np.array([at for at, _ in sent]), np.array([position for _, position in sent])
-
-
-def _by_stamp(joints: JointTrack) -> JointTrack:
-    """Return only what is valid, on the axis of acquisition."""
-    sound = np.isfinite(joints.stamp)
-    return JointTrack(
-        joints.stamp[sound],
-        joints.stamp[sound],
-        joints.position[sound],
-        joints.velocity[sound],
-        joints.effort[sound],
-    )
-
-
 def _transfer(
     trace: Trace, frequency: float, column: int
 ) -> tuple[list[float], list[float], list[float]]:
     """Return gains, lags in s, and rms left over, of one joint: one a window."""
-    joints = _by_stamp(trace.joints)
-    at, position = _commanded(trace)
+    joints = trace.joints.by_stamp
+    at, position = trace.positions_sent("servo_jp")
     gains, lags, rests = [], [], []
     for begin, end in _windows(trace, frequency):
         part = joints.between(begin, end)
@@ -316,8 +295,8 @@ def _bode(trace: Trace, subject: Subject) -> Findings:
 def _following_plot(trace: Trace, frequency: float) -> Plot:
     begin, end = _judged(trace, frequency)
     column = int(np.argmax(trace.notes[f"amplitude {frequency:g}"]))
-    at, position = _commanded(trace)
-    joints = _by_stamp(trace.joints).between(begin, end)
+    at, position = trace.positions_sent("servo_jp")
+    joints = trace.joints.by_stamp.between(begin, end)
     sent = (at >= begin) & (at <= end)
     middle = position[sent][:, column].mean() if sent.any() else 0.0
     return Plot(
@@ -358,7 +337,7 @@ def _lag(trace: Trace, subject: Subject) -> Findings:
 
 
 def _velocity(trace: Trace, subject: Subject) -> Findings:
-    joints = _by_stamp(trace.joints)
+    joints = trace.joints.by_stamp
     names = subject.joints
     frequency = max(trace.notes["frequencies"], key=lambda f: -abs(f - 1.0))
     amplitude = np.asarray(trace.notes[f"amplitude {frequency:g}"])
@@ -402,7 +381,7 @@ def _velocity(trace: Trace, subject: Subject) -> Findings:
 def _frozen(trace: Trace, subject: Subject) -> Findings:
     frequency = max(trace.notes["frequencies"], key=lambda f: -abs(f - 1.0))
     begin, end = _judged(trace, frequency)
-    joints = _by_stamp(trace.joints).between(begin, end)
+    joints = trace.joints.by_stamp.between(begin, end)
     steps = resolution(joints.position)
     amplitude = np.asarray(trace.notes[f"amplitude {frequency:g}"])
     # Where even the slowest of it would show: the middle of the swing, at over five steps a sample.
@@ -448,18 +427,9 @@ def _effective_rate(trace: Trace, subject: Subject) -> Findings:
         doubts=(
             *_disturbed(trace, subject),
             *subject.too_busy(BUSY_ECHO),
-            *_uneven(trace, subject),
+            *subject.uneven(trace.joints.stamp),
         ),
     )
-
-
-def _uneven(trace: Trace, subject: Subject) -> tuple[str, ...]:
-    """Return a doubt if samples came so unevenly that the age of what they carry tells nothing else."""
-    steps = np.diff(trace.joints.stamp[np.isfinite(trace.joints.stamp)])
-    late = float(np.quantile(steps, 0.99)) if steps.size else math.inf
-    if late <= 1.5 * subject.period:
-        return ()
-    return (f"one sample in a hundred came {1e3 * late:.0f} ms after the one before",)
 
 
 # -------------------------------------------------------------------------------------------- approaches

@@ -16,7 +16,7 @@ from crtk_drivers.engine import Engine
 from crtk_drivers.errors import RecordingError
 from crtk_drivers.labs.bench.trace import Row
 from crtk_drivers.recording import Recorder, Recording
-from crtk_drivers.samples import Stamp, Text, Value
+from crtk_drivers.samples import Number, Stamp, Text, Value
 
 __all__ = ["SampleRecorder", "read_recording"]
 
@@ -78,13 +78,20 @@ class SampleRecorder:
         recorder = self._recorder
         if recorder is not None:
             stamp = Stamp(stamp_ns, time.monotonic())
-            recorder.take(f"command/{name}", Text("") if value is None else value, stamp)
+            recorder.take(f"command/{name}", _recordable(value), stamp)
 
     def event(self, kind: str, text: str) -> None:
         """Take what happened: a change of state, a refusal, a mark of a test."""
         recorder = self._recorder
         if recorder is not None:
             recorder.take(EVENTS, Text(json.dumps({"kind": kind, "text": text})), Stamp.now())
+
+
+def _recordable(value: Value | None) -> Value:
+    """Return a value as it can be in a recording: a number, or none at all, as text."""
+    if value is None:
+        return Text("")
+    return Text(f"{value.value:g}") if isinstance(value, Number) else value
 
 
 def read_recording(path: Path) -> list[Row]:

@@ -50,6 +50,9 @@ __all__ = ["BenchOptions", "Judge", "Progress", "judged_again", "run_bench"]
 
 POLL_PERIOD: Final = 0.1
 
+FASTEST_TRAVEL: Final = 0.5
+"""Share of its speed at which a real device may go through its space."""
+
 END_TIMEOUT: Final = 60.0
 """Seconds in which the conductor has held and left everything."""
 
@@ -68,12 +71,14 @@ class BenchOptions:
         only: ids of tests, instead of those of the suite.
         may_move: whoever started it stands beside it, and wants motion.
         out: folder of the run; it may not exist.
+        may_travel: names of the devices that may go anywhere in their space.
     """
 
     suite: Suite
     only: tuple[str, ...]
     may_move: bool
     out: Path
+    may_travel: tuple[str, ...] = ()
 
 
 @dataclass
@@ -116,6 +121,21 @@ def lacking(test: BenchTest, about: About, device: LabDevice, options: BenchOpti
         return "needs `space` in the lab file: where it may go"
     if space is not None and space.tool_box and "measured_cp" not in about.commands:
         return "its space has a `tool_box`, and it does not tell where its tool is"
+    return _lacking_to_travel(device, options) if safety >= Safety.LARGE else ""
+
+
+def _lacking_to_travel(device: LabDevice, options: BenchOptions) -> str:
+    """Return why a device may not go through all of its space, in words; empty if it may."""
+    space = device.entry.space
+    if space is None or not space.joints:
+        return "needs `space.joints` in the lab file: it goes to the ends of these ranges"
+    if space.speed > FASTEST_TRAVEL:
+        return (
+            f"its space has a `speed` of {space.speed:g}: it goes to the ends of its space, "
+            f"at {FASTEST_TRAVEL:g} at most"
+        )
+    if device.name not in options.may_travel:
+        return f"needs --may-travel {device.name}: it goes through all of its space"
     return ""
 
 
@@ -128,13 +148,21 @@ def run_bench(
         what was found; it is in the folder too.
 
     Raises:
-        ConfigError: another bench tests one of the devices, there is no such test, or the folder is there.
+        ConfigError: another bench tests one of the devices, there is no such test or device, or the folder is
+            there.
         OSError: the folder cannot be written.
     """
     tests = chosen(options.suite, options.only)
+    for name in options.may_travel:
+        if name not in lab.settings.devices:
+            raise ConfigError(
+                f"there is no device {name!r} that may travel",
+                where=str(lab.path),
+                remedy=f"There is: {', '.join(lab.settings.devices)}.",
+            )
     with ExitStack() as stack:
-        for name in _locks(lab):
-            stack.enter_context(_locked(*name))
+        for lock in _locks(lab):
+            stack.enter_context(_locked(*lock))
         _make_folder(options.out)
         return _Bench(lab, options, tests, progress, stop).run()
 

@@ -8,7 +8,14 @@ from typing import Final
 import numpy as np
 
 from crtk_drivers.labs.bench.bed import SMALL_SPEED, Bed, Broken
-from crtk_drivers.labs.bench.declared import BUSY, Acquisition, BenchTest, Safety, Subject
+from crtk_drivers.labs.bench.declared import (
+    BUSY,
+    Acquisition,
+    BenchTest,
+    Safety,
+    Subject,
+    Suite,
+)
 from crtk_drivers.labs.bench.signals import resolution, rest_time, slope
 from crtk_drivers.labs.bench.trace import JointTrack, Trace
 from crtk_drivers.labs.verdicts.estimates import exact, within
@@ -22,7 +29,7 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import Array, JointState, Vector, vector
 
-__all__ = ["TESTS", "begin_motion"]
+__all__ = ["RUN", "TESTS", "begin_motion", "motion"]
 
 RUN: Final = 0.5
 """Seconds of motion before the stop."""
@@ -31,6 +38,9 @@ AFTER: Final = 1.0
 
 LONGEST: Final = 5.0
 """Seconds in which a move has got a third of its way."""
+
+CLIENT_STARTS: Final = 20.0
+"""Seconds in which a client's process has brought the device into motion."""
 
 SPEED_OF: Final = 0.05
 """Seconds before a stop from which the speed is taken."""
@@ -44,23 +54,38 @@ BEHIND: Final = 1.2
 HARDLY: Final = 5.0
 """Times the tolerance of rest: a joint that moved by less tells nothing of how it stops."""
 
-ENDINGS: Final = ("hold", "silence", "disable")
+ENDINGS: Final = ("hold", "silence", "disable", "client_killed")
+
+TOLD: Final = {"client_killed": "kill -9 of the client"}
+"""What people call an ending, if not by its name."""
 
 TIME = {
     kind: Quantity(
-        f"stop.{kind}.time", f"time to stand after {kind}", "s", Comparison.AT_MOST, guard=0.01
+        f"stop.{kind}.time",
+        f"time to stand after {TOLD.get(kind, kind)}",
+        "s",
+        Comparison.AT_MOST,
+        guard=0.01,
     )
     for kind in ENDINGS
 }
 WAY = {
     kind: Quantity(
-        f"stop.{kind}.distance", f"way after {kind}", "mrad or mm", Comparison.AT_MOST, guard=1.0
+        f"stop.{kind}.distance",
+        f"way after {TOLD.get(kind, kind)}",
+        "mrad or mm",
+        Comparison.AT_MOST,
+        guard=1.0,
     )
     for kind in ENDINGS
 }
 RETURN = {
     kind: Quantity(
-        f"stop.{kind}.back", f"way back after {kind}", "mrad or mm", Comparison.AT_MOST, guard=1.0
+        f"stop.{kind}.back",
+        f"way back after {TOLD.get(kind, kind)}",
+        "mrad or mm",
+        Comparison.AT_MOST,
+        guard=1.0,
     )
     for kind in ENDINGS
 }
@@ -72,10 +97,19 @@ def _speeds(bed: Bed, reach: Vector) -> Vector:
     return vector(np.minimum(SMALL_SPEED * limits, reach / (BEHIND * RUN)))
 
 
-def _ramp(home: Vector, speed: Vector, t: float) -> JointState:
-    """Return where a ramp is that gets to its speed in `BEGIN` s."""
-    done = t - 0.5 * BEGIN if t > BEGIN else 0.5 * t * t / BEGIN
-    return JointState(position=home + speed * done)
+def motion(
+    command: str, home: Vector, speed: Vector, ramp: float = BEGIN
+) -> Callable[[float], JointState]:
+    """Return what a stream says at a time that gets from `home` (n,) to a speed (n,) in `ramp` s."""
+
+    def velocity(t: float) -> JointState:
+        return JointState(velocity=speed * min(1.0, t / ramp))
+
+    def position(t: float) -> JointState:
+        done = t - 0.5 * ramp if t > ramp else 0.5 * t * t / ramp
+        return JointState(position=home + speed * done)
+
+    return velocity if command == "servo_jv" else position
 
 
 def _way(bed: Bed, home: Vector) -> Array:
@@ -97,13 +131,28 @@ def begin_motion(bed: Bed, home: Vector, *, velocity: bool = True) -> tuple[Vect
     Returns:
         the speeds (n,), and the command.
     """
+    speed, command = _intended(bed, home, velocity)
+    bed.stream(command, motion(command, home, speed), RUN)
+    return speed, command
+
+
+def _intended(bed: Bed, home: Vector, velocity: bool) -> tuple[Vector, str]:
     way = _way(bed, home)
     speed = vector(np.sign(way) * _speeds(bed, np.abs(way)))
-    if velocity and bed.offers("servo_jv"):
-        bed.stream("servo_jv", lambda t: JointState(velocity=speed * min(1.0, t / BEGIN)), RUN)
-        return speed, "servo_jv"
-    bed.stream("servo_jp", lambda t: _ramp(home, speed, t), RUN)
-    return speed, "servo_jp"
+    return speed, "servo_jv" if velocity and bed.offers("servo_jv") else "servo_jp"
+
+
+def _begin_elsewhere(bed: Bed, home: Vector) -> tuple[Vector, str]:
+    """Let a process of its own bring all joints into motion, and kill it; return speeds and command."""
+    speed, command = _intended(bed, home, velocity=True)
+    far = vector(home + RUN * speed)
+    with bed.client(command, home, speed):
+        begun = bed.wait_until(
+            lambda _: _share_of_way(bed.position, home, far) > 0.3, CLIENT_STARTS
+        )
+    if not begun:
+        raise Broken(f"a client has not moved it within {CLIENT_STARTS:g} s")
+    return speed, command
 
 
 def _begin_move(bed: Bed, home: Vector) -> tuple[Vector, str]:
@@ -131,6 +180,8 @@ def _stopping(kind: str) -> Acquisition:
         if kind == "hold":
             speed, stream = _begin_move(bed, home)
             bed.submit("hold")
+        elif kind == "client_killed":
+            speed, stream = _begin_elsewhere(bed, home)
         else:
             speed, stream = begin_motion(bed, home, velocity=kind == "silence")
         if kind == "disable":
@@ -148,8 +199,11 @@ def _stopping(kind: str) -> Acquisition:
         "hold": "Sends hold in the midst of a move of all joints.",
         "silence": "Ends a stream of all joints without a word.",
         "disable": "Sends disable in a stream of all joints.",
+        "client_killed": "Kills the process that streams to all joints, in motion.",
     }
     needs = ("servo_jp", "move_jp", "hold", "measured_js")
+    if kind == "client_killed":
+        return Acquisition(kind, says[kind], Safety.FAULT_IN_MOTION, run, needs, Suite.FULL)
     return Acquisition(kind, says[kind], Safety.SMALL, run, needs)
 
 
@@ -196,7 +250,7 @@ def _analysis(kind: str) -> Callable[[Trace, Subject], Findings]:
         back = _way_back(part.at, part.position, asked)
         limits = subject.limits
         deceleration = np.array([limit.acceleration for limit in limits])
-        silent = subject.silence if kind == "silence" else 0.0
+        silent = subject.silence if kind in ("silence", "client_killed") else 0.0
         declared = subject.stop_time
         reaction = silent + 2.0 * subject.period + subject.lag
         seconds = reaction + float((speed / deceleration).max())
@@ -267,6 +321,7 @@ _NAMES: Final = {
     "hold": ("S1", "hold"),
     "silence": ("S2", "silence"),
     "disable": ("S1b", "disable in motion"),
+    "client_killed": ("S3", "client killed"),
 }
 
 

@@ -56,6 +56,15 @@ class JointTrack:
             self.effort[within],
         )
 
+    @property
+    def by_stamp(self) -> JointTrack:
+        """What is valid, on the axis of acquisition."""
+        sound = np.isfinite(self.stamp)
+        made = self.stamp[sound]
+        return JointTrack(
+            made, made, self.position[sound], self.velocity[sound], self.effort[sound]
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class PoseTrack:
@@ -65,6 +74,11 @@ class PoseTrack:
     stamp: Vector
     position: Array
     orientation: Array
+
+    def acquired(self, begin: float, end: float) -> tuple[Vector, Array]:
+        """Return when what is valid was acquired from `begin` to `end`, and the positions (N, 3)."""
+        within = (self.stamp >= begin) & (self.stamp <= end)
+        return self.stamp[within], self.position[within]
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +178,15 @@ class Trace:
             ((arrival - self.begin) * NS, (stamp - self.begin) * NS, value)
             for _, arrival, stamp, value in rows
         )
+
+    def positions_sent(self, name: str) -> tuple[Vector, Array]:
+        """Return when the joint positions (N, n) of a command came."""
+        sent = [
+            (at, value.position)
+            for at, _, value in self.commands(name)
+            if isinstance(value, JointState)
+        ]
+        return np.array([at for at, _ in sent]), np.array([position for _, position in sent])
 
     def mark(self, text: str) -> float:
         """Return when a mark was made.

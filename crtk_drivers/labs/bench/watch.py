@@ -98,11 +98,12 @@ class Watch:
     def __init__(self, door: Door, about: About, box: BoxConfig | None, stop: StopRequest) -> None:
         self.tripped = ""
         """Why the device was stopped; empty while it was not."""
+        self.box = box
+        """For the tool; None: it may be anywhere."""
         self.lateness: list[float] = []
         """By how many seconds each look was late; of the machine that runs the bench."""
         self._door = door
         self._about = about
-        self._box = box
         self._stop = stop
         self._expected = 0
         self._looked = math.inf
@@ -182,7 +183,7 @@ class Watch:
             due = max(due + PERIOD, time.monotonic())
             try:
                 glance: Glance = door.call("glance")
-                wrong = judged(glance, self._about, self._box)
+                wrong = judged(glance, self._about, self.box)
             except Exception as error:
                 if not ended.is_set():
                     self.trip(str(error))

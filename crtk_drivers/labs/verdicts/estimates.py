@@ -17,6 +17,7 @@ __all__ = [
     "exact",
     "greatest",
     "in_percent",
+    "line",
     "mean",
     "quantile",
     "share",
@@ -87,6 +88,29 @@ def mean(values: ArrayLike) -> Estimate:
         return Estimate(middle, -math.inf, math.inf, 1)
     half = student_t(found.size - 1) * float(found.std(ddof=1)) / math.sqrt(found.size)
     return Estimate(middle, middle - half, middle + half, found.size)
+
+
+def line(x: ArrayLike, y: ArrayLike) -> tuple[Estimate, Estimate]:
+    """Return where the line that fits best begins, at 0, and its slope, by Student's t.
+
+    Raises:
+        ValueError: not as many of one as of the other, none of them, not finite, or all at one `x`.
+    """
+    at, found = _checked(x), _checked(y)
+    n, middle = found.size, float(at.mean())
+    spread = float(((at - middle) ** 2).sum())
+    if at.size != n or spread == 0.0:
+        raise ValueError(f"{n} values at {np.unique(at).size} places are no line")
+    slope = float((at - middle) @ found) / spread
+    begin = float(found.mean()) - slope * middle
+    left = float(((found - begin - slope * at) ** 2).sum())
+    t = student_t(n - 2)
+    sigma = math.sqrt(left / (n - 2)) if n > 2 else math.inf
+    doubts = (sigma * math.sqrt(1.0 / n + middle**2 / spread), sigma / math.sqrt(spread))
+    return (
+        Estimate(begin, begin - t * doubts[0], begin + t * doubts[0], n),
+        Estimate(slope, slope - t * doubts[1], slope + t * doubts[1], n),
+    )
 
 
 def share(hits: int, n: int) -> Estimate:

@@ -1,0 +1,150 @@
+"""Endurance: a slow cycle for minutes: does it go on arriving where it did, is it refused, is it late."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from crtk_drivers.labs.bench.bed import SMALL_SPEED, Bed
+from crtk_drivers.labs.bench.declared import BUSY, Acquisition, BenchTest, Safety, Subject, Suite
+from crtk_drivers.labs.bench.signals import noise, resolution
+from crtk_drivers.labs.bench.trace import Trace
+from crtk_drivers.labs.verdicts.estimates import exact, in_percent, share, within
+from crtk_drivers.labs.verdicts.judging import (
+    Bound,
+    Comparison,
+    Findings,
+    Plot,
+    Quantity,
+    Series,
+)
+from crtk_drivers.samples import Array, JointState, vector
+
+__all__ = ["TESTS"]
+
+MINUTES: Final = 1.0
+"""Of the quick suite; ten times as long in a nightly one."""
+
+CYCLE: Final = 4.0
+"""Seconds of one cycle; longer where a joint would be faster than in any small motion."""
+
+SETTLES: Final = 0.4
+"""Seconds of rest after a cycle, of which the last quarter is the arrival."""
+
+SHARE: Final = 0.6
+"""Of the reach of a small motion that a cycle uses either way."""
+
+FEWEST: Final = 6
+"""Arrivals of which a drift is told."""
+
+DRIFT = Quantity(
+    "motion.endurance.drift",
+    "drift of where it arrives",
+    "mrad or mm",
+    Comparison.AT_MOST,
+    guard=0.2,
+)
+REFUSED = Quantity(
+    "motion.endurance.refused", "commands refused", "", Comparison.AT_MOST, guard=0.5
+)
+LATE = Quantity(
+    "motion.endurance.late", "periods over twice the declared", "%", Comparison.AT_MOST, guard=0.2
+)
+
+
+def _cycles(bed: Bed) -> None:
+    bed.enable()
+    home = bed.setpoint
+    reach = bed.reach(SHARE)
+    limits = np.array([limit.velocity for limit in bed.about.capabilities.limits])
+    # A sine that swells and fades is at most 1.3 times as fast as one of the same amplitude.
+    cycle = max(CYCLE, 1.3 * 2.0 * math.pi * float((reach / (SMALL_SPEED * limits)).max()))
+
+    def swing(t: float) -> JointState:
+        turn = 2.0 * math.pi * min(t / cycle, 1.0)
+        return JointState(position=vector(home + reach * math.sin(turn) * math.sin(0.5 * turn)))
+
+    sent = refused = 0
+    for _ in range(max(FEWEST, round(60.0 * MINUTES * bed.thorough / (cycle + SETTLES)))):
+        counted = bed.insist("servo_jp", swing, cycle + 2.0 / bed.stream_rate)
+        sent, refused = sent + counted[0], refused + counted[1]
+        bed.rest(SETTLES)
+        bed.mark("there")
+    bed.note(sent=sent, refused=refused)
+    bed.disable()
+
+
+CYCLES: Final = Acquisition(
+    "endurance",
+    "Goes through a slow cycle of all joints again and again, for ten minutes, by at most 0.06 rad (12 mm).",
+    Safety.SMALL,
+    _cycles,
+    ("servo_jp", "measured_js"),
+    suite=Suite.NIGHTLY,
+)
+
+
+def _arrivals(trace: Trace) -> Array:
+    """Return where the joints were (k, n) at the end of each cycle."""
+    joints = trace.joints
+    return np.array(
+        [
+            joints.between(at - 0.25 * SETTLES, at).position.mean(axis=0)
+            for at in trace.marks("there")
+        ]
+    )
+
+
+def _endures(trace: Trace, subject: Subject) -> Findings:
+    ends = _arrivals(trace)
+    if len(ends) < FEWEST or not np.isfinite(ends).all():
+        return Findings(doubts=(f"{len(ends)} arrivals",))
+    third = len(ends) // 3
+    first, last = ends[:third], ends[-third:]
+    drift = np.abs(last.mean(axis=0) - first.mean(axis=0))
+    repeats = noise(ends)
+    steps = resolution(trace.joints.position)
+    allowed = np.maximum.reduce([9.0 * repeats, 2.0 * steps, np.full(repeats.size, 1e-3)])
+    worst = int(np.argmax(drift / allowed))
+    made = np.unique(trace.joints.by_stamp.at)
+    late = share(int((np.diff(made) > 2.0 * subject.period).sum()), made.size - 1)
+    notes = trace.notes
+    at = trace.marks("there")
+    return Findings(
+        (
+            subject.measured(
+                DRIFT,
+                within(
+                    1e3 * float(drift[worst]),
+                    2e3 * float(repeats[worst]) * math.sqrt(2.0 / third),
+                    len(ends),
+                ),
+                Bound(
+                    1e3 * float(allowed[worst]),
+                    "nine times its spread, two steps of its encoder, or 1 mrad",
+                ),
+                part=subject.joints[worst],
+            ),
+            subject.measured(
+                REFUSED, exact(notes["refused"], notes["sent"]), Bound(0.0, "it may do all of that")
+            ),
+            subject.measured(LATE, in_percent(late), Bound(0.5, "default")),
+        ),
+        doubts=subject.too_busy(BUSY),
+        plots=(
+            Plot(
+                "Arrivals, from the first",
+                "time, s",
+                "mrad or mm",
+                tuple(
+                    Series(name, tuple(at), tuple(1e3 * column))
+                    for name, column in zip(subject.joints, (ends - ends[0]).T, strict=True)
+                ),
+            ),
+        ),
+    )
+
+
+TESTS: Final = (BenchTest("M12", "endurance", "motion", CYCLES, _endures, (DRIFT, REFUSED, LATE)),)
