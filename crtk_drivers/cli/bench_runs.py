@@ -106,8 +106,8 @@ def list_tests() -> int:
         )
     OUT.print(table)
     OUT.print(
-        "\nClasses: R reads, E enables, S moves a little (0.1 rad, 20 mm at most), X takes a process away, "
-        "XL in motion.",
+        "\nClasses: R reads, E enables, S moves a little (0.1 rad, 20 mm at most), L anywhere in its space, "
+        "X takes a process away, XL in motion.",
         style="dim",
     )
     return 0

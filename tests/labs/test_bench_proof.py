@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from crtk_drivers.commands import COMMANDS
 from crtk_drivers.engine import Engine
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject
@@ -80,6 +81,14 @@ ELSEWHERE = {
     "staying.refusals.refused": "test_what_is_accepted_though_it_is_wrong_fails",
     "staying.refusals.reasons": "test_what_is_accepted_though_it_is_wrong_fails",
     "staying.refusals.moved": "test_what_is_accepted_though_it_is_wrong_fails",
+    **dict.fromkeys(
+        (
+            *("force.weight.mass", "force.weight.center", "force.weight.residual"),
+            *("force.frame.angle", "force.bias.left", "force.saturation.told"),
+            "force.power.trusted",
+        ),
+        "test_bench_forces",
+    ),
     "force.noise.mains": "test_the_mains_in_a_force_sensor_are_found",
     "stop.driver_killed.distance": "test_bench.test_a_drive_that_ignores_its_watchdog_fails",
     "stop.driver_frozen.distance": "test_bench.test_a_drive_that_ignores_its_watchdog_fails",
@@ -143,8 +152,12 @@ def test_a_defect_makes_its_test_fail(
     assert set(verdicts.values()) == {Verdict.FAIL}, (verdicts, told)
 
 
-IN_PROCESS = [name for name, found in ACQUISITIONS.items() if found.safety < Safety.FAULT]
-"""Those that take away no process."""
+IN_PROCESS = [
+    name
+    for name, found in ACQUISITIONS.items()
+    if found.safety < Safety.FAULT and not found.carrier_needs and COMMANDS.keys() >= {*found.needs}
+]
+"""Those of an arm by itself that take away no process."""
 
 
 @pytest.mark.sweep(3)

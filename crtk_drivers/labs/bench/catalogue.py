@@ -6,18 +6,29 @@ from collections.abc import Iterable
 from typing import Final
 
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.labs.bench import losses, motions, sampling, staying, stops
+from crtk_drivers.labs.bench import forces, losses, motions, sampling, staying, stops, weighing
 from crtk_drivers.labs.bench.declared import BenchTest, Suite
 
-__all__ = ["TESTS", "chosen"]
+__all__ = ["ACQUISITIONS", "TESTS", "chosen"]
 
 TESTS: Final[tuple[BenchTest, ...]] = tuple(
     sorted(
-        (*sampling.TESTS, *staying.TESTS, *stops.TESTS, *motions.TESTS, *losses.TESTS),
+        (
+            *sampling.TESTS,
+            *staying.TESTS,
+            *stops.TESTS,
+            *motions.TESTS,
+            *weighing.TESTS,
+            *forces.TESTS,
+            *losses.TESTS,
+        ),
         key=lambda test: test.acquisition.safety,
     )
 )
 """Sorting keeps the order within a class."""
+
+ACQUISITIONS: Final = {test.acquisition.name: test.acquisition for test in TESTS}
+"""By name."""
 
 
 def chosen(suite: Suite, only: Iterable[str] = ()) -> tuple[BenchTest, ...]:

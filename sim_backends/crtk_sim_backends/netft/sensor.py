@@ -152,6 +152,7 @@ class Sensor:
         self.load = load
         self._wrongs = None if defects is None else Wrongs(defects)
         self._bias_left = 0.0 if defects is None else defects.bias_left
+        self._hides_saturation = defects is not None and bool(defects.hides_saturation)
         self.carried = np.zeros(6)
         """Wrench of what hangs on it, besides the load: N and N·m."""
         self.trouble = Trouble()
@@ -332,7 +333,8 @@ class Sensor:
         profile = self._settings.profile
         status = np.full(numbers.size, self.trouble.status, np.uint32)
         status[latched != 0] |= np.uint32(profile.monitor)
-        if (saturated[-1] < numbers[0] - profile.hold).all():
+        is_long_ago = (saturated[-1] < numbers[0] - profile.hold).all()
+        if is_long_ago or self._hides_saturation:
             return status
         held = saturated >= numbers[:, None] - profile.hold
         for axis in np.flatnonzero(held.any(axis=0)):
