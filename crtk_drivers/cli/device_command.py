@@ -11,6 +11,7 @@ from typing import Any
 
 import typer
 
+from crtk_drivers.cli.felt_on_ros import felt_on_ros
 from crtk_drivers.cli.launch import launch_of, launch_options
 from crtk_drivers.cli.log_setup import LEVELS, LogFormat, set_up_logging
 from crtk_drivers.cli.status_line import StatusLine
@@ -141,7 +142,10 @@ def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequenc
         return engine.status, engine.health()
 
     reporter = _reporter(read)
-    with StatusLine(ERR, f"{engine.name} {namespace}", read, live=live) as line:
+    with (
+        StatusLine(ERR, f"{engine.name} {namespace}", read, live=live) as line,
+        felt_on_ros(plugin, session.sim, launch.carried),
+    ):
 
         def idle() -> None:
             line.update()

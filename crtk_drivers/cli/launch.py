@@ -27,7 +27,9 @@ from crtk_drivers.config import (
 )
 from crtk_drivers.config.keys import heading_of, setting_names
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.labs.lab_file import CarriedEntry
 from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.ros.names import checked_namespace
 
 if TYPE_CHECKING:
     from crtk_drivers.session import Session
@@ -42,6 +44,7 @@ _RESERVED = frozenset(
         "--ns",
         "--set",
         "--sim",
+        "--sim-carried",
         "--sim-set",
     }
 )
@@ -50,13 +53,17 @@ _RESERVED = frozenset(
 
 @dataclass(frozen=True)
 class Launch:
-    """A device with its checked configuration, ready to be opened."""
+    """A device with its checked configuration, ready to be opened.
+
+    `carried` says which device on ROS carries it, and what hangs on it, for its simulator to feel.
+    """
 
     plugin: DevicePlugin
     config: DeviceConfig
     node: NodeConfig = field(default_factory=NodeConfig)
     sim: bool = False
     sim_options: Mapping[str, Any] = field(default_factory=dict)
+    carried: CarriedEntry | None = None
 
     def open(self) -> Session:
         """Return its session, not started; the simulator, if one is wanted, is running."""
@@ -108,6 +115,18 @@ def launch_options(plugin: DevicePlugin) -> Parameters:
             rich_help_panel="Simulator",
         ),
     ]
+    carried_options = [
+        option(
+            "sim_carried",
+            list[str],
+            [],
+            "--sim-carried",
+            metavar="KEY=VALUE",
+            help="With --sim: `on`, `mounting` and `tool` as in a lab file, where `on` is a namespace: its "
+            "simulator feels the tool as that arm turns. For simulated arms.",
+            rich_help_panel="Simulator",
+        )
+    ]
     general = [
         option(
             "config",
@@ -146,6 +165,7 @@ def launch_options(plugin: DevicePlugin) -> Parameters:
         *general,
         *own_first,
         *(fault_options if has_sim else ()),
+        *(carried_options if plugin.sim_load is not None else ()),
     ]
 
 
@@ -162,18 +182,32 @@ def launch_of(plugin: DevicePlugin, given: Mapping[str, Any]) -> Launch:
         plugin.check_simulated(layer)
     files: list[Layer] = [from_file(given["config"])] if given["config"] else []
     config: Any = load(model, *files, *typed)
-    return Launch(plugin, config, config.node, sim, _sim_options(plugin, sim, given))
+    options, carried = _sim_options(plugin, sim, given), _carried(sim, given)
+    return Launch(plugin, config, config.node, sim, options, carried)
+
+
+def _carried(sim: bool, given: Mapping[str, Any]) -> CarriedEntry | None:
+    assignments: Sequence[str] = given.get("sim_carried", ())
+    if not assignments:
+        return None
+    if not sim:
+        raise _for_simulator("--sim-carried")
+    found = load(CarriedEntry, from_assignments(CarriedEntry, assignments, "--sim-carried"))
+    checked_namespace(found.on)
+    return found
+
+
+def _for_simulator(option: str) -> ConfigError:
+    return ConfigError(
+        "is for the simulator only", where=option, remedy="Add --sim, or leave it out."
+    )
 
 
 def _sim_options(plugin: DevicePlugin, sim: bool, given: Mapping[str, Any]) -> dict[str, Any]:
     assignments: Sequence[str] = given.get("sim_set", ())
     faults: Path | None = given.get("faults")
     if not sim and (assignments or faults):
-        raise ConfigError(
-            "is for the simulator only",
-            where="--faults" if faults else "--sim-set",
-            remedy="Add --sim, or leave it out.",
-        )
+        raise _for_simulator("--faults" if faults else "--sim-set")
     if not sim or plugin.sim is None:
         return {}
     model = plugins.simulator(plugin.sim).Config

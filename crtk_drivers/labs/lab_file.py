@@ -9,6 +9,7 @@ settings = { host = "192.168.1.10", model = "ur5e" }
 [devices.ft]
 plugin = "ati-netft"
 on = "arm"
+tool = { mass = 0.482, center_of_mass = [0.0, 0.0, 0.06] }
 settings = { host = "192.168.1.20" }
 
 [programs.teleop]
@@ -19,18 +20,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final, Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from crtk_drivers import plugins
 from crtk_drivers.config import (
     DeviceConfig,
     Layer,
+    PoseConfig,
     Settings,
     SpaceConfig,
     from_file,
@@ -40,9 +42,20 @@ from crtk_drivers.config import (
     with_node,
 )
 from crtk_drivers.errors import ConfigError, CrtkError, PluginError
+from crtk_drivers.labs.carried import Carried
 from crtk_drivers.plugins import DevicePlugin
 
-__all__ = ["BoundEntry", "DeviceEntry", "Lab", "LabDevice", "LabProgram", "LabSettings", "load_lab"]
+__all__ = [
+    "BoundEntry",
+    "CarriedEntry",
+    "DeviceEntry",
+    "Lab",
+    "LabDevice",
+    "LabProgram",
+    "LabSettings",
+    "ToolEntry",
+    "load_lab",
+]
 
 NAME: Final = r"^[A-Za-z][A-Za-z0-9_]*$"
 """Of a device or a program: it becomes a ROS namespace, an attribute and a file."""
@@ -50,7 +63,52 @@ NAME: Final = r"^[A-Za-z][A-Za-z0-9_]*$"
 NAMESPACE: Final = r"(/[A-Za-z_][A-Za-z0-9_]*)+"
 
 
-class DeviceEntry(Settings):
+Length = Annotated[float, Field(ge=-100.0, le=100.0)]
+
+
+class ToolEntry(Settings):
+    """What hangs on a sensor."""
+
+    mass: float = Field(gt=0.0, le=1000.0, description="In kg.")
+    center_of_mass: tuple[Length, Length, Length] = Field(
+        default=(0.0, 0.0, 0.0), description="In the sensor's frame, in m."
+    )
+
+
+class CarriedEntry(Settings):
+    """A sensor on an arm, and what hangs on it."""
+
+    on: str = Field(
+        default="", description="The device that carries it: a sensor or a gripper on an arm."
+    )
+    mounting: PoseConfig = Field(
+        default=PoseConfig(),
+        description="Of a sensor: its pose in the frame of the `measured_cp` of `on`. What gravity does to "
+        "its tool depends on the orientation alone.",
+    )
+    tool: ToolEntry | None = Field(
+        default=None,
+        description="Of a sensor: what really hangs on it. Its simulator feels the weight, if `on` is "
+        "simulated too, and the bench holds what it finds against it.",
+    )
+
+    @model_validator(mode="after")
+    def _has_carrier(self) -> Self:
+        for key in ("mounting", "tool"):
+            if key in self.model_fields_set and not self.on:
+                raise ValueError(f"{key}: needs `on`, the device that carries it")
+        return self
+
+    @property
+    def carried(self) -> Carried:
+        """The same as values."""
+        x, y, z, w = self.mounting.pose.orientation.tolist()
+        if self.tool is None:
+            return Carried(orientation=(x, y, z, w))
+        return Carried(self.tool.mass, self.tool.center_of_mass, (x, y, z, w))
+
+
+class DeviceEntry(CarriedEntry):
     """One device of a lab."""
 
     plugin: str = Field(description="Which driver: a name of `crtk-driver list`.")
@@ -67,9 +125,6 @@ class DeviceEntry(Settings):
     sim: bool = Field(default=False, description="Always simulate it, also without --sim.")
     sim_options: dict[str, Any] = Field(
         default_factory=dict, description="Options of its simulator."
-    )
-    on: str = Field(
-        default="", description="The device that carries it: a sensor or a gripper on an arm."
     )
     after: tuple[str, ...] = Field(
         default=(), description="Devices that must measure before it is started, beside `on`."
@@ -141,6 +196,8 @@ class LabDevice:
         sim: it is simulated.
         sim_options: of its simulator.
         after: names of the devices that must measure before.
+        felt_on: namespace of the simulated device that carries it, if its own simulator feels its tool as
+            that one turns; empty if it does not.
         entry: as it was written, with all that concerns the bench.
     """
 
@@ -153,6 +210,7 @@ class LabDevice:
     sim_options: Mapping[str, Any]
     after: tuple[str, ...]
     entry: DeviceEntry
+    felt_on: str = ""
 
     @property
     def address(self) -> str:
@@ -212,7 +270,7 @@ def load_lab(path: str | Path, *, sim: bool = False, only: tuple[str, ...] = ())
     found = {name: _device(name, entry, layer, path, sim) for name, entry in wanted.items()}
     _check_alone(found, layer)
     order = _ordered(found, settings, layer)
-    devices = {name: found[name] for name in order}
+    devices = {name: _coupled(found[name], found) for name in order}
     programs = {} if only else dict(_programs(settings, layer))
     return Lab(settings.name, path, devices, programs, settings)
 
@@ -249,6 +307,16 @@ def _device(name: str, entry: DeviceEntry, lab: Layer, path: Path, sim: bool) ->
         tuple(dict.fromkeys((*((entry.on,) if entry.on else ()), *entry.after))),
         entry,
     )
+
+
+def _coupled(device: LabDevice, devices: Mapping[str, LabDevice]) -> LabDevice:
+    """Return a device that knows whether its simulator feels its tool: nothing of it is real."""
+    carrier = devices.get(device.entry.on)
+    if device.entry.tool is None or carrier is None or not device.sim:
+        return device
+    if device.plugin.sim_load is None or not (carrier.sim or carrier.plugin.is_model):
+        return device
+    return replace(device, felt_on=carrier.namespace)
 
 
 def _part(lab: Layer, key: tuple[str, ...], values: Mapping[str, Any]) -> Layer:

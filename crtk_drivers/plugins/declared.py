@@ -13,6 +13,7 @@ from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins.finder import Finder
 from crtk_drivers.plugins.sim_plugin import RunningSim
+from crtk_drivers.samples import Wrench
 from crtk_drivers.wrappers.base_frame import PlacedDevice
 from crtk_drivers.wrappers.confined import ConfinedDevice
 
@@ -83,6 +84,8 @@ class DevicePlugin:
             simulator they are refused.
         sim_config: the configuration that points at a running simulator.
         sim_options: the options of the simulator that suit a configuration (model, ...).
+        sim_load: puts a wrench on the sensor of a running simulator, in the sensor's frame, beside all else
+            that acts on it, until the next one; None if its simulator feels none. Raises RuntimeError.
         finder: looks for hardware of this kind; None if nobody can.
         tools: commands for people, to look at hardware, scan a bus, calibrate, ...
         typical: values of a configuration whose CRTK commands are listed where the default has no joints.
@@ -99,6 +102,7 @@ class DevicePlugin:
     check_real: Callable[[Any], None] = _nothing
     sim_config: Callable[[Any, RunningSim], Any] = _same_config
     sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
+    sim_load: Callable[[RunningSim, Wrench], None] | None = None
     finder: Finder | None = None
     tools: tuple[Tool, ...] = ()
     typical: Mapping[str, Any] = field(default_factory=dict)

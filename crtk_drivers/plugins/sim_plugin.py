@@ -25,6 +25,13 @@ class SimControl(Protocol):
     def status(self) -> dict[str, Any]:
         """State of the simulated device."""
 
+    def call(self, do: str, **arguments: Any) -> Any:
+        """Do any request of this simulator by its name, and return the answer.
+
+        Raises:
+            RuntimeError: it was refused, or there is no answer.
+        """
+
 
 class RunningSim(Protocol):
     """A simulator in its own process, with all its ports bound."""

@@ -17,6 +17,7 @@ import secrets
 import socket
 import stat
 import tempfile
+import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, Self
@@ -189,7 +190,7 @@ def _line(value: Mapping[str, Any]) -> bytes:
 
 
 class ControlClient:
-    """Client side: one connection to the control socket of a simulator.
+    """Client side: one connection to the control socket of a simulator. Thread-safe.
 
     Args:
         host: loopback address of the simulator.
@@ -214,6 +215,7 @@ class ControlClient:
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._lines = self._socket.makefile("rb")
+        self._lock = threading.Lock()
         self._let_in = False
         with contextlib.suppress(OSError):  # the first request tells
             self._socket.sendall(first)
@@ -221,14 +223,15 @@ class ControlClient:
     def call(self, do: str, **arguments: Any) -> Any:
         """Do any request by name and return its result."""
         request = _line({"do": do, "with": arguments})
-        if not self._let_in:
-            self._read_answer(do)
-            self._let_in = True
-        try:
-            self._socket.sendall(request)
-        except OSError as error:
-            raise ControlError(f"no answer to {do!r} from the {self._name}: {error}") from error
-        return self._read_answer(do)
+        with self._lock:
+            if not self._let_in:
+                self._read_answer(do)
+                self._let_in = True
+            try:
+                self._socket.sendall(request)
+            except OSError as error:
+                raise ControlError(f"no answer to {do!r} from the {self._name}: {error}") from error
+            return self._read_answer(do)
 
     def _read_answer(self, do: str) -> Any:
         try:
@@ -276,9 +279,10 @@ class ControlClient:
 
     def close(self) -> None:
         """Close the connection."""
-        with contextlib.suppress(OSError):
-            self._lines.close()
-        self._socket.close()
+        with self._lock:
+            with contextlib.suppress(OSError):
+                self._lines.close()
+            self._socket.close()
 
     def __enter__(self) -> Self:
         return self

@@ -27,6 +27,7 @@ from crtk_drivers.labs.bench.results import Run, read_run, write_run
 from crtk_drivers.labs.bench.run import BenchOptions, judged_again, run_bench
 from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.status.stop_request import StopRequest
+from rigs.processes import children_of
 
 GANTRY = '[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 500 }\n'
 
@@ -184,16 +185,6 @@ def test_when_the_conductor_dies_the_results_so_far_are_kept(bench: Bench) -> No
     assert (run.complete, run.ended_by) == (False, "the conductor's process died")
     verdicts = {test.id: test.verdict for _, test in run.tests}
     assert verdicts == {"T3": Verdict.PASS, "M2": Verdict.SKIPPED}
-
-
-def children_of(pid: int) -> set[int]:
-    """Return the ids of all processes below one."""
-    try:
-        own = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    except FileNotFoundError:
-        return set()
-    found = {int(each) for each in own}
-    return found.union(*map(children_of, found))
 
 
 def wait_until(test: Callable[[], object], seconds: float = 40.0) -> None:

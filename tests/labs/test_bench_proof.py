@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from crtk_drivers.commands import COMMANDS
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.labs.bench.catalogue import TESTS
@@ -114,6 +115,14 @@ ELSEWHERE = {
     "staying.refusals.refused": "test_what_is_accepted_though_it_is_wrong_fails",
     "staying.refusals.reasons": "test_what_is_accepted_though_it_is_wrong_fails",
     "staying.refusals.moved": "test_what_is_accepted_though_it_is_wrong_fails",
+    **dict.fromkeys(
+        (
+            *("force.weight.mass", "force.weight.center", "force.weight.residual"),
+            *("force.frame.angle", "force.bias.left", "force.saturation.told"),
+            "force.power.trusted",
+        ),
+        "test_bench_forces",
+    ),
     "force.noise.mains": "test_the_mains_in_a_force_sensor_are_found",
     "stop.driver_killed.distance": "test_bench.test_a_drive_that_ignores_its_watchdog_fails",
     "stop.driver_frozen.distance": "test_bench.test_a_drive_that_ignores_its_watchdog_fails",
@@ -191,9 +200,11 @@ def test_a_defect_makes_its_test_fail(
 IN_PROCESS = [
     name
     for name, found in ACQUISITIONS.items()
-    if found.safety < Safety.FAULT or name == "client_killed"
+    if (found.safety < Safety.FAULT or name == "client_killed")
+    and not found.carrier_needs
+    and COMMANDS.keys() >= {*found.needs}
 ]
-"""Those that take away no process, or one that is not the device's."""
+"""Those of an arm by itself that take away no process, or one that is not the device's."""
 
 
 @pytest.mark.sweep(3)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 
 import pytest
 
+from crtk_drivers.labs.bench.results import Measured
 from crtk_drivers.labs.verdicts.judging import Comparison, Measurement, Verdict
 
 PROPERTY = "bench_proof"
@@ -31,6 +32,21 @@ def tell_proof(
         ):
             worst[found] = one
     rows = [(figure, defects, str(one.verdict), one.told) for figure, one in worst.items()]
+    record_property(PROPERTY, json.dumps(rows))
+
+
+def tell_stored(
+    record_property: Callable[[str, object], None],
+    defects: str,
+    measurements: Iterable[Measured],
+    quantities: Collection[str] = (),
+) -> None:
+    """The same of what a whole run has kept."""
+    rows = [
+        (one.id, defects, str(one.verdict), one.told)
+        for one in measurements
+        if one.comparison != "told" and (not quantities or one.id in quantities)
+    ]
     record_property(PROPERTY, json.dumps(rows))
 
 

@@ -18,12 +18,14 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from crtk_drivers.config import BoxConfig
+from crtk_drivers.device import Note
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs.bench.calls import About, Glance
 from crtk_drivers.labs.bench.door import Door, Refused
 from crtk_drivers.labs.bench.watch import Watch
-from crtk_drivers.samples import JointState, Number, Pose, Value, Vector, vector
+from crtk_drivers.samples import JointState, Number, Pose, Value, Vector, Wrench, vector
 from crtk_drivers.state import OperatingState, Status
+from crtk_drivers.status.health import Health
 
 __all__ = ["Bed", "Broken", "Process", "Processes", "Tripped", "paced"]
 
@@ -81,6 +83,12 @@ class Processes(Protocol):
     def kill_client(self) -> None:
         """End that process as by ``kill -9``, and wait for that; nothing if there is none."""
 
+    def inject(self, fault: str, **parameters: Any) -> None:
+        """Begin a fault of the simulator."""
+
+    def load(self, wrench: Wrench) -> None:
+        """Let a wrench act on the simulated sensor, in its frame, until the next one."""
+
 
 def _is_in(point: Vector, box: BoxConfig) -> bool:
     return bool((point >= box.lower).all() and (point <= box.upper).all())
@@ -105,6 +113,7 @@ class Bed:
         watch: of it.
         thorough: 1 for a quick run, more for one that takes its time: how much is measured.
         processes: of the device; None where they may not be touched.
+        carrier: the device that carries it, where the acquisition is about both.
 
     Attributes:
         kept: what was written down by `keep`.
@@ -118,6 +127,7 @@ class Bed:
         watch: Watch,
         thorough: float,
         processes: Processes | None = None,
+        carrier: Bed | None = None,
     ) -> None:
         self.name = name
         self.about = about
@@ -126,7 +136,14 @@ class Bed:
         self._watch = watch
         self._slides: Vector | None = None
         self._processes = processes
+        self._carrier = carrier
         self.kept: dict[str, Any] = {}
+
+    @property
+    def carrier(self) -> Bed:
+        """The device that carries it, which an acquisition with `carrier_needs` has."""
+        assert self._carrier is not None
+        return self._carrier
 
     # ------------------------------------------------------------------------------- what is written down
 
@@ -198,6 +215,12 @@ class Bed:
         """Operating state."""
         return self.glance().status.state
 
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What the device tells of itself in words."""
+        health: Health = self._door.call("health")
+        return health.notes
+
     def offers(self, *names: str) -> bool:
         """Whether the device has all of these CRTK names."""
         return all(name in self.about.commands for name in names)
@@ -228,6 +251,13 @@ class Bed:
             Broken: it did not get there.
         """
         self._command_to("disable", OperatingState.DISABLED)
+
+    def service(self, name: str) -> str:
+        """Ask for a service of the device's own, and return the answer."""
+        self.check()
+        timeout = self.about.capabilities.transition_timeout
+        answer: str = self._door.call("service", name, timeout, within=timeout)
+        return answer
 
     def submit(self, name: str, value: Value | None = None, stamp_ns: int = 0) -> None:
         """Send a CRTK command; see `Door.submit`."""
@@ -312,13 +342,17 @@ class Bed:
 
     def reach(self, share: float = 1.0) -> Vector:
         """Return how far each joint (n,) may go either way in a small motion, from where it is set."""
-        limits = self.about.capabilities.limits
         far = np.where(self.slides > 0.5, SMALL_WAY, SMALL_ANGLE) * share
+        down, up = self.room()
+        return vector(np.clip(np.minimum(far, np.minimum(down, up)), 0.0, None))
+
+    def room(self) -> tuple[Vector, Vector]:
+        """Return how far each joint (n,) may go downwards and upwards from where it is set."""
+        limits = self.about.capabilities.limits
         here = self.setpoint
         lower = np.array([limit.lower for limit in limits])
         upper = np.array([limit.upper for limit in limits])
-        room = ROOM * np.minimum(here - lower, upper - here)
-        return vector(np.clip(np.minimum(far, room), 0.0, None))
+        return vector(ROOM * (here - lower)), vector(ROOM * (upper - here))
 
     def is_free(self, goal: Vector) -> bool:
         """Whether the joints may go straight to (n,), and the tool with them, as the lab file says."""
@@ -378,6 +412,18 @@ class Bed:
             yield
         finally:
             processes.kill_client()
+
+    def inject(self, fault: str, **parameters: Any) -> None:
+        """Begin a fault of the simulator.
+
+        Raises:
+            Broken: it has no such fault.
+        """
+        self._own_processes.inject(fault, **parameters)
+
+    def load(self, wrench: Wrench) -> None:
+        """Let a wrench act on the simulated sensor, in its frame, until the next one."""
+        self._own_processes.load(wrench)
 
     def kill_driver(self) -> None:
         """End the driver as by a power cut of its computer."""

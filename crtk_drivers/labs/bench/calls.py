@@ -77,6 +77,7 @@ class About:
         has_kinematics: whether it knows where its tool is.
         readings: what it tells of itself, by name.
         is_homed: its positions count.
+        services: of its own, by name.
     """
 
     name: str
@@ -89,6 +90,7 @@ class About:
     has_kinematics: bool
     readings: Mapping[str, str]
     is_homed: bool
+    services: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

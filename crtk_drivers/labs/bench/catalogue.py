@@ -9,6 +9,7 @@ from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs.bench import (
     efforts,
     endurance,
+    forces,
     latency,
     limits,
     lines,
@@ -18,10 +19,11 @@ from crtk_drivers.labs.bench import (
     sampling,
     staying,
     stops,
+    weighing,
 )
 from crtk_drivers.labs.bench.declared import BenchTest, Suite
 
-__all__ = ["TESTS", "chosen"]
+__all__ = ["ACQUISITIONS", "TESTS", "chosen"]
 
 TESTS: Final[tuple[BenchTest, ...]] = tuple(
     sorted(
@@ -29,7 +31,7 @@ TESTS: Final[tuple[BenchTest, ...]] = tuple(
             test
             for part in (
                 *(sampling, staying, stops, motions, efforts, latency, endurance),
-                *(ranges, lines, limits, losses),
+                *(ranges, lines, weighing, limits, forces, losses),
             )
             for test in part.TESTS
         ),
@@ -37,6 +39,9 @@ TESTS: Final[tuple[BenchTest, ...]] = tuple(
     )
 )
 """Sorting keeps the order within a class."""
+
+ACQUISITIONS: Final = {test.acquisition.name: test.acquisition for test in TESTS}
+"""By name."""
 
 
 def chosen(suite: Suite, only: Iterable[str] = ()) -> tuple[BenchTest, ...]:

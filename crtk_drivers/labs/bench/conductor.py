@@ -16,8 +16,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final
@@ -28,14 +30,16 @@ from crtk_drivers import plugins
 from crtk_drivers.config import DeviceConfig, SpaceConfig, from_values, load
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs.bench.bed import Bed, Broken, Process, Tripped
-from crtk_drivers.labs.bench.calls import About, ClientOrder, HostOrder
-from crtk_drivers.labs.bench.catalogue import TESTS
+from crtk_drivers.labs.bench.calls import About, ClientOrder, Glance, HostOrder
+from crtk_drivers.labs.bench.catalogue import ACQUISITIONS
 from crtk_drivers.labs.bench.client import start_client
 from crtk_drivers.labs.bench.declared import Acquisition, Safety
 from crtk_drivers.labs.bench.door import Door
+from crtk_drivers.labs.bench.recorder import carrier_recording
 from crtk_drivers.labs.bench.watch import HOLD_TIME, Watch
+from crtk_drivers.labs.carried import UNKNOWN, Carried, Coupling
 from crtk_drivers.plugins import RunningSim
-from crtk_drivers.samples import Vector
+from crtk_drivers.samples import Pose, Vector, Wrench
 from crtk_drivers.session import start_sim_of
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
@@ -55,6 +59,9 @@ class DeviceOrder:
         name: in the lab.
         plugin, values, sim, sim_options: as in the lab file.
         space: for the run; None: as the device's own limits say.
+        on: name of the device that carries it, if that is in this run.
+        carried: how it sits on that, and its tool.
+        feels: its simulator feels its tool.
     """
 
     name: str
@@ -63,6 +70,9 @@ class DeviceOrder:
     sim: bool
     sim_options: Mapping[str, Any]
     space: SpaceConfig | None
+    on: str = ""
+    carried: Carried = UNKNOWN
+    feels: bool = False
 
 
 @dataclass(frozen=True)
@@ -156,7 +166,7 @@ class _Conductor:
         self._order = order
         self._parent = parent
         self._stop = stop
-        self._acquisitions = {test.acquisition.name: test.acquisition for test in TESTS}
+        self._devices = {device.name: device for device in order.devices}
 
     def run(self) -> None:
         """Test one device after the other: a simulator that is not looked at keeps none from its time."""
@@ -164,79 +174,111 @@ class _Conductor:
             for device in self._order.devices:
                 if self._stop.is_set():
                     return
-                with _Hosted(device, Path(doors), self._order.folder) as host:
-                    self._test(device, host)
+                with _Hosted(device, Path(doors), self._order.folder) as host, ExitStack() as stack:
+                    self._test(device, host, partial(self._carrier, host, Path(doors), stack))
 
-    def _test(self, device: DeviceOrder, host: _Hosted) -> None:
+    def _test(self, device: DeviceOrder, host: _Hosted, find: Callable[[], _Hosted]) -> None:
+        """Test a device; `find` brings up the one that carries it, once that is needed."""
         try:
             about = host.about()
         except CrtkError as error:
             self._ask(Reached(device.name, None, str(error)))
             return
         wanted: tuple[str, ...] = self._ask(Reached(device.name, about))
-        box = None if device.space is None else device.space.tool_box
         for name in wanted:
             if self._stop.is_set():
                 return
-            acquisition = self._acquisitions[name]
-            with host.connected() as watching:
-                watch = Watch(watching, about, box, self._stop)
-                bed = Bed(
-                    device.name,
-                    about,
-                    host.door,
-                    watch,
-                    self._order.thorough,
-                    host if device.sim else None,
-                )
-                goes_on = self._acquire(bed, watch, acquisition, host)
-            if not goes_on:
+            if not self._acquire(host, ACQUISITIONS[name], find):
                 return
 
-    def _acquire(self, bed: Bed, watch: Watch, acquisition: Acquisition, host: _Hosted) -> bool:
+    def _carrier(self, host: _Hosted, doors: Path, stack: ExitStack) -> _Hosted:
+        """Bring up the device that carries another one, for as long as that is tested.
+
+        Raises:
+            CrtkError: it does not measure.
+        """
+        if host.carrier is None:
+            order = self._devices[host.order.on]
+            host.carrier = stack.enter_context(_Hosted(order, doors, self._order.folder))
+            host.carrier.about()
+        return host.carrier
+
+    def _acquire(
+        self, host: _Hosted, acquisition: Acquisition, find: Callable[[], _Hosted]
+    ) -> bool:
         """Carry out one acquisition and return whether the device is used any further."""
-        self._parent.send(Began(bed.name, acquisition.name))
-        path = self._order.folder / "data" / f"{bed.name}-{acquisition.name}.mcap"
+        device = host.order.name
+        self._parent.send(Began(device, acquisition.name))
+        path = self._order.folder / "data" / f"{device}-{acquisition.name}.mcap"
         begin = time.monotonic()
+        moves = acquisition.safety > Safety.READ
         trouble, broken = "", False
+        watches: list[Watch] = []
+        kept: dict[str, Any] = {}
         try:
-            host.is_touched |= acquisition.safety > Safety.READ
-            host.door.call("record", str(path))
-            # What only reads is not stopped: a device that was found powered stays so.
-            watch.start(moves=acquisition.safety > Safety.READ)
-            try:
+            with ExitStack() as stack:
+                # What only reads is not stopped: a device that was found powered stays so.
+                other = find() if acquisition.carrier_needs else None
+                moves_own = moves and other is None
+                watch = stack.enter_context(self._recorded(host, path, moves_own))
+                watches.append(watch)
+                carrier = None
+                if other is not None:
+                    if host.order.feels:
+                        stack.enter_context(host.coupled(stack.enter_context(other.connected())))
+                    beside = carrier_recording(path)
+                    watches.append(stack.enter_context(self._recorded(other, beside, moves)))
+                    watch.join(watches[-1])
+                    carrier = self._bed(other, watches[-1])
+                bed = self._bed(host, watch, carrier)
+                kept = bed.kept
                 acquisition.run(bed)
+        except Tripped as error:
+            trouble = str(error)
+        except (Broken, CrtkError) as error:
+            trouble = str(error)
+            broken = moves
+        except Exception as error:
+            logger.exception("%s: %s", device, acquisition.name)
+            trouble, broken = f"the test itself broke: {type(error).__name__}: {error}", True
+        goes_on: bool = self._ask(
+            Acquired(
+                device,
+                acquisition.name,
+                time.monotonic() - begin,
+                path,
+                tuple(late for watch in watches for late in watch.lateness),
+                " ".join(trouble.split()),
+                kept,
+                moves and any(watch.tripped for watch in watches) and not self._stop.is_set(),
+                broken,
+            )
+        )
+        return goes_on
+
+    @contextmanager
+    def _recorded(self, host: _Hosted, path: Path, moves: bool) -> Iterator[Watch]:
+        """Within, a device is recorded and watched; it is held and disabled if something ends that."""
+        box = None if host.order.space is None else host.order.space.tool_box
+        with host.connected() as watching:
+            watch = Watch(watching, host.known, box, self._stop)
+            host.is_touched |= moves
+            host.door.call("record", str(path))
+            watch.start(moves)
+            try:
+                yield watch
             except BaseException:
-                if acquisition.safety > Safety.READ:
+                if moves:
                     host.settle()
                 raise
             finally:
                 watch.close()
                 host.door.call("stop_recording", within=10.0)
-        except Tripped as error:
-            trouble = str(error)
-        except (Broken, CrtkError) as error:
-            trouble = str(error)
-            broken = acquisition.safety > Safety.READ
-        except Exception as error:
-            logger.exception("%s: %s", bed.name, acquisition.name)
-            trouble, broken = f"the test itself broke: {type(error).__name__}: {error}", True
-        goes_on: bool = self._ask(
-            Acquired(
-                bed.name,
-                acquisition.name,
-                time.monotonic() - begin,
-                path,
-                tuple(watch.lateness),
-                " ".join(trouble.split()),
-                bed.kept,
-                acquisition.safety > Safety.READ
-                and bool(watch.tripped)
-                and not self._stop.is_set(),
-                broken,
-            )
-        )
-        return goes_on
+
+    def _bed(self, host: _Hosted, watch: Watch, carrier: Bed | None = None) -> Bed:
+        processes = host if host.order.sim else None
+        thorough = self._order.thorough
+        return Bed(host.order.name, host.known, host.door, watch, thorough, processes, carrier)
 
     def _ask(self, message: object) -> Any:
         self._parent.send(message)
@@ -249,7 +291,9 @@ class _Hosted:
     def __init__(self, order: DeviceOrder, doors: Path, folder: Path) -> None:
         self.is_touched = False
         """More was done to it than to read: it is left disabled."""
-        self._order = order
+        self.carrier: _Hosted | None = None
+        """The device that carries it, once that was needed."""
+        self.order = order
         self._path = str(doors / f"{order.name}.door")
         self._key = secrets.token_bytes(32)
         self._log = folder / f"{order.name}.log"
@@ -257,6 +301,7 @@ class _Hosted:
         self._client: subprocess.Popen[bytes] | None = None
         self._sim: RunningSim | None = None
         self._door: Door | None = None
+        self._about: About | None = None
         self._trouble: CrtkError | None = None
         self._host: HostOrder | None = None
 
@@ -278,7 +323,7 @@ class _Hosted:
             try:
                 self._process.wait(LEAVE_TIMEOUT)
             except subprocess.TimeoutExpired:
-                logger.error("%s: its driver did not end, and was killed", self._order.name)
+                logger.error("%s: its driver did not end, and was killed", self.order.name)
                 self._process.kill()
                 self._process.wait()
         if self._sim is not None:
@@ -299,12 +344,30 @@ class _Hosted:
         if self._trouble is not None:
             raise self._trouble
         self._door = Door(self._path, self._key, START_TIMEOUT)
-        about: About = self._door.call("about", within=START_TIMEOUT)
-        return about
+        self._about = self._door.call("about", within=START_TIMEOUT)
+        return self.known
+
+    @property
+    def known(self) -> About:
+        """What it is, as `about` found it."""
+        assert self._about is not None
+        return self._about
 
     def connected(self) -> Door:
         """Return another connection."""
         return Door(self._path, self._key, START_TIMEOUT)
+
+    def coupled(self, watching: Door) -> Coupling:
+        """Return what lets its simulator feel its tool, as that device turns to which a connection leads."""
+        sim, load = self._simulator, plugins.device(self.order.plugin).sim_load
+        assert load is not None
+
+        def look() -> Pose | None:
+            glance: Glance = watching.call("glance")
+            pose, stamp = glance.values.get("measured_cp", (None, None))
+            return pose if isinstance(pose, Pose) and stamp is not None and stamp.wall_ns else None
+
+        return Coupling(sim, load, self.order.carried, look, self.order.name)
 
     def settle(self) -> None:
         """Hold it, and disable it once it stands, however it is."""
@@ -313,10 +376,10 @@ class _Hosted:
                 self.door.call(*call, within=10.0)
                 time.sleep(pause)
             except CrtkError as error:
-                logger.info("%s: %s: %s", self._order.name, call[-1], error)
+                logger.info("%s: %s: %s", self.order.name, call[-1], error)
 
     def _start(self) -> None:
-        order = self._order
+        order = self.order
         plugin = plugins.device(order.plugin)
         given = [from_values(dict(order.values))]
         if order.space is not None:
@@ -346,10 +409,32 @@ class _Hosted:
 
     def pid(self, which: Process) -> int:
         """Return the id of a process."""
-        process = self._sim if which is Process.SIMULATOR else self._process
-        if process is None:
-            raise Broken(f"it has no {which}")
-        return process.pid
+        if which is Process.SIMULATOR:
+            return self._simulator.pid
+        assert self._process is not None
+        return self._process.pid
+
+    def inject(self, fault: str, **parameters: Any) -> None:
+        """Begin a fault of the simulator."""
+        try:
+            self._simulator.control.inject(fault, **parameters)
+        except RuntimeError as error:
+            raise Broken(str(error)) from error
+
+    def load(self, wrench: Wrench) -> None:
+        """Let a wrench act on the simulated sensor, in its frame, until the next one."""
+        load = plugins.device(self.order.plugin).sim_load
+        assert load is not None
+        try:
+            load(self._simulator, wrench)
+        except RuntimeError as error:
+            raise Broken(str(error)) from error
+
+    @property
+    def _simulator(self) -> RunningSim:
+        if self._sim is None:
+            raise Broken(f"it has no {Process.SIMULATOR}")
+        return self._sim
 
     def kill_driver(self) -> None:
         """End the driver as by a power cut of its computer."""

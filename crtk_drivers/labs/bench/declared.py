@@ -16,6 +16,7 @@ from crtk_drivers.device import JointLimits
 from crtk_drivers.labs.bench.bed import Bed
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.trace import Trace
+from crtk_drivers.labs.carried import UNKNOWN, Carried
 from crtk_drivers.labs.lab_file import BoundEntry
 from crtk_drivers.labs.verdicts.estimates import Estimate
 from crtk_drivers.labs.verdicts.judging import Bound, Findings, Measurement, Quantity
@@ -80,8 +81,11 @@ class Acquisition:
         summary: what is done, for people.
         safety: what it may do.
         run: does it.
-        needs: CRTK names without which it cannot be done.
+        needs: CRTK names, and services, without which it cannot be done.
         suite: the smallest suite that it belongs to.
+        carrier_needs: CRTK names that the device must offer that carries this one. That one is moved, watched
+            and recorded as well, and this one only read; empty: it is about one device.
+        loads: the simulator is loaded by what `DevicePlugin.sim_load` does.
     """
 
     name: str
@@ -90,6 +94,8 @@ class Acquisition:
     run: Callable[[Bed], None]
     needs: tuple[str, ...] = ()
     suite: Suite = Suite.QUICK
+    carrier_needs: tuple[str, ...] = ()
+    loads: bool = False
 
 
 @dataclass(frozen=True)
@@ -108,6 +114,7 @@ class Subject:
         sample_timeout: seconds without a sample after which the link counts as lost.
         stale_after: seconds after which a sample is no longer valid.
         link_timeout: seconds that the hardware declares to go on by itself.
+        carried: how it sits on the device that carries it, and its tool.
         bounds: of the lab file, by the id of a quantity.
     """
 
@@ -122,6 +129,7 @@ class Subject:
     link_timeout: float
     lateness: tuple[float, ...] = ()
     kept: Mapping[str, Any] = field(default_factory=dict)
+    carried: Carried = UNKNOWN
     bounds: Mapping[str, BoundEntry] = field(default_factory=dict)
 
     @classmethod
@@ -131,6 +139,7 @@ class Subject:
         lateness: tuple[float, ...],
         bounds: Mapping[str, BoundEntry],
         kept: Mapping[str, Any] = MappingProxyType({}),
+        carried: Carried = UNKNOWN,
     ) -> Subject:
         """Return what counts of a device."""
         own = about.capabilities
@@ -146,6 +155,7 @@ class Subject:
             link_timeout=own.stop.link_timeout,
             lateness=lateness,
             kept=dict(kept),
+            carried=carried,
             bounds=bounds,
         )
 
@@ -164,6 +174,7 @@ class Subject:
         values["joints"] = tuple(values["joints"])
         values["limits"] = tuple(JointLimits(**limit) for limit in values["limits"])
         values["lateness"] = tuple(values["lateness"])
+        values["carried"] = Carried(**values.get("carried", {}))
         return cls(**values, bounds=bounds)
 
     @property

@@ -99,6 +99,7 @@ class Host:
             "state_command": self._state_command,
             "hold": partial(self._engine.submit, "hold"),
             "readings": self._readings,
+            "service": self._service,
             "record": self._recorder.begin,
             "mark": partial(self._recorder.event, "mark"),
             "note": partial(self._recorder.event, "note"),
@@ -199,6 +200,7 @@ class Host:
             has_kinematics=engine.device.kinematics is not None,
             readings=self._readings(),
             is_homed=engine.status.is_homed,
+            services=tuple(engine.services),
         )
 
     def _efforts(self) -> tuple[str, ...]:
@@ -224,6 +226,9 @@ class Host:
         engine.state_command(text)
         engine.wait_for(lambda: engine.transition_ended, timeout)
         return engine.status
+
+    def _service(self, name: str, timeout: float) -> str:
+        return self._engine.request(name).wait(timeout)
 
     def _submit(self, visitor: Client, name: str, value: Value | None, stamp_ns: int) -> None:
         self._recorder.command(name, value, stamp_ns)

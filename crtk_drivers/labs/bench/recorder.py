@@ -1,7 +1,8 @@
 """Every sample of a device under test, and what was asked of it, in the order of arrival, as MCAP.
 
 Topics are ``measured_js`` and others of the device, ``command/<name>`` for what it was asked, and ``events``:
-JSON with what happened, marks and notes of the test among it.
+JSON with what happened, marks and notes of the test among it. A second device that is recorded, which carries
+the first one, has a file of its own beside it, whose topics are read as ``carrier/measured_js`` and so on.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import json
 import threading
 import time
+from operator import itemgetter
 from pathlib import Path
 from typing import Final
 
@@ -18,9 +20,12 @@ from crtk_drivers.labs.bench.trace import Row
 from crtk_drivers.recording import Recorder, Recording
 from crtk_drivers.samples import Number, Stamp, Text, Value
 
-__all__ = ["SampleRecorder", "read_recording"]
+__all__ = ["SampleRecorder", "carrier_recording", "read_recording"]
 
-RECORDED: Final = ("measured_js", "setpoint_js", "measured_cp", "measured_cv", "measured_cf")
+RECORDED: Final = (
+    *("measured_js", "setpoint_js", "measured_cp", "measured_cv"),
+    *("measured_cf", "raw/measured_cf"),
+)
 
 EVENTS: Final = "events"
 
@@ -94,12 +99,26 @@ def _recordable(value: Value | None) -> Value:
     return Text(f"{value.value:g}") if isinstance(value, Number) else value
 
 
+def carrier_recording(path: Path) -> Path:
+    """Return where the device that carries another one is recorded, beside the recording of that."""
+    return path.with_suffix(".carrier.mcap")
+
+
 def read_recording(path: Path) -> list[Row]:
-    """Return the rows of a recording, finished or cut off.
+    """Return the rows of a recording, finished or cut off, and of the one beside it if there is one.
 
     Raises:
         RecordingError: there is none, or it is broken.
     """
+    rows = _rows(path)
+    beside = carrier_recording(path)
+    if not beside.exists():
+        return rows
+    carrier = [(f"carrier/{topic}", *rest) for topic, *rest in _rows(beside)]
+    return sorted([*rows, *carrier], key=itemgetter(1))
+
+
+def _rows(path: Path) -> list[Row]:
     rows: list[Row] = []
     for message in Recording(path).messages():
         found = message.decoded()

@@ -16,7 +16,7 @@ import platform
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -29,7 +29,7 @@ from typing import Final
 from crtk_drivers.errors import ConfigError, RecordingError
 from crtk_drivers.labs.bench import results
 from crtk_drivers.labs.bench.calls import About
-from crtk_drivers.labs.bench.catalogue import TESTS, chosen
+from crtk_drivers.labs.bench.catalogue import ACQUISITIONS, TESTS, chosen
 from crtk_drivers.labs.bench.conductor import (
     Acquired,
     Began,
@@ -39,7 +39,7 @@ from crtk_drivers.labs.bench.conductor import (
     ask_to_stop,
     conduct,
 )
-from crtk_drivers.labs.bench.declared import BenchTest, Safety, Subject, Suite
+from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.recorder import read_recording
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.lab_file import BoundEntry, Lab, LabDevice, load_lab
@@ -93,16 +93,50 @@ class _Tested:
     stopped: str = ""
 
 
-def lacking(test: BenchTest, about: About, device: LabDevice, options: BenchOptions) -> str:
-    """Return why a test is skipped, in words; empty if it is not."""
-    missing = [
-        name for name in (*test.acquisition.needs, *test.needs) if name not in about.commands
-    ]
+def lacking(
+    test: BenchTest,
+    about: About,
+    device: LabDevice,
+    options: BenchOptions,
+    carrier: _Tested | None = None,
+) -> str:
+    """Return why a test is skipped, in words; empty if it is not.
+
+    Args:
+        test, about, device, options: what is to be tested, and how.
+        carrier: the device that carries it, if that is in the run.
+    """
+    acquisition = test.acquisition
+    offered = (*about.commands, *about.services)
+    missing = [name for name in (*acquisition.needs, *test.needs) if name not in offered]
     if missing:
         return f"the device does not offer {', '.join(missing)}"
-    safety = test.acquisition.safety
-    if safety >= Safety.FAULT and not device.sim:
-        return "takes processes away, which is done to simulators only"
+    if acquisition.safety >= Safety.FAULT and not device.sim:
+        return "is done to simulators only"
+    if acquisition.loads and device.plugin.sim_load is None:
+        return "its simulator feels no load"
+    if not acquisition.carrier_needs:
+        return _unmoved(acquisition.safety, about, device, options)
+    if carrier is None:
+        return "needs a device that carries it (`on`) in the same run"
+    why = _unusable(acquisition, carrier)
+    if not why and carrier.about is not None:
+        why = _unmoved(acquisition.safety, carrier.about, carrier.lab, options)
+    return why and f"{carrier.lab.name}, which carries it: {why}"
+
+
+def _unusable(acquisition: Acquisition, carrier: _Tested) -> str:
+    """Return why a device does not carry another one about."""
+    if carrier.about is None:
+        return "was not reached"
+    if carrier.stopped:
+        return carrier.stopped
+    missing = [name for name in acquisition.carrier_needs if name not in carrier.about.commands]
+    return f"does not offer {', '.join(missing)}" if missing else ""
+
+
+def _unmoved(safety: Safety, about: About, device: LabDevice, options: BenchOptions) -> str:
+    """Return why a device may not be moved; empty if it may, or is not to be moved."""
     if safety is Safety.READ or device.sim or device.plugin.is_model:
         return ""
     if not options.may_move:
@@ -197,7 +231,7 @@ class _Bench:
         """Start the conductor, judge what it records, and return what was found."""
         self._keep()
         order = RunOrder(
-            tuple(_order(device) for device in self._lab.devices.values()),
+            tuple(_order(device, self._lab.devices) for device in self._lab.devices.values()),
             self._options.out,
             self._options.suite.thorough,
         )
@@ -273,7 +307,8 @@ class _Bench:
         )
         wanted: list[str] = []
         for test in tested.tests:
-            why = lacking(test, about, tested.lab, self._options)
+            carrier = self._tested.get(tested.lab.entry.on)
+            why = lacking(test, about, tested.lab, self._options, carrier)
             if why:
                 self._record(tested, _untested(test, Verdict.SKIPPED, why))
             elif test.acquisition.name not in wanted:
@@ -285,7 +320,11 @@ class _Bench:
         tested = self._tested[message.device]
         assert tested.about is not None
         subject = Subject.of(
-            tested.about, message.lateness, self._lab.settings.bounds, message.kept
+            tested.about,
+            message.lateness,
+            self._lab.settings.bounds,
+            message.kept,
+            tested.lab.entry.carried,
         )
         self._keep_subject(message.recording, subject, message.trouble)
         guarded = ""
@@ -304,10 +343,14 @@ class _Bench:
             )
             if test.guards and not is_sound:
                 guarded = f"no more after {test.id}: {stored.verdict}: {stored.reason}"
+        moved = tested
+        if ACQUISITIONS[message.acquisition].carrier_needs:
+            moved = self._tested[tested.lab.entry.on]
         if message.tripped or message.broken:
-            guarded = guarded or f"no more after {message.acquisition}: {message.trouble}"
+            moved.stopped = f"no more after {message.acquisition}: {message.trouble}"
+            guarded = guarded or moved.stopped
         if message.tripped:
-            self._power_off_of(tested)
+            self._power_off_of(moved)
         tested.stopped = guarded
         return not guarded
 
@@ -459,14 +502,18 @@ def _described(device: LabDevice) -> results.DeviceResult:
     )
 
 
-def _order(device: LabDevice) -> DeviceOrder:
+def _order(device: LabDevice, run: Collection[str]) -> DeviceOrder:
+    entry = device.entry
     return DeviceOrder(
         device.name,
         device.plugin.name,
         device.values,
         device.sim,
         device.sim_options,
-        device.entry.space,
+        entry.space,
+        entry.on if entry.on in run else "",
+        entry.carried,
+        bool(device.felt_on),
     )
 
 

@@ -102,14 +102,24 @@ class Watch:
         """For the tool; None: it may be anywhere."""
         self.lateness: list[float] = []
         """By how many seconds each look was late; of the machine that runs the bench."""
+        self.box = box
+        """For its tool."""
         self._door = door
         self._about = about
         self._stop = stop
+        self._companion: Watch | None = None
         self._expected = 0
         self._looked = math.inf
         self._moves = True
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
+
+    def join(self, other: Watch) -> None:
+        """Trip together with the watch of a second device from now on, whichever trips first."""
+        self._companion, other._companion = other, self
+        for one, second in ((self, other), (other, self)):
+            if one.tripped:
+                second.trip(one.tripped)
 
     def start(self, moves: bool = True) -> None:
         """Watch from now on.
@@ -141,6 +151,11 @@ class Watch:
     @property
     def trouble(self) -> str:
         """Why nothing may be moved: the device was stopped, or nobody looks. Empty if all is well."""
+        return self.own_trouble or ("" if self._companion is None else self._companion.own_trouble)
+
+    @property
+    def own_trouble(self) -> str:
+        """The same, of this device alone."""
         if self.tripped or self._expected:
             return self.tripped
         blind = time.monotonic() - self._looked
@@ -158,12 +173,16 @@ class Watch:
             self._expected -= 1
 
     def trip(self, why: str) -> None:
-        """Hold the device, disable it, and say why. The first reason counts."""
+        """Hold the device, disable it, and say why; the second device as well. The first reason counts."""
         if self.tripped:
             return
         self.tripped = why
-        if not self._moves:
-            return
+        if self._moves:
+            self._stop_device(why)
+        if self._companion is not None:
+            self._companion.trip(f"{self._about.name}: {why}")
+
+    def _stop_device(self, why: str) -> None:
         logger.error("%s: stopped by the watch: %s", self._about.name, why)
         for step in ("hold", "disable"):
             try:

@@ -9,6 +9,7 @@ from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_driver_ati_netft.tools import TOOLS
 from crtk_drivers.plugins import DevicePlugin, RunningSim, required
+from crtk_drivers.samples import Wrench
 
 _PORTS = ("rdt", "tcp", "http")
 
@@ -22,6 +23,10 @@ def _sim_options(config: NetFtConfig) -> Mapping[str, Any]:
     return {} if config.profile == "auto" else {"profile": config.profile}
 
 
+def _load(sim: RunningSim, wrench: Wrench) -> None:
+    sim.control.call("carry", wrench=wrench.vector.tolist())
+
+
 PLUGIN = DevicePlugin(
     name="ati-netft",
     summary="ATI NetFT force/torque sensors: Net Box, Ethernet Axia, SCHUNK FTN, OnRobot HEX",
@@ -33,5 +38,6 @@ PLUGIN = DevicePlugin(
     check_real=required("host", "192.168.1.1"),
     sim_config=_at_sim,
     sim_options=_sim_options,
+    sim_load=_load,
     tools=TOOLS,
 )

@@ -22,6 +22,7 @@ class TransducerDefects:
         scale: factor on all axes: a known mass has another one.
         exchanged: two axes, 0 to 5, whose values are exchanged.
         bias_left: share of the load that a bias leaves.
+        hides_saturation: 1: no status bit says that an axis is saturated.
     """
 
     seed: int = 1
@@ -32,6 +33,7 @@ class TransducerDefects:
     scale: float = 1.0
     exchanged: tuple[int, ...] = ()
     bias_left: float = 0.0
+    hides_saturation: int = 0
 
     def __post_init__(self) -> None:
         within = all(0 <= axis < 6 for axis in self.exchanged)

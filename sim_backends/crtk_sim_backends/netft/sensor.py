@@ -152,6 +152,9 @@ class Sensor:
         self.load = load
         self._wrongs = None if defects is None else Wrongs(defects)
         self._bias_left = 0.0 if defects is None else defects.bias_left
+        self._hides_saturation = defects is not None and bool(defects.hides_saturation)
+        self.carried = np.zeros(6)
+        """Wrench of what hangs on it, besides the load: N and N·m."""
         self.trouble = Trouble()
         self._settings = settings
         self._first_ft = first_ft
@@ -272,7 +275,7 @@ class Sensor:
         size = max(8, int(settings.internal_rate * _AHEAD))
         numbers = np.arange(first, first + size)
         times = self.clock.load_times(first, size)
-        load = self.load.wrench(times) + self.trouble.push
+        load = self.load.wrench(times) + self.carried + self.trouble.push
         if self._wrongs is not None:
             load = self._wrongs.measured(load, times)
         for axis in self.trouble.overloaded:
@@ -330,7 +333,8 @@ class Sensor:
         profile = self._settings.profile
         status = np.full(numbers.size, self.trouble.status, np.uint32)
         status[latched != 0] |= np.uint32(profile.monitor)
-        if (saturated[-1] < numbers[0] - profile.hold).all():
+        is_long_ago = (saturated[-1] < numbers[0] - profile.hold).all()
+        if is_long_ago or self._hides_saturation:
             return status
         held = saturated >= numbers[:, None] - profile.hold
         for axis in np.flatnonzero(held.any(axis=0)):

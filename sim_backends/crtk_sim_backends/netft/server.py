@@ -17,6 +17,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from crtk_sim_backends import wire
 from crtk_sim_backends.control import token
 from crtk_sim_backends.fault_player import FaultPlayer
@@ -299,6 +301,7 @@ class NetFtServer:
                 "outputs": self._outputs,
                 "trace": self.box.trace,
                 "load": self._load,
+                "carry": self._carry,
                 "scene": lambda: scene.scene(self.box, self.host),
                 "live": lambda: scene.live(self.box, self.status()),
             },
@@ -433,6 +436,14 @@ class NetFtServer:
 
     def _load(self, text: str) -> None:
         self.box.sensor.load = parse_load(text)
+        self.box.changed()
+        self.box.settle(self._moment)
+
+    def _carry(self, wrench: list[float]) -> None:
+        carried = np.array(wrench, np.float64)
+        if carried.shape != (6,) or not np.isfinite(carried).all():
+            raise ValueError(f"wrench must be six finite numbers, not {wrench}")
+        self.box.sensor.carried = carried
         self.box.changed()
         self.box.settle(self._moment)
 

@@ -11,10 +11,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import crtk_drivers
 from crtk_drivers.client import connect
+from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(120)]
@@ -38,6 +40,19 @@ UNREACHABLE = """
 [devices.far]
 plugin = "ur"
 settings = { host = "127.0.0.99" }
+"""
+
+CARRIED = """
+[devices.arm]
+plugin = "virtual"
+namespace = "/up/arm"
+
+[devices.ft]
+plugin = "ati-netft"
+namespace = "/up/ft"
+on = "arm"
+sim = true
+tool = { mass = 0.8 }
 """
 
 
@@ -151,3 +166,31 @@ def test_one_that_is_still_starting_ends_well(tmp_path):
         pid = lab.until(r"one: started, process (\d+)")
         assert lab.end() == 0
         until_gone(pid)
+
+
+def test_a_simulated_sensor_feels_its_tool_also_after_a_restart(tmp_path):
+    def until_felt(ft, arm):
+        """Wait until the weight pulls where the arm says that down is."""
+        deadline = time.monotonic() + LONG
+        while True:
+            down = -matrix_from_quaternion(arm.measured_cp(wait=LONG).orientation)[2]
+            force = ft.measured_cf(wait=LONG).force
+            if np.allclose(force, 0.8 * 9.80665 * down, atol=0.05):
+                return down
+            assert time.monotonic() < deadline, f"never: {force} along {down}"
+            time.sleep(0.02)
+
+    with up(tmp_path, CARRIED) as lab:
+        lab.until("ft: measures")
+        with connect("/up/arm", timeout=LONG) as arm, connect("/up/ft", timeout=LONG) as ft:
+            first = until_felt(ft, arm)
+            arm.enable()
+            arm.move_jp(arm.measured_js(wait=LONG).position + np.repeat((0.0, 0.7), 3)).wait(LONG)
+            assert not np.allclose(until_felt(ft, arm), first, atol=0.1)
+            os.kill(lab.until(r"ft: started, process (\d+)"), signal.SIGKILL)
+            lab.until("ft: measures", count=2)
+            until_felt(ft, arm)
+            os.kill(lab.until(r"arm: started, process (\d+)"), signal.SIGKILL)
+            lab.until("arm: measures", count=2)
+            assert np.allclose(until_felt(ft, arm), first, atol=1e-3), "it begins where it began"
+        assert lab.end() == 0

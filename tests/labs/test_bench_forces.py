@@ -1,0 +1,253 @@
+"""The bench over a simulated force sensor on an arm: its figures, its proof, and the watch over both."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.bench.calls import About
+from crtk_drivers.labs.bench.catalogue import TESTS
+from crtk_drivers.labs.bench.declared import Subject, Suite
+from crtk_drivers.labs.bench.results import Run
+from crtk_drivers.labs.bench.run import BenchOptions, judged_again, lacking, run_bench
+from crtk_drivers.labs.bench.trace import Trace
+from crtk_drivers.labs.verdicts.judging import Verdict
+from crtk_drivers.status.stop_request import StopRequest
+from crtk_drivers.testing.loopback import LoopbackDevice
+from rigs.processes import children_of
+from rigs.proof_table import tell_stored
+
+ARM = '[devices.arm]\nplugin = "virtual"\n'
+FT = """
+[devices.ft]
+plugin = "ati-netft"
+on = "arm"
+sim = true
+mounting = { rpy = [0.0, 0.0, 1.0] }
+tool = { mass = 0.8, center_of_mass = [0.0, 0.02, 0.06] }
+"""
+BY_ID = {test.id: test for test in TESTS}
+
+Progress = Callable[[str, str, Verdict | None, str], None]
+Tell = Callable[[str, object], None]
+
+
+def carried_out(
+    folder: Path,
+    lab: str,
+    *only: str,
+    progress: Progress = lambda *_: None,
+    stop: StopRequest | None = None,
+) -> Run:
+    path = folder / "lab.toml"
+    path.write_text(lab)
+    options = BenchOptions(Suite.QUICK, only, may_move=False, out=folder / "run")
+    return run_bench(load_lab(path), options, progress, stop or StopRequest())
+
+
+def with_defects(text: str) -> str:
+    return f'{ARM}{FT}sim_options = {{ defects = "{text}" }}\n'
+
+
+def of_sensor(run: Run) -> dict[str, tuple[Verdict, str]]:
+    return {
+        test.id: (test.verdict, test.reason) for device, test in run.tests if device.name == "ft"
+    }
+
+
+def measured(run: Run) -> dict[str, Verdict]:
+    return {one.id: one.verdict for _, test in run.tests for one in test.measurements}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(180)
+def test_a_sound_sensor_fails_nowhere(tmp_path: Path, record_property: Tell) -> None:
+    run = carried_out(tmp_path, with_defects("noise=0.05"), "F2", "F3", "F4", "F5", "F6")
+    tell_stored(record_property, "", [one for _, test in run.tests for one in test.measurements])
+    assert set(of_sensor(run)) == {"F2", "F3", "F4", "F5", "F6"}
+    assert Verdict.FAIL not in {verdict for verdict, _ in of_sensor(run).values()}, of_sensor(run)
+    assert set(measured(run).values()) == {Verdict.PASS}, measured(run)
+    assert measured(judged_again(tmp_path / "run", None)) == measured(run), "from both recordings"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize(
+    ("defects", "tests", "quantities"),
+    [
+        ("scale=1.1", ("F4",), ("force.weight.mass",)),
+        (
+            "exchanged=0+2",
+            ("F4", "F5"),
+            ("force.weight.center", "force.weight.residual", "force.frame.angle"),
+        ),
+        ("drift=0.02", ("F2",), ("force.bias.left",)),
+    ],
+    ids=["scale", "axes", "drift"],
+)
+def test_a_defect_makes_its_test_fail(
+    defects: str,
+    tests: tuple[str, ...],
+    quantities: tuple[str, ...],
+    tmp_path: Path,
+    record_property: Tell,
+) -> None:
+    run = carried_out(tmp_path, with_defects(defects), *tests)
+    stored = [one for _, test in run.tests for one in test.measurements]
+    tell_stored(record_property, defects, stored, quantities)
+    verdicts = measured(run)
+    assert {verdicts[name] for name in quantities} == {Verdict.FAIL}, (verdicts, of_sensor(run))
+
+
+@pytest.mark.timeout(90)
+def test_a_saturation_that_is_not_told_fails(tmp_path: Path) -> None:
+    run = carried_out(tmp_path, with_defects("hides_saturation=1"), "F3")
+    assert of_sensor(run)["F3"] == (
+        Verdict.FAIL,
+        "it did not tell within 2 s that it is saturated",
+    )
+
+
+SUBJECT = Subject((), (), 500.0, 0.0, 1.0, 0.1, 0.5, 0.05, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("looks", "back", "verdict"),
+    [
+        ([(0.0, 1, False), (0.5, 0, False), (1.2, 2, True)], 1.2, Verdict.PASS),
+        ([(0.0, 1, False), (0.5, 0, False), (1.2, 2, False), (1.3, 3, True)], 1.2, Verdict.FAIL),
+        ([(0.0, 1, False), (0.5, 0, False)], None, Verdict.FAIL),
+        ([(0.0, 1, False), (0.5, 2, False), (1.2, 3, False)], 1.2, Verdict.INCONCLUSIVE),
+    ],
+    ids=["told", "too late", "never back", "never away"],
+)
+def test_a_bias_that_is_trusted_after_a_power_cut_fails(
+    looks: list[tuple[float, int, bool]], back: float | None, verdict: Verdict
+) -> None:
+    subject = replace(SUBJECT, kept={"looks": looks, "back": back})
+    assert BY_ID["F6"].analyse(Trace.of([]), subject).verdict is verdict
+
+
+@pytest.mark.parametrize(("after", "verdict"), [(0.2, Verdict.PASS), (0.9, Verdict.FAIL)])
+def test_a_saturation_that_is_told_late_fails(after: float, verdict: Verdict) -> None:
+    kept = {"before": "", "told": "saturated", "after": after, "quiet": True}
+    assert BY_ID["F3"].analyse(Trace.of([]), replace(SUBJECT, kept=kept)).verdict is verdict
+
+
+# ------------------------------------------------------------------------------ the watch over both
+
+
+def until(test: Callable[[], object]) -> None:
+    end = time.monotonic() + 40.0
+    while not test():
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.02)
+
+
+def simulator_of(text: str) -> int:
+    """Return the id of the process below the conductor whose command line has a text."""
+    (conductor,) = multiprocessing.active_children()
+    assert conductor.pid is not None
+    for child in children_of(conductor.pid):
+        if text in Path(f"/proc/{child}/cmdline").read_text():
+            return child
+    raise AssertionError(f"no process of {text}")
+
+
+@pytest.mark.timeout(120)
+def test_a_sensor_that_falls_silent_stops_the_arm(tmp_path: Path) -> None:
+    moving = tmp_path / "run" / "data" / "ft-weighing.carrier.mcap"
+
+    def kill() -> None:
+        until(lambda: moving.exists() and moving.stat().st_size > 500_000)
+        os.kill(simulator_of("crtk_sim_backends.netft"), signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    run = carried_out(tmp_path, ARM + FT, "F4")
+    killer.join()
+    verdict, reason = of_sensor(run)["F4"]
+    assert verdict is Verdict.INCONCLUSIVE
+    assert "FAULT" in reason, reason
+    log = (tmp_path / "run" / "log.txt").read_text()
+    assert "virtual: stopped by the watch: ati-netft" in log, log
+
+
+@pytest.mark.timeout(120)
+def test_stopped_while_it_weighs_the_arm_is_held(tmp_path: Path) -> None:
+    stop = StopRequest()
+
+    def progress(device: str, test: str, verdict: Verdict | None, reason: str) -> None:
+        if (test, verdict) == ("F4", None):
+            stop.set()
+
+    run = carried_out(tmp_path, ARM + FT, "F4", progress=progress, stop=stop)
+    assert (run.complete, run.ended_by) == (False, "stopped by the operator")
+    assert of_sensor(run)["F4"][0] is Verdict.INCONCLUSIVE
+    assert "virtual: stopped by the watch" in (tmp_path / "run" / "log.txt").read_text()
+
+
+@pytest.mark.timeout(90)
+def test_an_arm_that_failed_carries_nothing_about(tmp_path: Path) -> None:
+    sagging = f"{ARM}settings = {{ defects = {{ sag_on_disable = 0.02 }} }}\n"
+    run = carried_out(tmp_path, sagging + FT, "M1", "F4")
+    verdict, reason = of_sensor(run)["F4"]
+    assert verdict is Verdict.SKIPPED
+    assert reason.startswith("arm, which carries it: no more after M1: FAIL"), reason
+
+
+def test_a_real_arm_carries_nothing_about_unless_it_is_allowed(tmp_path: Path) -> None:
+    def why(more: str, *, may_move: bool = True, reached: bool = True, stopped: str = "") -> str:
+        path = tmp_path / "lab.toml"
+        address = 'settings = { host = "192.168.1.9" }'
+        path.write_text(f'[devices.arm]\nplugin = "ur"\n{address}\n{more}{FT}')
+        lab = load_lab(path)
+        about = ABOUT if reached else None
+        arm: Any = SimpleNamespace(lab=lab.devices["arm"], about=about, stopped=stopped)
+        options = BenchOptions(Suite.FULL, (), may_move, tmp_path)
+        return lacking(BY_ID["F4"], ABOUT, lab.devices["ft"], options, arm)
+
+    ranges = ", ".join(["{ lower = -1.0, upper = 1.0 }"] * 6)
+    space = f"space = {{ joints = [{ranges}] }}\n"
+    assert why(space) == ""
+    assert why(space, may_move=False) == (
+        "arm, which carries it: needs --may-move: it enables the device"
+    )
+    assert "`space` with `joints`" in why("space = { speed = 0.2 }\n")
+    assert "`space` in the lab file" in why("")
+    assert "was not reached" in why(space, reached=False)
+    assert "no more after S1" in why(space, stopped="no more after S1")
+    assert "another device" in why(f'{space}identity = {{ serial = "8" }}\n')
+
+
+def test_what_nothing_carries_is_not_weighed(tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text(ARM + FT)
+    alone = load_lab(path, only=("ft",)).devices["ft"]
+    options = BenchOptions(Suite.FULL, (), True, tmp_path)
+    assert "needs a device that carries it" in lacking(BY_ID["F4"], ABOUT, alone, options)
+
+
+ABOUT = About(
+    name="arm",
+    capabilities=LoopbackDevice().capabilities,
+    commands=("move_jp", "measured_js", "measured_cp", "measured_cf"),
+    silence=0.1,
+    sample_timeout=0.5,
+    stale_after=0.05,
+    max_step=0.05,
+    has_kinematics=True,
+    readings={"serial": "7"},
+    is_homed=True,
+)

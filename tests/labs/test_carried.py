@@ -1,0 +1,165 @@
+"""A simulated sensor on a simulated arm feels the weight of its tool, turned as the arm is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import crtk_drivers
+from crtk_driver_ati_netft import PLUGIN
+from crtk_drivers.errors import ConfigError, CrtkError
+from crtk_drivers.labs import device_command, load_lab
+from crtk_drivers.labs.carried import Carried, Coupling
+from crtk_drivers.samples import Pose
+from rigs.netft_bench import NetFtBench, driver_at, eventually, netft_bench
+
+LONG = 30.0
+MASS, CENTER = 0.8, (0.0, 0.02, 0.06)
+QUARTER = (0.0, 0.0, float(np.sqrt(0.5)), float(np.sqrt(0.5)))
+"""The sensor's x axis along the y axis of the tool."""
+
+PULL = MASS * 9.80665
+
+
+def pose_of(arm: Any) -> Pose:
+    pose: Pose = arm.measured_cp(age=0.0, wait=LONG)
+    return pose
+
+
+@contextmanager
+def coupled(bench: NetFtBench, arm: Any, carried: Carried) -> Iterator[None]:
+    assert PLUGIN.sim_load is not None
+    with Coupling(bench.sim, PLUGIN.sim_load, carried, lambda: pose_of(arm), "ft"):
+        yield
+
+
+def test_the_weight_turns_as_the_arm_does() -> None:
+    """Held against what the driver itself takes off for a tool, and against a table for one pose."""
+    settings = {
+        "tool": {"mass": MASS, "center_of_mass": CENTER},
+        "mounting": [0.0, 0.0, float(np.pi / 2.0)],
+        "orientation_timeout": 5.0,
+    }
+    with (
+        crtk_drivers.connect("ur", sim=True, model="ur5e") as arm,
+        netft_bench(settings) as bench,
+        coupled(bench, arm, Carried(MASS, CENTER, QUARTER)),
+    ):
+        arm.enable()
+        bench.device.follow(arm)
+        for turn in (0.0, 0.7, -0.9):
+            goal = arm.measured_js(wait=LONG).position + np.repeat((0.0, turn), 3)
+            arm.move_jp(goal).wait(LONG)
+            bench.until_load([0.0] * 6, tolerance=0.02)
+            raw = bench.front.raw.measured_cf(age=0.2, wait=LONG)
+            assert np.linalg.norm(raw.force) == pytest.approx(PULL, abs=0.02)
+            # The sensor's x axis is the tool's y axis, its y axis the opposite of the tool's x axis.
+            turned = pose_of(arm).orientation
+            x, y, z, w = turned.tolist()
+            down = [-2 * (x * z - y * w), -2 * (y * z + x * w), 2 * (x * x + y * y) - 1]
+            assert raw.force == pytest.approx(
+                [PULL * down[1], -PULL * down[0], PULL * down[2]], abs=0.02
+            )
+
+
+def test_it_survives_that_the_arm_or_the_driver_is_started_again() -> None:
+    upright = Pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+    over = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    told: dict[str, Pose | None] = {"pose": None}
+
+    def look() -> Pose | None:
+        if "gone" in told:
+            raise CrtkError("the arm is not there")
+        return told["pose"]
+
+    assert PLUGIN.sim_load is not None
+    with (
+        netft_bench() as bench,
+        Coupling(bench.sim, PLUGIN.sim_load, Carried(MASS), look, "ft"),
+    ):
+        told["pose"] = upright
+        bench.until_load([0.0, 0.0, -PULL, 0.0, 0.0, 0.0], tolerance=1e-3)
+        told["gone"] = None
+        told["pose"] = over
+        bench.front.close()
+        with driver_at(bench.sim) as again:
+            again.until_load([0.0, 0.0, -PULL, 0.0, 0.0, 0.0], tolerance=1e-3)
+            del told["gone"]
+            again.until_load([0.0, 0.0, PULL, 0.0, 0.0, 0.0], tolerance=1e-3)
+
+
+def test_it_ends_with_its_simulator() -> None:
+    assert PLUGIN.sim_load is not None
+    with netft_bench() as bench:
+        upright = Pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+        coupling = Coupling(bench.sim, PLUGIN.sim_load, Carried(MASS), lambda: upright, "ft")
+        with coupling:
+            bench.until_load([0.0, 0.0, -PULL, 0.0, 0.0, 0.0], tolerance=1e-3)
+            bench.sim.stop()
+            eventually(lambda: not coupling.runs, "it has ended")
+
+
+ARM = '[devices.arm]\nplugin = "{}"\n{}\n'
+FT = """[devices.ft]
+plugin = "ati-netft"
+on = "arm"
+tool = {{ mass = 0.8, center_of_mass = [0, 0.02, 0.06] }}
+mounting = {{ rpy = [0, 0, 1.5] }}
+{}
+"""
+REAL = 'settings = { host = "192.168.1.10" }'
+
+
+@pytest.mark.parametrize(
+    ("arm", "ft", "sim", "felt_on"),
+    [
+        (ARM.format("ur", REAL), FT.format(REAL.replace("10", "20")), False, ""),
+        (ARM.format("ur", REAL), FT.format(REAL.replace("10", "20")), True, "/arm"),
+        (ARM.format("ur", REAL), FT.format("sim = true"), False, ""),
+        (ARM.format("ur", "sim = true"), FT.format(REAL), False, ""),
+        (ARM.format("ur", "sim = true"), FT.format("sim = true"), False, "/arm"),
+        (ARM.format("virtual", ""), FT.format("sim = true"), False, "/arm"),
+    ],
+    ids=["real", "--sim", "real arm", "real sensor", "simulated", "model"],
+)
+def test_only_what_is_simulated_is_coupled(
+    arm: str, ft: str, sim: bool, felt_on: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text(arm + ft)
+    device = load_lab(path, sim=sim).devices["ft"]
+    assert device.felt_on == felt_on
+    command = device_command(device, tmp_path / "ft.yaml")
+    assert ("--sim-carried" in command) is bool(felt_on)
+    if felt_on:
+        assert f"on={felt_on}" in command
+
+
+def test_a_sensor_whose_arm_is_not_started_is_not_coupled(tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text(ARM.format("virtual", "") + FT.format("sim = true"))
+    assert load_lab(path, only=("ft",)).devices["ft"].felt_on == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("tool = { mass = 1.0 }", "tool: needs `on`"),
+        ("mounting = { rpy = [0, 0, 1] }", "mounting: needs `on`"),
+        ('on = "arm"\ntool = { mas = 1.0 }', "mass"),
+        ('on = "arm"\ntool = { mass = -1.0 }', "mass"),
+        ('on = "arm"\nmounting = { rpy = [0, 0] }', "rpy"),
+    ],
+)
+def test_what_is_wrong_is_told(text: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text(
+        ARM.format("virtual", "") + f'[devices.ft]\nplugin = "ati-netft"\nsim = true\n{text}\n'
+    )
+    with pytest.raises(ConfigError, match=told):
+        load_lab(path)
