@@ -110,9 +110,13 @@ class ProgramEntry(Settings):
 class BoundEntry(Settings):
     """Another bound than the default one."""
 
-    value: float = Field(description="The bound, in the unit of the measurement.")
+    value: float = Field(
+        allow_inf_nan=False, description="The bound, in the unit of the measurement."
+    )
     lower: float | None = Field(
-        default=None, description="The lower one, of a measurement that has two."
+        default=None,
+        allow_inf_nan=False,
+        description="The lower one, of a measurement that has two.",
     )
     because: str = Field(min_length=1, description="Why; it is told in the report.")
 
@@ -155,6 +159,11 @@ class LabDevice:
     entry: DeviceEntry
 
     @property
+    def simulated(self) -> bool:
+        """No hardware is behind it: a simulator is, or it is a model in memory."""
+        return self.sim or self.plugin.is_model
+
+    @property
     def address(self) -> str:
         """Where the hardware is, as the settings say; empty for one that is simulated or has no address."""
         if self.sim:
@@ -182,6 +191,7 @@ class Lab:
         devices: by name, those that others come after first.
         programs: by name.
         settings: as they were written, with all that concerns the bench.
+        bound_places: where each of its bounds was written, for messages.
     """
 
     name: str
@@ -189,6 +199,7 @@ class Lab:
     devices: Mapping[str, LabDevice]
     programs: Mapping[str, LabProgram]
     settings: LabSettings
+    bound_places: Mapping[str, str]
 
 
 def load_lab(path: str | Path, *, sim: bool = False, only: tuple[str, ...] = ()) -> Lab:
@@ -214,7 +225,8 @@ def load_lab(path: str | Path, *, sim: bool = False, only: tuple[str, ...] = ())
     order = _ordered(found, settings, layer)
     devices = {name: found[name] for name in order}
     programs = {} if only else dict(_programs(settings, layer))
-    return Lab(settings.name, path, devices, programs, settings)
+    places = {name: layer.place(("bounds", name)) for name in settings.bounds}
+    return Lab(settings.name, path, devices, programs, settings, places)
 
 
 def _device(name: str, entry: DeviceEntry, lab: Layer, path: Path, sim: bool) -> LabDevice:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import difflib
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs.bench import losses, motions, sampling, staying, stops
 from crtk_drivers.labs.bench.declared import BenchTest, Suite
+from crtk_drivers.labs.verdicts.judging import Quantity
 
-__all__ = ["TESTS", "chosen"]
+__all__ = ["QUANTITIES", "TESTS", "chosen"]
 
 TESTS: Final[tuple[BenchTest, ...]] = tuple(
     sorted(
@@ -18,6 +20,11 @@ TESTS: Final[tuple[BenchTest, ...]] = tuple(
     )
 )
 """Sorting keeps the order within a class."""
+
+QUANTITIES: Final[Mapping[str, Quantity]] = {
+    quantity.id: quantity for test in TESTS for quantity in test.quantities
+}
+"""All that is measured, by id."""
 
 
 def chosen(suite: Suite, only: Iterable[str] = ()) -> tuple[BenchTest, ...]:
@@ -30,8 +37,11 @@ def chosen(suite: Suite, only: Iterable[str] = ()) -> tuple[BenchTest, ...]:
     known = {test.id: test for test in TESTS}
     for name in wanted:
         if name not in known:
+            meant = difflib.get_close_matches(name.upper(), known, n=1, cutoff=0.6)
+            hint = f"Did you mean {meant[0]!r}? " if meant else ""
             raise ConfigError(
-                f"there is no test {name!r}", remedy="crtk-driver bench list has all of them."
+                f"there is no test {name!r}",
+                remedy=f"{hint}crtk-driver bench list has all of them.",
             )
     if wanted:
         return tuple(test for test in TESTS if test.id in wanted)

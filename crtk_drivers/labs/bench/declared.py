@@ -14,6 +14,7 @@ import numpy as np
 
 from crtk_drivers.device import JointLimits
 from crtk_drivers.labs.bench.bed import Bed
+from crtk_drivers.labs.bench.bounds import bounded
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.lab_file import BoundEntry
@@ -199,12 +200,10 @@ class Subject:
         part: str = "",
         why: str = "",
     ) -> Measurement:
-        """Return a measurement, against the bound of the lab file if that has one."""
+        """Return a measurement, against the bound of the lab file if it has one, also if it is only told."""
         own = self.bounds.get(quantity.id)
         if own is not None:
-            default = -math.inf if bound is None else bound.lower
-            lower = default if own.lower is None else own.lower
-            bound = Bound(own.value, f"the lab file: {own.because}", lower)
+            quantity, bound = bounded(quantity, own, bound)
         return Measurement(quantity, estimate, bound, why, part)
 
 

@@ -29,6 +29,7 @@ __all__ = [
     "read_run",
     "test_of",
     "write_run",
+    "write_whole",
 ]
 
 SCHEMA: Final = "crtk_bench/1"
@@ -85,11 +86,6 @@ class Measured(_Stored):
     regressed: str = Field(
         default="", description="Against earlier runs, in words; empty if it is not."
     )
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """What makes it the same measurement in another run of the same device."""
-        return self.id, self.part
 
 
 class Result(_Stored):
@@ -221,13 +217,25 @@ def write_run(run: Run, folder: Path) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    path = folder / "run.json"
-    beside = folder / "run.json.new"
-    with beside.open("w", encoding="utf-8") as file:
-        file.write(run.model_dump_json(by_alias=True, indent=1))
-        file.flush()
-        os.fsync(file.fileno())
-    beside.replace(path)
+    write_whole(folder / "run.json", run.model_dump_json(by_alias=True, indent=1))
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file: the old one or the new one is there, whenever it is interrupted, and no part of it.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    beside = path.with_name(f"{path.name}.new")
+    try:
+        with beside.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except OSError:
+        beside.unlink(missing_ok=True)
+        raise
 
 
 def read_run(folder: Path) -> Run:

@@ -6,30 +6,22 @@ that is another process.
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
-import json
 import logging
 import multiprocessing
-import os
-import platform
 import subprocess
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from importlib.metadata import version
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Final
 
-from crtk_drivers.errors import ConfigError, RecordingError
+from crtk_drivers.errors import RecordingError
 from crtk_drivers.labs.bench import results
+from crtk_drivers.labs.bench.bounds import check_bounds
 from crtk_drivers.labs.bench.calls import About
-from crtk_drivers.labs.bench.catalogue import TESTS, chosen
+from crtk_drivers.labs.bench.catalogue import QUANTITIES, TESTS, chosen
 from crtk_drivers.labs.bench.conductor import (
     Acquired,
     Began,
@@ -40,6 +32,8 @@ from crtk_drivers.labs.bench.conductor import (
     conduct,
 )
 from crtk_drivers.labs.bench.declared import BenchTest, Safety, Subject, Suite
+from crtk_drivers.labs.bench.folder import begun, described, make_folder
+from crtk_drivers.labs.bench.locks import alone
 from crtk_drivers.labs.bench.recorder import read_recording
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.lab_file import BoundEntry, Lab, LabDevice, load_lab
@@ -128,14 +122,14 @@ def run_bench(
         what was found; it is in the folder too.
 
     Raises:
-        ConfigError: another bench tests one of the devices, there is no such test, or the folder is there.
+        ConfigError: another bench tests one of the devices, there is no such test, a bound is none, or the
+            folder is there.
         OSError: the folder cannot be written.
     """
     tests = chosen(options.suite, options.only)
-    with ExitStack() as stack:
-        for name in _locks(lab):
-            stack.enter_context(_locked(*name))
-        _make_folder(options.out)
+    check_bounds(lab, QUANTITIES)
+    with alone(lab):
+        make_folder(options.out)
         return _Bench(lab, options, tests, progress, stop).run()
 
 
@@ -154,20 +148,14 @@ class _Bench:
         self._stop = stop
         self._began = time.monotonic()
         self._tested = {
-            name: _Tested(device, _described(device), tests) for name, device in lab.devices.items()
+            name: _Tested(device, described(device), tests) for name, device in lab.devices.items()
         }
-        self._run = results.Run(
-            lab=lab.name,
-            lab_file=str(lab.path.resolve()),
-            lab_file_sha256=_sha256(lab.path.read_bytes()),
-            suite=str(options.suite) if not options.only else f"only {', '.join(options.only)}",
-            started=datetime.now(UTC).isoformat(timespec="seconds"),
-            machine=_machine(),
-        )
+        suite = str(options.suite) if not options.only else f"only {', '.join(options.only)}"
+        self._run = begun(lab, suite)
 
     def run(self) -> results.Run:
         """Start the conductor, judge what it records, and return what was found."""
-        self._keep()
+        results.write_run(self._run, self._options.out)
         order = RunOrder(
             tuple(_order(device) for device in self._lab.devices.values()),
             self._options.out,
@@ -374,7 +362,11 @@ def judged_again(folder: Path, lab_file: Path | None) -> results.Run:
     """
     run = results.read_run(folder)
     path = lab_file or Path(run.lab_file)
-    bounds = load_lab(path, sim=True).settings.bounds if lab_file or path.is_file() else {}
+    bounds: Mapping[str, BoundEntry] = {}
+    if lab_file or path.is_file():
+        lab = load_lab(path, sim=True)
+        check_bounds(lab, QUANTITIES)
+        bounds = lab.settings.bounds
     known = {test.id: test for test in TESTS}
     devices = []
     for device in run.devices:
@@ -421,16 +413,6 @@ def _judge(folder: Path, name: str, bounds: Mapping[str, BoundEntry]) -> Judge |
         return None
 
 
-def _described(device: LabDevice) -> results.DeviceResult:
-    return results.DeviceResult(
-        name=device.name,
-        plugin=device.plugin.name,
-        address=device.address,
-        simulated=device.sim or device.plugin.is_model,
-        configuration_sha256=_sha256(json.dumps(dict(device.values), sort_keys=True).encode()),
-    )
-
-
 def _order(device: LabDevice) -> DeviceOrder:
     return DeviceOrder(
         device.name,
@@ -440,74 +422,3 @@ def _order(device: LabDevice) -> DeviceOrder:
         device.sim_options,
         device.entry.space,
     )
-
-
-def _machine() -> dict[str, str]:
-    """Return what the results may depend on, of the machine that runs the bench."""
-    return {
-        "crtk-drivers": version("crtk-drivers"),
-        "python": platform.python_version(),
-        "kernel": platform.release(),
-        "machine": platform.machine(),
-        "cores": str(os.cpu_count()),
-        "load": " ".join(f"{value:.2f}" for value in os.getloadavg()),
-        "clock": _first_line("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
-    }
-
-
-def _first_line(path: str) -> str:
-    try:
-        return Path(path).read_text().strip().partition("\n")[0]
-    except OSError:
-        return ""
-
-
-def _sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True)
-        (folder / "data").mkdir()
-    except FileExistsError as error:
-        raise ConfigError(
-            "is there already",
-            where=str(folder),
-            remedy="Give another --out: nothing is overwritten.",
-        ) from error
-    except OSError as error:
-        raise ConfigError(f"cannot be made: {error.strerror}", where=str(folder)) from error
-
-
-def _locks(lab: Lab) -> Iterator[tuple[str, str]]:
-    """Yield what a run has for itself: the lab file, and each device that is real."""
-    yield f"lab {lab.path.resolve()}", lab.name
-    for device in lab.devices.values():
-        if device.address:
-            yield f"device {device.plugin.name} {device.address}", device.name
-
-
-@contextmanager
-def _locked(name: str, told: str) -> Iterator[None]:
-    """Hold a lock that ends with this process.
-
-    Raises:
-        ConfigError: another process holds it.
-    """
-    path = Path(tempfile.gettempdir()) / f"crtk-bench-{_sha256(name.encode())[:16]}.lock"
-    with path.open("a+") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            file.seek(0)
-            owner = file.read().strip() or "of which nothing is known"
-            raise ConfigError(
-                f"{told} is being tested by process {owner}",
-                where=name.partition(" ")[2],
-                remedy="Wait for it to end, or stop it.",
-            ) from error
-        file.truncate(0)
-        file.write(str(os.getpid()))
-        file.flush()
-        yield
