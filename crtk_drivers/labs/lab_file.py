@@ -127,6 +127,10 @@ class LabSettings(Settings):
     name: str = Field(default="lab", pattern=NAME, description="Of the lab.")
     devices: dict[str, DeviceEntry] = Field(min_length=1, description="By name.")
     programs: dict[str, ProgramEntry] = Field(default_factory=dict, description="By name.")
+    features: dict[str, bool | float | str] = Field(
+        default_factory=dict,
+        description="What else stands in the lab, for its own tests: { tracker = true, block = 0.03 }.",
+    )
     bounds: dict[str, BoundEntry] = Field(
         default_factory=dict, description="By the id of a measurement of the bench."
     )

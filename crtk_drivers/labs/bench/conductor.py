@@ -37,7 +37,16 @@ from crtk_drivers.plugins import RunningSim
 from crtk_drivers.session import start_sim_of
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
-__all__ = ["Acquired", "Began", "DeviceOrder", "Reached", "RunOrder", "conduct"]
+__all__ = [
+    "Acquired",
+    "Began",
+    "DeviceOrder",
+    "Reached",
+    "RunOrder",
+    "ask_to_stop",
+    "conduct",
+    "hosted",
+]
 
 START_TIMEOUT: Final = 40.0
 LEAVE_TIMEOUT: Final = 10.0
@@ -361,6 +370,17 @@ class _Hosted:
         self._start_driver()
         self.about()
         return self.door, self.connected()
+
+
+def hosted(order: DeviceOrder, doors: Path, folder: Path) -> _Hosted:
+    """Return a device with its simulator and the process of its driver, which run while its context lasts.
+
+    Args:
+        order: the device.
+        doors: folder for the socket of its process.
+        folder: for its log.
+    """
+    return _Hosted(order, doors, folder)
 
 
 def ask_to_stop(pid: int) -> None:

@@ -17,6 +17,7 @@ from crtk_drivers.labs.bench.bed import Bed
 from crtk_drivers.labs.bench.bounds import bounded
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.trace import Trace
+from crtk_drivers.labs.bench.watch import late_told
 from crtk_drivers.labs.lab_file import BoundEntry
 from crtk_drivers.labs.verdicts.estimates import Estimate
 from crtk_drivers.labs.verdicts.judging import Bound, Findings, Measurement, Quantity
@@ -172,16 +173,7 @@ class Subject:
 
     def too_busy(self, allowed: float) -> tuple[str, ...]:
         """Return a doubt if one in a hundred times the bench was later than `allowed` s."""
-        late = sorted(self.lateness)
-        if not late:
-            return ()
-        found = late[min(len(late) - 1, int(0.99 * len(late)))]
-        if found <= allowed:
-            return ()
-        return (
-            f"the machine is too busy: the bench's own timer was late by {1e3 * found:.1f} ms, "
-            f"at most {1e3 * allowed:.1f} ms are allowed",
-        )
+        return late_told(self.lateness, allowed)
 
     def gaps(self, stamps: Vector) -> tuple[str, ...]:
         """Return a doubt if samples, of these times of acquisition (N,), stayed away for long."""

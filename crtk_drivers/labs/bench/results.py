@@ -26,6 +26,7 @@ __all__ = [
     "Plot",
     "Result",
     "Run",
+    "measured_of",
     "read_run",
     "test_of",
     "write_run",
@@ -164,12 +165,13 @@ def test_of(test: BenchTest, findings: Findings, seconds: float, recording: str)
         reason=findings.reason,
         seconds=round(seconds, 3),
         recording=recording,
-        measurements=tuple(map(_measured, findings.measurements)),
+        measurements=tuple(map(measured_of, findings.measurements)),
         plots=tuple(map(_plot, findings.plots)),
     )
 
 
-def _measured(found: Measurement) -> Measured:
+def measured_of(found: Measurement) -> Measured:
+    """Return what is stored of a measurement."""
     quantity, estimate, bound = found.quantity, found.estimate, found.bound
     return Measured(
         id=quantity.id,

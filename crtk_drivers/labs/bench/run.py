@@ -40,7 +40,16 @@ from crtk_drivers.labs.lab_file import BoundEntry, Lab, LabDevice, load_lab
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict
 from crtk_drivers.status.stop_request import StopRequest
 
-__all__ = ["BenchOptions", "Judge", "Progress", "judged_again", "run_bench"]
+__all__ = [
+    "BenchOptions",
+    "Judge",
+    "Progress",
+    "judged_again",
+    "lacking",
+    "not_allowed",
+    "run_bench",
+    "take_power",
+]
 
 POLL_PERIOD: Final = 0.1
 
@@ -89,7 +98,11 @@ def lacking(test: BenchTest, about: About, device: LabDevice, options: BenchOpti
     ]
     if missing:
         return f"the device does not offer {', '.join(missing)}"
-    safety = test.acquisition.safety
+    return not_allowed(test.acquisition.safety, about, device, options)
+
+
+def not_allowed(safety: Safety, about: About, device: LabDevice, options: BenchOptions) -> str:
+    """Return why something may not be done to a device, in words; empty if it may."""
     if safety >= Safety.FAULT and not device.sim:
         return "takes processes away, which is done to simulators only"
     if safety is Safety.READ or device.sim or device.plugin.is_model:
@@ -309,14 +322,24 @@ class _Bench:
                 self._power_off_of(tested)
 
     def _power_off_of(self, tested: _Tested) -> None:
-        command = tested.lab.entry.power_off
-        if not command or tested.lab.sim:
-            return
-        logger.error("%s: its power is taken away: %s", tested.lab.name, " ".join(command))
-        try:
-            subprocess.run(command, check=True, timeout=10.0, cwd=self._lab.path.parent)
-        except (OSError, subprocess.SubprocessError) as error:
-            logger.error("%s: power_off: %s", tested.lab.name, error)
+        take_power(tested.lab, self._lab.path.parent)
+
+
+def take_power(device: LabDevice, folder: Path) -> None:
+    """Run `power_off` of a device, if it has one and is not simulated; what goes wrong with that is logged.
+
+    Args:
+        device: of a lab.
+        folder: where the program is run: that of the lab file.
+    """
+    command = device.entry.power_off
+    if not command or device.sim:
+        return
+    logger.error("%s: its power is taken away: %s", device.name, " ".join(command))
+    try:
+        subprocess.run(command, check=True, timeout=10.0, cwd=folder)
+    except (OSError, subprocess.SubprocessError) as error:
+        logger.error("%s: power_off: %s", device.name, error)
 
 
 class Judge:
