@@ -131,6 +131,10 @@ class LabSettings(Settings):
         default_factory=dict,
         description="What else stands in the lab, for its own tests: { tracker = true, block = 0.03 }.",
     )
+    faults: bool = Field(
+        default=False,
+        description="The bench may cut the links to real devices; CRTK_BENCH_FAULTS=1 must say so too.",
+    )
     bounds: dict[str, BoundEntry] = Field(
         default_factory=dict, description="By the id of a measurement of the bench."
     )

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.labs.bench import losses, motions, sampling, staying, stops
+from crtk_drivers.labs.bench import links, losses, motions, sampling, staying, stops
 from crtk_drivers.labs.bench.declared import BenchTest, Suite
 from crtk_drivers.labs.verdicts.judging import Quantity
 
@@ -15,7 +15,14 @@ __all__ = ["QUANTITIES", "TESTS", "chosen"]
 
 TESTS: Final[tuple[BenchTest, ...]] = tuple(
     sorted(
-        (*sampling.TESTS, *staying.TESTS, *stops.TESTS, *motions.TESTS, *losses.TESTS),
+        (
+            *sampling.TESTS,
+            *staying.TESTS,
+            *stops.TESTS,
+            *motions.TESTS,
+            *losses.TESTS,
+            *links.TESTS,
+        ),
         key=lambda test: test.acquisition.safety,
     )
 )

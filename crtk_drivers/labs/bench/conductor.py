@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final
@@ -32,6 +32,7 @@ from crtk_drivers.labs.bench.calls import About, HostOrder
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import Acquisition, Safety
 from crtk_drivers.labs.bench.door import Door
+from crtk_drivers.labs.bench.relay import RelayProcess
 from crtk_drivers.labs.bench.watch import HOLD_TIME, Watch
 from crtk_drivers.plugins import RunningSim
 from crtk_drivers.session import start_sim_of
@@ -194,7 +195,7 @@ class _Conductor:
                     host.door,
                     watch,
                     self._order.thorough,
-                    host if device.sim else None,
+                    host if device.sim or acquisition.relayed else None,
                 )
                 goes_on = self._acquire(bed, watch, acquisition, host)
             if not goes_on:
@@ -265,6 +266,8 @@ class _Hosted:
         self._door: Door | None = None
         self._trouble: CrtkError | None = None
         self._host: HostOrder | None = None
+        self._direct: HostOrder | None = None
+        self._relay: RelayProcess | None = None
 
     def __enter__(self) -> _Hosted:
         try:
@@ -274,9 +277,17 @@ class _Hosted:
         return self
 
     def __exit__(self, *_: object) -> None:
+        if self._door is not None and self.is_touched:
+            self.settle()
+        self._leave_driver()
+        if self._relay is not None:
+            self._relay.close()
+        if self._sim is not None:
+            self._sim.stop()
+
+    def _leave_driver(self) -> None:
+        """Let the driver end, which leaves its device holding."""
         if self._door is not None:
-            if self.is_touched:
-                self.settle()
             with contextlib.suppress(CrtkError):
                 self._door.call("leave")
             self._door.close()
@@ -287,8 +298,6 @@ class _Hosted:
                 logger.error("%s: its driver did not end, and was killed", self._order.name)
                 self._process.kill()
                 self._process.wait()
-        if self._sim is not None:
-            self._sim.stop()
 
     @property
     def door(self) -> Door:
@@ -370,6 +379,34 @@ class _Hosted:
         self._start_driver()
         self.about()
         return self.door, self.connected()
+
+    def put_relay(self) -> tuple[Door, Door, RelayProcess]:
+        """Start the driver anew, at a relay to its device; return two connections, and the relay."""
+        assert self._host is not None
+        plugin, config = plugins.device(self._host.plugin), self._host.config
+        link = None if plugin.link is None else plugin.link.of(config, self._sim)
+        if plugin.link is None or link is None:
+            raise Broken("its driver reaches it over no network that a relay could cut")
+        self._direct = self._host
+        self._relay = RelayProcess(link)
+        self._restart(replace(self._host, config=plugin.link.at(config, self._relay.link)))
+        return self.door, self.connected(), self._relay
+
+    def take_relay(self) -> tuple[Door, Door]:
+        """Start the driver anew, at its device; return two connections."""
+        assert self._direct is not None
+        self._restart(self._direct)
+        return self.door, self.connected()
+
+    def _restart(self, order: HostOrder) -> None:
+        self._leave_driver()
+        if order is self._direct and self._relay is not None:
+            self._relay.close()
+            self._relay = None
+        Path(self._path).unlink(missing_ok=True)
+        self._host = order
+        self._start_driver()
+        self.about()
 
 
 def hosted(order: DeviceOrder, doors: Path, folder: Path) -> _Hosted:

@@ -82,6 +82,7 @@ class Acquisition:
         run: does it.
         needs: CRTK names without which it cannot be done.
         suite: the smallest suite that it belongs to.
+        relayed: its fault is of the link to the device, which hardware can be given as well.
     """
 
     name: str
@@ -90,6 +91,7 @@ class Acquisition:
     run: Callable[[Bed], None]
     needs: tuple[str, ...] = ()
     suite: Suite = Suite.QUICK
+    relayed: bool = False
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import os
 import subprocess
 import time
 from collections.abc import Callable, Mapping
@@ -53,6 +54,9 @@ __all__ = [
 
 POLL_PERIOD: Final = 0.1
 
+FAULTS: Final = "CRTK_BENCH_FAULTS"
+"""Environment variable: 1 where whoever starts the bench wants what the lab file allows by `faults`."""
+
 END_TIMEOUT: Final = 60.0
 """Seconds in which the conductor has held and left everything."""
 
@@ -91,14 +95,45 @@ class _Tested:
     stopped: str = ""
 
 
-def lacking(test: BenchTest, about: About, device: LabDevice, options: BenchOptions) -> str:
-    """Return why a test is skipped, in words; empty if it is not."""
+def lacking(
+    test: BenchTest, about: About, device: LabDevice, options: BenchOptions, faults: bool = False
+) -> str:
+    """Return why a test is skipped, in words; empty if it is not.
+
+    Args:
+        test: of the bench.
+        about: the device as it was found.
+        device: as the lab file has it.
+        options: of the run.
+        faults: the lab file allows faults of hardware.
+    """
     missing = [
         name for name in (*test.acquisition.needs, *test.needs) if name not in about.commands
     ]
     if missing:
         return f"the device does not offer {', '.join(missing)}"
-    return not_allowed(test.acquisition.safety, about, device, options)
+    safety = test.acquisition.safety
+    if test.acquisition.relayed:
+        uncut = _not_cut(device, faults)
+        if uncut:
+            return uncut
+        if not device.sim:  # beside the link that is cut
+            safety = Safety.ENABLE if safety is Safety.FAULT else Safety.SMALL
+    return not_allowed(safety, about, device, options)
+
+
+def _not_cut(device: LabDevice, faults: bool) -> str:
+    """Return why the link to a device is not cut, in words; empty if it may be."""
+    link = device.plugin.link
+    if link is None or (not device.sim and link.of(device.config, None) is None):
+        return "its driver reaches it over no network that a relay could cut"
+    if device.sim:
+        return ""
+    if not faults:
+        return "needs `faults = true` in the lab file: it cuts the link to hardware"
+    if os.environ.get(FAULTS) != "1":
+        return f"needs {FAULTS}=1 in the environment: it cuts the link to hardware"
+    return ""
 
 
 def not_allowed(safety: Safety, about: About, device: LabDevice, options: BenchOptions) -> str:
@@ -246,7 +281,8 @@ class _Bench:
         )
         wanted: list[str] = []
         for test in tested.tests:
-            why = lacking(test, about, tested.lab, self._options)
+            faults = self._lab.settings.faults
+            why = lacking(test, about, tested.lab, self._options, faults)
             if why:
                 self._record(tested, _untested(test, Verdict.SKIPPED, why))
             elif test.acquisition.name not in wanted:
@@ -367,7 +403,7 @@ class Judge:
         try:
             return test.analyse(self._trace, self._subject)
         except LookupError as error:
-            return Findings(doubts=(f"the recording lacks something: {error}",))
+            return Findings(doubts=(self._trouble or f"the recording lacks something: {error}",))
         except Exception as error:
             logger.exception("%s", test.id)
             return Findings(doubts=(f"the test itself broke: {type(error).__name__}: {error}",))

@@ -8,7 +8,7 @@ from typing import Any
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_driver_ati_netft.tools import TOOLS
-from crtk_drivers.plugins import DevicePlugin, RunningSim, required
+from crtk_drivers.plugins import DevicePlugin, LinkAccess, NetworkLink, RunningSim, required
 
 _PORTS = ("rdt", "tcp", "http")
 
@@ -20,6 +20,16 @@ def _at_sim(config: NetFtConfig, sim: RunningSim) -> NetFtConfig:
 
 def _sim_options(config: NetFtConfig) -> Mapping[str, Any]:
     return {} if config.profile == "auto" else {"profile": config.profile}
+
+
+def _link(config: NetFtConfig, sim: RunningSim | None) -> NetworkLink:
+    tcp = {"tcp": config.tcp_port, "http": config.http_port}
+    return NetworkLink(config.host, tcp, {"rdt": config.rdt_port})
+
+
+def _at_link(config: NetFtConfig, link: NetworkLink) -> NetFtConfig:
+    ports = {f"{name}_port": port for name, port in (*link.tcp.items(), *link.udp.items())}
+    return config.model_copy(update={"host": link.host, **ports})
 
 
 PLUGIN = DevicePlugin(
@@ -34,4 +44,5 @@ PLUGIN = DevicePlugin(
     sim_config=_at_sim,
     sim_options=_sim_options,
     tools=TOOLS,
+    link=LinkAccess(_link, _at_link),
 )
