@@ -72,7 +72,9 @@ def _bench_run(
     against: Annotated[
         str,
         typer.Option(
-            "--against", metavar="all|previous|RUN", help="What the figures are compared with."
+            "--against",
+            metavar="all|previous|baseline|RUN",
+            help="What the figures are compared with: earlier runs of the lab, simulated with simulated.",
         ),
     ] = "all",
     out: Annotated[
@@ -90,8 +92,8 @@ def _bench_run(
 ) -> None:
     """Test the devices of a lab.
 
-    Exit codes: 0 passed, 1 failed, 3 not decided or all skipped, 4 it did not come to its end, 2 it cannot be
-    started as asked. A simulated device may always be moved.
+    Exit codes: 0 passed, 1 failed, 3 not decided or all skipped, 4 it did not come to its end or cannot be
+    kept, 2 it cannot be started as asked. A simulated device may always be moved.
     """
     raise typer.Exit(
         bench_runs.run(
@@ -111,9 +113,21 @@ def _bench_run(
 
 
 @bench_app.command("list", cls=HelpfulCommand)
-def _bench_list() -> None:
+def _bench_list(
+    figures: Annotated[
+        bool, typer.Option("--figures", help="The figures, with their ids for `bounds`.")
+    ] = False,
+) -> None:
     """List the tests: what each does, measures and may do."""
-    raise typer.Exit(bench_runs.list_tests())
+    raise typer.Exit(bench_runs.list_figures() if figures else bench_runs.list_tests())
+
+
+@bench_app.command("baseline", cls=HelpfulCommand)
+def _bench_baseline(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")],
+) -> None:
+    """Make a run the baseline: what --against baseline compares its devices with."""
+    raise typer.Exit(bench_runs.baseline(run))
 
 
 @bench_app.command("show", cls=HelpfulCommand)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import logging
+import os
+import signal
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
+from types import FrameType
 from typing import Any, Final
 
 import typer
@@ -20,14 +22,16 @@ from rich.text import Text
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
 from crtk_drivers.cli.terminal import ERR, OUT
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.labs import load_lab
+from crtk_drivers.labs import Lab, load_lab
 from crtk_drivers.labs.bench import history, report
+from crtk_drivers.labs.bench.allowed import BenchOptions
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import SAFETY_LETTERS, Suite
-from crtk_drivers.labs.bench.results import Run, read_run, write_run
-from crtk_drivers.labs.bench.run import BenchOptions, judged_again, run_bench
-from crtk_drivers.labs.verdicts.judging import Verdict
-from crtk_drivers.status.stop_request import stop_signals
+from crtk_drivers.labs.bench.folder import default_folder, finish
+from crtk_drivers.labs.bench.results import Run, read_run
+from crtk_drivers.labs.bench.run import judged_again, run_bench
+from crtk_drivers.labs.verdicts.judging import Comparison, Verdict, with_unit
+from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
 STYLES: Final = {
     Verdict.PASS: "green",
@@ -60,22 +64,57 @@ def run(
     """
     set_up_logging(ERR, "info", LogFormat.TEXT)
     lab = load_lab(path, sim=sim, only=tuple(devices))
-    folder = out or Path("runs") / f"{datetime.now(UTC).strftime('%Y%m%dT%H%M%SZ')}-{lab.name}"
-    earlier = _earlier(against, folder, lab.name)
+    folder = out or default_folder(lab)
+    earlier = history.earlier_of(lab, folder.parent, against)
     options = BenchOptions(suite, tuple(only), may_move, folder, tuple(may_travel))
-    with stop_signals() as stop, _shown() as show:
+    with stop_signals() as stop, _stopped_by_ctrl_z(lab, may_move, stop), _shown() as show:
         try:
             found = run_bench(lab, options, show, stop)
         except OSError as error:
             raise ConfigError(
                 f"results cannot be written: {error.strerror}", where=str(folder)
             ) from error
-    found = history.compared(found, earlier, history.ENOUGH if against == "all" else 1)
-    _keep(found, folder, earlier)
+    enough = history.ENOUGH if against == "all" else 1
+    found, trouble = finish(found, folder, earlier, enough)
     _tell(found, folder)
+    if trouble:
+        logger.error("%s", trouble)
+        return report.ABORTED
     return report.exit_code(
         found, inconclusive_ok=inconclusive_ok, regression_fails=regression_fails
     )
+
+
+@contextmanager
+def _stopped_by_ctrl_z(lab: Lab, may_move: bool, stop: StopRequest) -> Iterator[None]:
+    """Within, Ctrl-Z is Ctrl-C where hardware may move: nobody is there to stop it if this process sleeps."""
+    if not may_move or all(device.simulated for device in lab.devices.values()):
+        yield
+        return
+
+    def handler(number: int, frame: FrameType | None) -> None:
+        os.write(2, b"\nCtrl-Z ends the run as Ctrl-C does: asleep, it could stop nothing.\n")
+        stop.set()
+
+    before = signal.signal(signal.SIGTSTP, handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTSTP, before)
+
+
+def baseline(folder: Path) -> int:
+    """Make a run the baseline of its devices.
+
+    Raises:
+        ConfigError: it is no run that came to its end.
+    """
+    found = history.make_baseline(folder)
+    kinds = {True: "simulated", False: "real"}
+    for device in found.devices:
+        told = f"{device.name}, {kinds[device.simulated]}: {device.verdict} on {found.started}"
+        OUT.print(f"{told} is what --against baseline compares with", soft_wrap=True)
+    return 0
 
 
 def again(folder: Path, lab_file: Path | None) -> int:
@@ -114,6 +153,26 @@ def list_tests() -> int:
     return 0
 
 
+def list_figures() -> int:
+    """Print the figures: their ids, by which a lab file bounds them."""
+    table = Table(box=None, pad_edge=False)
+    for column in ("figure", "", "unit", "test", "judged", "worse"):
+        table.add_column(column)
+    for test in TESTS:
+        for quantity in test.quantities:
+            is_told = quantity.comparison is Comparison.TOLD
+            table.add_row(
+                Text(quantity.id, "bold cyan"),
+                quantity.title,
+                quantity.unit,
+                test.id,
+                "only told" if is_told else quantity.comparison,
+                quantity.worse,
+            )
+    OUT.print(table)
+    return 0
+
+
 def show(folders: Sequence[Path]) -> int:
     """Print what runs found: one in full, several as a trend.
 
@@ -130,15 +189,19 @@ def show(folders: Sequence[Path]) -> int:
         table.add_column(column)
     for one in runs:
         table.add_column(one.started[:16], justify="right")
-    keys = dict.fromkeys(
-        (device.name, found.key, found.title)
+    titles = {
+        history.key_of(device, found): found.title
         for one in runs
         for device, test in one.tests
         for found in test.measurements
-    )
-    for name, key, title in keys:
-        values = [_value(one, name, key) for one in runs]
-        table.add_row(name, title, key[1], *values)
+    }
+    both = {key.device for key in titles if key.simulated} & {
+        key.device for key in titles if not key.simulated
+    }
+    for key, title in titles.items():
+        values = [_value(one, key) for one in runs]
+        name = f"{key.device}, simulated" if key.simulated and key.device in both else key.device
+        table.add_row(name, title, key.part, *values)
     OUT.print(table)
     return 0
 
@@ -149,37 +212,12 @@ def print_schema() -> int:
     return 0
 
 
-def _value(found: Run, device: str, key: tuple[str, str]) -> Text:
-    for one, test in found.tests:
-        if one.name != device:
-            continue
+def _value(found: Run, key: history.Key) -> Text:
+    for device, test in found.tests:
         for measured in test.measurements:
-            if measured.key == key and measured.value is not None:
-                return Text(f"{measured.value:.4g} {measured.unit}", STYLES[measured.verdict])
+            if history.key_of(device, measured) == key and measured.value is not None:
+                return Text(with_unit(measured.value, measured.unit), STYLES[measured.verdict])
     return Text("")
-
-
-def _earlier(against: str, folder: Path, lab: str) -> dict[history.Key, list[tuple[str, float]]]:
-    """Return what a run is compared with: all earlier ones, the newest of them, or one that is named."""
-    if against == "all":
-        return history.read_index(folder.parent, lab)
-    if against == "previous":
-        every = history.read_index(folder.parent, lab)
-        newest = max((run for values in every.values() for run, _ in values), default="")
-        return {
-            key: [value for value in values if value[0] == newest] for key, values in every.items()
-        }
-    return history.earlier_values([Path(against)], lab)
-
-
-def _keep(found: Run, folder: Path, earlier: dict[history.Key, list[tuple[str, float]]]) -> None:
-    try:
-        write_run(found, folder)
-        (folder / "junit.xml").write_text(report.junit(found), "utf-8")
-        (folder / "report.html").write_text(report.html(found, earlier), "utf-8")
-        history.add_to_index(found, folder.parent, folder.name)
-    except OSError as error:
-        logger.error("%s: results cannot be written: %s", folder, error.strerror)
 
 
 def _tell(found: Run, folder: Path) -> None:

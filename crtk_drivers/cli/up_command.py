@@ -23,6 +23,8 @@ from crtk_drivers.cli.status_line import LIVE_PERIOD, STATE_STYLES
 from crtk_drivers.cli.terminal import ERR, OUT
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import Lab, load_lab
+from crtk_drivers.labs.bench.bounds import check_bounds
+from crtk_drivers.labs.bench.catalogue import QUANTITIES
 from crtk_drivers.labs.supervisor import LOOK_PERIOD, Child, Phase, Supervisor
 from crtk_drivers.labs.units import units_of, write_units
 from crtk_drivers.ros import environment
@@ -182,6 +184,7 @@ def check_lab(path: Path, sim: bool) -> int:
         ConfigError: with what is wrong, and the line.
     """
     lab = load_lab(path, sim=sim)
+    check_bounds(lab, QUANTITIES)
     OUT.print(_plan(lab))
     return 0
 

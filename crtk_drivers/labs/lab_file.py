@@ -165,9 +165,13 @@ class ProgramEntry(Settings):
 class BoundEntry(Settings):
     """Another bound than the default one."""
 
-    value: float = Field(description="The bound, in the unit of the measurement.")
+    value: float = Field(
+        allow_inf_nan=False, description="The bound, in the unit of the measurement."
+    )
     lower: float | None = Field(
-        default=None, description="The lower one, of a measurement that has two."
+        default=None,
+        allow_inf_nan=False,
+        description="The lower one, of a measurement that has two.",
     )
     because: str = Field(min_length=1, description="Why; it is told in the report.")
 
@@ -178,6 +182,14 @@ class LabSettings(Settings):
     name: str = Field(default="lab", pattern=NAME, description="Of the lab.")
     devices: dict[str, DeviceEntry] = Field(min_length=1, description="By name.")
     programs: dict[str, ProgramEntry] = Field(default_factory=dict, description="By name.")
+    features: dict[str, bool | float | str] = Field(
+        default_factory=dict,
+        description="What else stands in the lab, for its own tests: { tracker = true, block = 0.03 }.",
+    )
+    faults: bool = Field(
+        default=False,
+        description="The bench may cut the links to real devices; CRTK_BENCH_FAULTS=1 must say so too.",
+    )
     bounds: dict[str, BoundEntry] = Field(
         default_factory=dict, description="By the id of a measurement of the bench."
     )
@@ -213,6 +225,11 @@ class LabDevice:
     felt_on: str = ""
 
     @property
+    def simulated(self) -> bool:
+        """No hardware is behind it: a simulator is, or it is a model in memory."""
+        return self.sim or self.plugin.is_model
+
+    @property
     def address(self) -> str:
         """Where the hardware is, as the settings say; empty for one that is simulated or has no address."""
         if self.sim:
@@ -240,6 +257,7 @@ class Lab:
         devices: by name, those that others come after first.
         programs: by name.
         settings: as they were written, with all that concerns the bench.
+        bound_places: where each of its bounds was written, for messages.
     """
 
     name: str
@@ -247,6 +265,7 @@ class Lab:
     devices: Mapping[str, LabDevice]
     programs: Mapping[str, LabProgram]
     settings: LabSettings
+    bound_places: Mapping[str, str] = field(default_factory=dict)
 
 
 def load_lab(path: str | Path, *, sim: bool = False, only: tuple[str, ...] = ()) -> Lab:
@@ -272,7 +291,8 @@ def load_lab(path: str | Path, *, sim: bool = False, only: tuple[str, ...] = ())
     order = _ordered(found, settings, layer)
     devices = {name: _coupled(found[name], found) for name in order}
     programs = {} if only else dict(_programs(settings, layer))
-    return Lab(settings.name, path, devices, programs, settings)
+    places = {name: layer.place(("bounds", name)) for name in settings.bounds}
+    return Lab(settings.name, path, devices, programs, settings, places)
 
 
 def _device(name: str, entry: DeviceEntry, lab: Layer, path: Path, sim: bool) -> LabDevice:

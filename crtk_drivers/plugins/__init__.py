@@ -1,6 +1,6 @@
 """Devices, simulators and pages of any package: what it says of them, and where they are found."""
 
-from crtk_drivers.plugins.declared import DevicePlugin, Tool, required
+from crtk_drivers.plugins.declared import DevicePlugin, LinkAccess, NetworkLink, Tool, required
 from crtk_drivers.plugins.entries import (
     DEVICES,
     FORMER,
@@ -30,6 +30,8 @@ __all__ = [
     "DevicePlugin",
     "Finder",
     "FoundDevice",
+    "LinkAccess",
+    "NetworkLink",
     "PluginEntry",
     "RunningSim",
     "SimControl",

@@ -17,7 +17,7 @@ from crtk_drivers.samples import Wrench
 from crtk_drivers.wrappers.base_frame import PlacedDevice
 from crtk_drivers.wrappers.confined import ConfinedDevice
 
-__all__ = ["DevicePlugin", "Tool", "required"]
+__all__ = ["DevicePlugin", "LinkAccess", "NetworkLink", "Tool", "required"]
 
 
 def _same_config(config: Any, sim: RunningSim) -> Any:
@@ -43,6 +43,33 @@ def required(key: str, example: str) -> Callable[[DeviceConfig], None]:
 
 def _no_options(config: Any) -> Mapping[str, Any]:
     return MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class NetworkLink:
+    """How a driver reaches its device over a network: what a relay, which cuts that, must know.
+
+    Attributes:
+        host: of the device.
+        tcp, udp: its ports, by name.
+    """
+
+    host: str
+    tcp: Mapping[str, int] = field(default_factory=dict)
+    udp: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class LinkAccess:
+    """Where a configuration has its link, for `DevicePlugin`.
+
+    Attributes:
+        of: the link of a configuration, or of its simulator that runs; None if it is over no network.
+        at: the configuration that reaches the device at another place.
+    """
+
+    of: Callable[[Any, RunningSim | None], NetworkLink | None]
+    at: Callable[[Any, NetworkLink], Any]
 
 
 @dataclass(frozen=True)
@@ -89,6 +116,7 @@ class DevicePlugin:
         finder: looks for hardware of this kind; None if nobody can.
         tools: commands for people, to look at hardware, scan a bus, calibrate, ...
         typical: values of a configuration whose CRTK commands are listed where the default has no joints.
+        link: how it reaches its device over a network, so that the bench can cut that; None if it cannot.
         is_model: it is computed in this process, and no hardware is behind it.
     """
 
@@ -107,6 +135,7 @@ class DevicePlugin:
     tools: tuple[Tool, ...] = ()
     typical: Mapping[str, Any] = field(default_factory=dict)
     is_model: bool = False
+    link: LinkAccess | None = None
 
     def make(self, config: DeviceConfig) -> Device:
         """Return the device of a configuration, with the kinematics, the space and the place that it names.

@@ -20,11 +20,12 @@ import pytest
 
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import load_lab
-from crtk_drivers.labs.bench import history, report
+from crtk_drivers.labs.bench import report
+from crtk_drivers.labs.bench.allowed import BenchOptions
 from crtk_drivers.labs.bench.catalogue import TESTS, chosen
 from crtk_drivers.labs.bench.declared import Safety, Suite
 from crtk_drivers.labs.bench.results import Run, read_run, write_run
-from crtk_drivers.labs.bench.run import BenchOptions, judged_again, run_bench
+from crtk_drivers.labs.bench.run import judged_again, run_bench
 from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.status.stop_request import StopRequest
 from rigs.processes import children_of
@@ -229,8 +230,8 @@ def test_a_drive_that_ignores_its_watchdog_fails(
 
 
 def test_a_real_device_is_only_read_unless_it_is_allowed(tmp_path: Path) -> None:
+    from crtk_drivers.labs.bench.allowed import lacking
     from crtk_drivers.labs.bench.calls import About
-    from crtk_drivers.labs.bench.run import lacking
     from crtk_drivers.testing.loopback import LoopbackDevice
 
     def why(test_id: str, *, may_move: bool, more: str = "", travels: str = "") -> str:
@@ -329,24 +330,3 @@ def test_the_report_has_what_was_found_and_loads_nothing(run: Run) -> None:
             assert escape(found.title) in page
     suites = ElementTree.fromstring(report.junit(run).encode())
     assert [suite.get("name") for suite in suites] == ["gantry", "bench"]
-
-
-def test_worse_than_it_was_is_told_once_there_are_enough_runs(run: Run, tmp_path: Path) -> None:
-    (found, *_) = next(test for _, test in run.tests).measurements
-    assert found.value is not None
-    usual = [found.value - 5.0 + 0.01 * index for index in range(5)]
-    assert history.worse(found, usual[:4]) == "", "four runs are too few"
-    assert "usually" in history.worse(found, usual)
-    assert history.worse(found, [found.value + 5.0] * 5) == "", "better is not worse"
-    key = ("gantry", *found.key)
-    compared = history.compared(
-        run, {key: [(str(index), value) for index, value in enumerate(usual)]}
-    )
-    assert next(test for _, test in compared.tests).measurements[0].regressed
-    assert report.exit_code(compared) == 0
-    assert report.exit_code(compared, regression_fails=True) == 1
-    assert "REGRESSED" in report.html(compared)
-    history.add_to_index(run, tmp_path, "one")
-    with (tmp_path / history.INDEX).open("a") as index:
-        index.write('{"half a li')
-    assert history.read_index(tmp_path, run.lab)[key] == [("one", found.value)]

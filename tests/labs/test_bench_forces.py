@@ -10,17 +10,16 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
 from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.bench.allowed import BenchOptions, Carrier, lacking
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import Subject, Suite
 from crtk_drivers.labs.bench.results import Run
-from crtk_drivers.labs.bench.run import BenchOptions, judged_again, lacking, run_bench
+from crtk_drivers.labs.bench.run import judged_again, run_bench
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.status.stop_request import StopRequest
@@ -208,23 +207,31 @@ def test_an_arm_that_failed_carries_nothing_about(tmp_path: Path) -> None:
 
 
 def test_a_real_arm_carries_nothing_about_unless_it_is_allowed(tmp_path: Path) -> None:
-    def why(more: str, *, may_move: bool = True, reached: bool = True, stopped: str = "") -> str:
+    def why(
+        more: str,
+        *,
+        may_move: bool = True,
+        may_travel: tuple[str, ...] = ("arm",),
+        reached: bool = True,
+        stopped: str = "",
+    ) -> str:
         path = tmp_path / "lab.toml"
         address = 'settings = { host = "192.168.1.9" }'
         path.write_text(f'[devices.arm]\nplugin = "ur"\n{address}\n{more}{FT}')
         lab = load_lab(path)
         about = ABOUT if reached else None
-        arm: Any = SimpleNamespace(lab=lab.devices["arm"], about=about, stopped=stopped)
-        options = BenchOptions(Suite.FULL, (), may_move, tmp_path)
-        return lacking(BY_ID["F4"], ABOUT, lab.devices["ft"], options, arm)
+        arm = Carrier(lab.devices["arm"], about, stopped)
+        options = BenchOptions(Suite.FULL, (), may_move, tmp_path, may_travel)
+        return lacking(BY_ID["F4"], ABOUT, lab.devices["ft"], options, carrier=arm)
 
     ranges = ", ".join(["{ lower = -1.0, upper = 1.0 }"] * 6)
-    space = f"space = {{ joints = [{ranges}] }}\n"
+    space = f"space = {{ speed = 0.5, joints = [{ranges}] }}\n"
     assert why(space) == ""
     assert why(space, may_move=False) == (
         "arm, which carries it: needs --may-move: it enables the device"
     )
-    assert "`space` with `joints`" in why("space = { speed = 0.2 }\n")
+    assert "needs `space.joints`" in why("space = { speed = 0.2 }\n")
+    assert "needs --may-travel arm" in why(space, may_travel=())
     assert "`space` in the lab file" in why("")
     assert "was not reached" in why(space, reached=False)
     assert "no more after S1" in why(space, stopped="no more after S1")

@@ -22,6 +22,7 @@ from crtk_drivers.device import Note
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs.bench.calls import About, Glance
 from crtk_drivers.labs.bench.door import Door, Refused
+from crtk_drivers.labs.bench.relay import RelayProcess
 from crtk_drivers.labs.bench.watch import Watch
 from crtk_drivers.samples import JointState, Number, Pose, Value, Vector, Wrench, vector
 from crtk_drivers.state import OperatingState, Status
@@ -88,6 +89,12 @@ class Processes(Protocol):
 
     def load(self, wrench: Wrench) -> None:
         """Let a wrench act on the simulated sensor, in its frame, until the next one."""
+
+    def put_relay(self) -> tuple[Door, Door, RelayProcess]:
+        """Start the driver anew, at a relay to its device; return two connections, and the relay."""
+
+    def take_relay(self) -> tuple[Door, Door]:
+        """Start the driver anew, at its device; return two connections."""
 
 
 def _is_in(point: Vector, box: BoxConfig) -> bool:
@@ -438,6 +445,25 @@ class Bed:
         """
         self._door, watching = self._own_processes.revive_driver()
         self._watch.start_again(watching)
+
+    @contextmanager
+    def through_relay(self) -> Iterator[RelayProcess]:
+        """Within, the driver reaches its device through a relay; it is started anew for that, and afterwards.
+
+        Raises:
+            Broken: there is no link that a relay could cut.
+            CrtkError: the driver does not measure through it.
+        """
+        processes = self._own_processes
+        self._watch.close()
+        self._door, watching, relay = processes.put_relay()
+        self._watch.start_again(watching)
+        try:
+            yield relay
+        finally:
+            self._watch.close()
+            self._door, watching = processes.take_relay()
+            self._watch.start_again(watching)
 
     @property
     def _own_processes(self) -> Processes:

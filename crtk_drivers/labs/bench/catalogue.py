@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import difflib
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 from crtk_drivers.errors import ConfigError
@@ -13,6 +14,7 @@ from crtk_drivers.labs.bench import (
     latency,
     limits,
     lines,
+    links,
     losses,
     motions,
     ranges,
@@ -22,8 +24,9 @@ from crtk_drivers.labs.bench import (
     weighing,
 )
 from crtk_drivers.labs.bench.declared import BenchTest, Suite
+from crtk_drivers.labs.verdicts.judging import Quantity
 
-__all__ = ["ACQUISITIONS", "TESTS", "chosen"]
+__all__ = ["ACQUISITIONS", "QUANTITIES", "TESTS", "chosen"]
 
 TESTS: Final[tuple[BenchTest, ...]] = tuple(
     sorted(
@@ -31,7 +34,7 @@ TESTS: Final[tuple[BenchTest, ...]] = tuple(
             test
             for part in (
                 *(sampling, staying, stops, motions, efforts, latency, endurance),
-                *(ranges, lines, weighing, limits, forces, losses),
+                *(ranges, lines, weighing, limits, forces, losses, links),
             )
             for test in part.TESTS
         ),
@@ -42,6 +45,11 @@ TESTS: Final[tuple[BenchTest, ...]] = tuple(
 
 ACQUISITIONS: Final = {test.acquisition.name: test.acquisition for test in TESTS}
 """By name."""
+
+QUANTITIES: Final[Mapping[str, Quantity]] = {
+    quantity.id: quantity for test in TESTS for quantity in test.quantities
+}
+"""All that is measured, by id."""
 
 
 def chosen(suite: Suite, only: Iterable[str] = ()) -> tuple[BenchTest, ...]:
@@ -54,8 +62,11 @@ def chosen(suite: Suite, only: Iterable[str] = ()) -> tuple[BenchTest, ...]:
     known = {test.id: test for test in TESTS}
     for name in wanted:
         if name not in known:
+            meant = difflib.get_close_matches(name.upper(), known, n=1, cutoff=0.6)
+            hint = f"Did you mean {meant[0]!r}? " if meant else ""
             raise ConfigError(
-                f"there is no test {name!r}", remedy="crtk-driver bench list has all of them."
+                f"there is no test {name!r}",
+                remedy=f"{hint}crtk-driver bench list has all of them.",
             )
     if wanted:
         return tuple(test for test in TESTS if test.id in wanted)

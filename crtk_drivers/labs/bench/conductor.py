@@ -18,7 +18,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -36,6 +36,7 @@ from crtk_drivers.labs.bench.client import start_client
 from crtk_drivers.labs.bench.declared import Acquisition, Safety
 from crtk_drivers.labs.bench.door import Door
 from crtk_drivers.labs.bench.recorder import carrier_recording
+from crtk_drivers.labs.bench.relay import RelayProcess
 from crtk_drivers.labs.bench.watch import HOLD_TIME, Watch
 from crtk_drivers.labs.carried import UNKNOWN, Carried, Coupling
 from crtk_drivers.plugins import RunningSim
@@ -43,7 +44,16 @@ from crtk_drivers.samples import Pose, Vector, Wrench
 from crtk_drivers.session import start_sim_of
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
-__all__ = ["Acquired", "Began", "DeviceOrder", "Reached", "RunOrder", "conduct"]
+__all__ = [
+    "Acquired",
+    "Began",
+    "DeviceOrder",
+    "Reached",
+    "RunOrder",
+    "ask_to_stop",
+    "conduct",
+    "hosted",
+]
 
 START_TIMEOUT: Final = 40.0
 LEAVE_TIMEOUT: Final = 10.0
@@ -229,8 +239,9 @@ class _Conductor:
                     beside = carrier_recording(path)
                     watches.append(stack.enter_context(self._recorded(other, beside, moves)))
                     watch.join(watches[-1])
-                    carrier = self._bed(other, watches[-1])
-                bed = self._bed(host, watch, carrier)
+                    carrier = self._bed(other, watches[-1], other.order.sim)
+                processes = host.order.sim or acquisition.relayed
+                bed = self._bed(host, watch, processes, carrier)
                 kept = bed.kept
                 acquisition.run(bed)
         except Tripped as error:
@@ -275,10 +286,16 @@ class _Conductor:
                 watch.close()
                 host.door.call("stop_recording", within=10.0)
 
-    def _bed(self, host: _Hosted, watch: Watch, carrier: Bed | None = None) -> Bed:
-        processes = host if host.order.sim else None
-        thorough = self._order.thorough
-        return Bed(host.order.name, host.known, host.door, watch, thorough, processes, carrier)
+    def _bed(self, host: _Hosted, watch: Watch, processes: bool, carrier: Bed | None = None) -> Bed:
+        return Bed(
+            host.order.name,
+            host.known,
+            host.door,
+            watch,
+            self._order.thorough,
+            host if processes else None,
+            carrier,
+        )
 
     def _ask(self, message: object) -> Any:
         self._parent.send(message)
@@ -304,6 +321,8 @@ class _Hosted:
         self._about: About | None = None
         self._trouble: CrtkError | None = None
         self._host: HostOrder | None = None
+        self._direct: HostOrder | None = None
+        self._relay: RelayProcess | None = None
 
     def __enter__(self) -> _Hosted:
         try:
@@ -313,9 +332,17 @@ class _Hosted:
         return self
 
     def __exit__(self, *_: object) -> None:
+        if self._door is not None and self.is_touched:
+            self.settle()
+        self._leave_driver()
+        if self._relay is not None:
+            self._relay.close()
+        if self._sim is not None:
+            self._sim.stop()
+
+    def _leave_driver(self) -> None:
+        """Let the driver end, which leaves its device holding."""
         if self._door is not None:
-            if self.is_touched:
-                self.settle()
             with contextlib.suppress(CrtkError):
                 self._door.call("leave")
             self._door.close()
@@ -326,8 +353,6 @@ class _Hosted:
                 logger.error("%s: its driver did not end, and was killed", self.order.name)
                 self._process.kill()
                 self._process.wait()
-        if self._sim is not None:
-            self._sim.stop()
 
     @property
     def door(self) -> Door:
@@ -461,6 +486,45 @@ class _Hosted:
         self._start_driver()
         self.about()
         return self.door, self.connected()
+
+    def put_relay(self) -> tuple[Door, Door, RelayProcess]:
+        """Start the driver anew, at a relay to its device; return two connections, and the relay."""
+        assert self._host is not None
+        plugin, config = plugins.device(self._host.plugin), self._host.config
+        link = None if plugin.link is None else plugin.link.of(config, self._sim)
+        if plugin.link is None or link is None:
+            raise Broken("its driver reaches it over no network that a relay could cut")
+        self._direct = self._host
+        self._relay = RelayProcess(link)
+        self._restart(replace(self._host, config=plugin.link.at(config, self._relay.link)))
+        return self.door, self.connected(), self._relay
+
+    def take_relay(self) -> tuple[Door, Door]:
+        """Start the driver anew, at its device; return two connections."""
+        assert self._direct is not None
+        self._restart(self._direct)
+        return self.door, self.connected()
+
+    def _restart(self, order: HostOrder) -> None:
+        self._leave_driver()
+        if order is self._direct and self._relay is not None:
+            self._relay.close()
+            self._relay = None
+        Path(self._path).unlink(missing_ok=True)
+        self._host = order
+        self._start_driver()
+        self.about()
+
+
+def hosted(order: DeviceOrder, doors: Path, folder: Path) -> _Hosted:
+    """Return a device with its simulator and the process of its driver, which run while its context lasts.
+
+    Args:
+        order: the device.
+        doors: folder for the socket of its process.
+        folder: for its log.
+    """
+    return _Hosted(order, doors, folder)
 
 
 def ask_to_stop(pid: int) -> None:

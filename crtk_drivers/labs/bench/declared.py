@@ -14,8 +14,10 @@ import numpy as np
 
 from crtk_drivers.device import JointLimits
 from crtk_drivers.labs.bench.bed import Bed
+from crtk_drivers.labs.bench.bounds import bounded
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.trace import Trace
+from crtk_drivers.labs.bench.watch import late_told
 from crtk_drivers.labs.carried import UNKNOWN, Carried
 from crtk_drivers.labs.lab_file import BoundEntry
 from crtk_drivers.labs.verdicts.estimates import Estimate
@@ -86,6 +88,7 @@ class Acquisition:
         carrier_needs: CRTK names that the device must offer that carries this one. That one is moved, watched
             and recorded as well, and this one only read; empty: it is about one device.
         loads: the simulator is loaded by what `DevicePlugin.sim_load` does.
+        relayed: its fault is of the link to the device, which hardware can be given as well.
     """
 
     name: str
@@ -96,6 +99,7 @@ class Acquisition:
     suite: Suite = Suite.QUICK
     carrier_needs: tuple[str, ...] = ()
     loads: bool = False
+    relayed: bool = False
 
 
 @dataclass(frozen=True)
@@ -184,16 +188,7 @@ class Subject:
 
     def too_busy(self, allowed: float) -> tuple[str, ...]:
         """Return a doubt if one in a hundred times the bench was later than `allowed` s."""
-        late = sorted(self.lateness)
-        if not late:
-            return ()
-        found = late[min(len(late) - 1, int(0.99 * len(late)))]
-        if found <= allowed:
-            return ()
-        return (
-            f"the machine is too busy: the bench's own timer was late by {1e3 * found:.1f} ms, "
-            f"at most {1e3 * allowed:.1f} ms are allowed",
-        )
+        return late_told(self.lateness, allowed)
 
     def gaps(self, stamps: Vector) -> tuple[str, ...]:
         """Return a doubt if samples, of these times of acquisition (N,), stayed away for long."""
@@ -220,12 +215,10 @@ class Subject:
         part: str = "",
         why: str = "",
     ) -> Measurement:
-        """Return a measurement, against the bound of the lab file if that has one."""
+        """Return a measurement, against the bound of the lab file if it has one, also if it is only told."""
         own = self.bounds.get(quantity.id)
         if own is not None:
-            default = -math.inf if bound is None else bound.lower
-            lower = default if own.lower is None else own.lower
-            bound = Bound(own.value, f"the lab file: {own.because}", lower)
+            quantity, bound = bounded(quantity, own, bound)
         return Measurement(quantity, estimate, bound, why, part)
 
 

@@ -8,14 +8,14 @@ from typing import Final
 
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import SAFETY_LETTERS
-from crtk_drivers.labs.bench.history import Key
+from crtk_drivers.labs.bench.history import Key, key_of
 from crtk_drivers.labs.bench.results import DeviceResult, Measured, Result, Run
 from crtk_drivers.labs.verdicts.html_page import Cell, badge, details, page, table, text
 from crtk_drivers.labs.verdicts.judging import Plot, Series, Verdict, number
 from crtk_drivers.labs.verdicts.junit import Case, Suite, junit_xml
 from crtk_drivers.labs.verdicts.svg_plot import svg
 
-__all__ = ["EXIT_CODES", "exit_code", "html", "junit", "summary"]
+__all__ = ["ABORTED", "EXIT_CODES", "exit_code", "html", "junit", "summary"]
 
 KINDS: Final[Mapping[Verdict, str]] = {
     Verdict.PASS: "good",
@@ -34,6 +34,7 @@ EXIT_CODES: Final[Mapping[Verdict, int]] = {
 }
 
 ABORTED: Final = 4
+"""Exit code of a run that did not come to its end, or cannot be kept."""
 
 NO_SAFETY_SYSTEM: Final = (
     "The bench is no safety system: what it watches, it watches by a program on one machine. "
@@ -102,7 +103,7 @@ def _case(device: DeviceResult, test: Result) -> Case:
     )
 
 
-def html(run: Run, earlier: Mapping[Key, list[tuple[str, float]]] | None = None) -> str:
+def html(run: Run, earlier: Mapping[Key, list[float]] | None = None) -> str:
     """Return the page.
 
     Args:
@@ -112,7 +113,7 @@ def html(run: Run, earlier: Mapping[Key, list[tuple[str, float]]] | None = None)
     return page(f"Bench: {run.lab}", "".join(_parts(run, earlier or {})))
 
 
-def _parts(run: Run, earlier: Mapping[Key, list[tuple[str, float]]]) -> Iterator[str]:
+def _parts(run: Run, earlier: Mapping[Key, list[float]]) -> Iterator[str]:
     yield f"<h1>{text(run.lab)} {badge(run.verdict, KINDS[run.verdict])}</h1>"
     yield f'<p class="faint">{text(run.started)} · suite {text(run.suite)} · {text(summary(run))}</p>'
     if not run.complete:
@@ -166,7 +167,7 @@ def _attention(run: Run) -> Iterator[str]:
         yield table(("device", "test", "", "", "now, and usually"), worse)
 
 
-def _device(device: DeviceResult, earlier: Mapping[Key, list[tuple[str, float]]]) -> Iterator[str]:
+def _device(device: DeviceResult, earlier: Mapping[Key, list[float]]) -> Iterator[str]:
     yield f'<h2 id="{text(device.name)}">{text(device.name)}</h2>'
     kind = "simulated" if device.simulated else "real"
     yield f'<p class="faint">{text(device.plugin)}, {kind}, {text(device.address)}</p>'
@@ -184,9 +185,7 @@ def _device(device: DeviceResult, earlier: Mapping[Key, list[tuple[str, float]]]
         yield details(f"{len(skipped)} skipped", table(("test", "", "why"), rows))
 
 
-def _test(
-    device: DeviceResult, test: Result, earlier: Mapping[Key, list[tuple[str, float]]]
-) -> str:
+def _test(device: DeviceResult, test: Result, earlier: Mapping[Key, list[float]]) -> str:
     rows = []
     plots = "".join(
         svg(
@@ -201,7 +200,7 @@ def _test(
     )
     for found in test.measurements:
         rows.append(_row(found))
-        values = [value for _, value in earlier.get((device.name, *found.key), ())]
+        values = earlier.get(key_of(device, found), [])
         if len(values) > 1 and found.value is not None:
             plots += svg(_trend(found, [*values, found.value]))
     body = table(("", "", "value", "95 %", "bound", "from", "verdict"), rows, right=(2, 3, 4))

@@ -26,9 +26,11 @@ __all__ = [
     "Plot",
     "Result",
     "Run",
+    "measured_of",
     "read_run",
     "test_of",
     "write_run",
+    "write_whole",
 ]
 
 SCHEMA: Final = "crtk_bench/1"
@@ -85,11 +87,6 @@ class Measured(_Stored):
     regressed: str = Field(
         default="", description="Against earlier runs, in words; empty if it is not."
     )
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """What makes it the same measurement in another run of the same device."""
-        return self.id, self.part
 
 
 class Result(_Stored):
@@ -168,12 +165,13 @@ def test_of(test: BenchTest, findings: Findings, seconds: float, recording: str)
         reason=findings.reason,
         seconds=round(seconds, 3),
         recording=recording,
-        measurements=tuple(map(_measured, findings.measurements)),
+        measurements=tuple(map(measured_of, findings.measurements)),
         plots=tuple(map(_plot, findings.plots)),
     )
 
 
-def _measured(found: Measurement) -> Measured:
+def measured_of(found: Measurement) -> Measured:
+    """Return what is stored of a measurement."""
     quantity, estimate, bound = found.quantity, found.estimate, found.bound
     return Measured(
         id=quantity.id,
@@ -221,13 +219,25 @@ def write_run(run: Run, folder: Path) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    path = folder / "run.json"
-    beside = folder / "run.json.new"
-    with beside.open("w", encoding="utf-8") as file:
-        file.write(run.model_dump_json(by_alias=True, indent=1))
-        file.flush()
-        os.fsync(file.fileno())
-    beside.replace(path)
+    write_whole(folder / "run.json", run.model_dump_json(by_alias=True, indent=1))
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file: the old one or the new one is there, whenever it is interrupted, and no part of it.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    beside = path.with_name(f"{path.name}.new")
+    try:
+        with beside.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except OSError:
+        beside.unlink(missing_ok=True)
+        raise
 
 
 def read_run(folder: Path) -> Run:

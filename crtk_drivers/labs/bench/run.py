@@ -6,21 +6,12 @@ that is another process.
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
-import json
 import logging
 import multiprocessing
-import os
-import platform
 import subprocess
-import tempfile
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from importlib.metadata import version
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -28,8 +19,10 @@ from typing import Final
 
 from crtk_drivers.errors import ConfigError, RecordingError
 from crtk_drivers.labs.bench import results
+from crtk_drivers.labs.bench.allowed import BenchOptions, Carrier, lacking
+from crtk_drivers.labs.bench.bounds import check_bounds
 from crtk_drivers.labs.bench.calls import About
-from crtk_drivers.labs.bench.catalogue import ACQUISITIONS, TESTS, chosen
+from crtk_drivers.labs.bench.catalogue import ACQUISITIONS, QUANTITIES, TESTS, chosen
 from crtk_drivers.labs.bench.conductor import (
     Acquired,
     Began,
@@ -39,19 +32,18 @@ from crtk_drivers.labs.bench.conductor import (
     ask_to_stop,
     conduct,
 )
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
+from crtk_drivers.labs.bench.declared import BenchTest, Subject
+from crtk_drivers.labs.bench.folder import begun, described, make_folder
+from crtk_drivers.labs.bench.locks import alone
 from crtk_drivers.labs.bench.recorder import read_recording
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.lab_file import BoundEntry, Lab, LabDevice, load_lab
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict
 from crtk_drivers.status.stop_request import StopRequest
 
-__all__ = ["BenchOptions", "Judge", "Progress", "judged_again", "run_bench"]
+__all__ = ["Judge", "Progress", "judged_again", "run_bench", "take_power"]
 
 POLL_PERIOD: Final = 0.1
-
-FASTEST_TRAVEL: Final = 0.5
-"""Share of its speed at which a real device may go through its space."""
 
 END_TIMEOUT: Final = 60.0
 """Seconds in which the conductor has held and left everything."""
@@ -60,25 +52,6 @@ logger = logging.getLogger(__name__)
 
 Progress = Callable[[str, str, Verdict | None, str], None]
 """Told of each test as it begins (None) and ends: device, test, verdict, reason."""
-
-
-@dataclass(frozen=True)
-class BenchOptions:
-    """What a run is asked to do.
-
-    Attributes:
-        suite: which tests.
-        only: ids of tests, instead of those of the suite.
-        may_move: whoever started it stands beside it, and wants motion.
-        out: folder of the run; it may not exist.
-        may_travel: names of the devices that may go anywhere in their space.
-    """
-
-    suite: Suite
-    only: tuple[str, ...]
-    may_move: bool
-    out: Path
-    may_travel: tuple[str, ...] = ()
 
 
 @dataclass
@@ -92,85 +65,9 @@ class _Tested:
     done: dict[str, results.Result] = field(default_factory=dict)
     stopped: str = ""
 
-
-def lacking(
-    test: BenchTest,
-    about: About,
-    device: LabDevice,
-    options: BenchOptions,
-    carrier: _Tested | None = None,
-) -> str:
-    """Return why a test is skipped, in words; empty if it is not.
-
-    Args:
-        test, about, device, options: what is to be tested, and how.
-        carrier: the device that carries it, if that is in the run.
-    """
-    acquisition = test.acquisition
-    offered = (*about.commands, *about.services)
-    missing = [name for name in (*acquisition.needs, *test.needs) if name not in offered]
-    if missing:
-        return f"the device does not offer {', '.join(missing)}"
-    if acquisition.safety >= Safety.FAULT and not device.sim:
-        return "is done to simulators only"
-    if acquisition.loads and device.plugin.sim_load is None:
-        return "its simulator feels no load"
-    if not acquisition.carrier_needs:
-        return _unmoved(acquisition.safety, about, device, options)
-    if carrier is None:
-        return "needs a device that carries it (`on`) in the same run"
-    why = _unusable(acquisition, carrier)
-    if not why and carrier.about is not None:
-        why = _unmoved(acquisition.safety, carrier.about, carrier.lab, options)
-    return why and f"{carrier.lab.name}, which carries it: {why}"
-
-
-def _unusable(acquisition: Acquisition, carrier: _Tested) -> str:
-    """Return why a device does not carry another one about."""
-    if carrier.about is None:
-        return "was not reached"
-    if carrier.stopped:
-        return carrier.stopped
-    missing = [name for name in acquisition.carrier_needs if name not in carrier.about.commands]
-    return f"does not offer {', '.join(missing)}" if missing else ""
-
-
-def _unmoved(safety: Safety, about: About, device: LabDevice, options: BenchOptions) -> str:
-    """Return why a device may not be moved; empty if it may, or is not to be moved."""
-    if safety is Safety.READ or device.sim or device.plugin.is_model:
-        return ""
-    if not options.may_move:
-        return "needs --may-move: it enables the device"
-    wrong = [
-        f"{name} is {about.readings.get(name, 'not told')}, not {value}"
-        for name, value in device.entry.identity.items()
-        if about.readings.get(name) != value
-    ]
-    if wrong:
-        return f"it is another device than the lab file says: {'; '.join(wrong)}"
-    if about.capabilities.needs_homing and not about.is_homed:
-        return "needs to be homed, which the bench does not do to hardware"
-    space = device.entry.space
-    if safety >= Safety.SMALL and space is None:
-        return "needs `space` in the lab file: where it may go"
-    if space is not None and space.tool_box and "measured_cp" not in about.commands:
-        return "its space has a `tool_box`, and it does not tell where its tool is"
-    return _lacking_to_travel(device, options) if safety >= Safety.LARGE else ""
-
-
-def _lacking_to_travel(device: LabDevice, options: BenchOptions) -> str:
-    """Return why a device may not go through all of its space, in words; empty if it may."""
-    space = device.entry.space
-    if space is None or not space.joints:
-        return "needs `space.joints` in the lab file: it goes to the ends of these ranges"
-    if space.speed > FASTEST_TRAVEL:
-        return (
-            f"its space has a `speed` of {space.speed:g}: it goes to the ends of its space, "
-            f"at {FASTEST_TRAVEL:g} at most"
-        )
-    if device.name not in options.may_travel:
-        return f"needs --may-travel {device.name}: it goes through all of its space"
-    return ""
+    def as_carrier(self) -> Carrier:
+        """Return it as what carries another one."""
+        return Carrier(self.lab, self.about, self.stopped)
 
 
 def run_bench(
@@ -182,11 +79,12 @@ def run_bench(
         what was found; it is in the folder too.
 
     Raises:
-        ConfigError: another bench tests one of the devices, there is no such test or device, or the folder is
-            there.
+        ConfigError: another bench tests one of the devices, there is no such test or device, a bound is none,
+            or the folder is there.
         OSError: the folder cannot be written.
     """
     tests = chosen(options.suite, options.only)
+    check_bounds(lab, QUANTITIES)
     for name in options.may_travel:
         if name not in lab.settings.devices:
             raise ConfigError(
@@ -194,10 +92,8 @@ def run_bench(
                 where=str(lab.path),
                 remedy=f"There is: {', '.join(lab.settings.devices)}.",
             )
-    with ExitStack() as stack:
-        for lock in _locks(lab):
-            stack.enter_context(_locked(*lock))
-        _make_folder(options.out)
+    with alone(lab):
+        make_folder(options.out)
         return _Bench(lab, options, tests, progress, stop).run()
 
 
@@ -216,20 +112,14 @@ class _Bench:
         self._stop = stop
         self._began = time.monotonic()
         self._tested = {
-            name: _Tested(device, _described(device), tests) for name, device in lab.devices.items()
+            name: _Tested(device, described(device), tests) for name, device in lab.devices.items()
         }
-        self._run = results.Run(
-            lab=lab.name,
-            lab_file=str(lab.path.resolve()),
-            lab_file_sha256=_sha256(lab.path.read_bytes()),
-            suite=str(options.suite) if not options.only else f"only {', '.join(options.only)}",
-            started=datetime.now(UTC).isoformat(timespec="seconds"),
-            machine=_machine(),
-        )
+        suite = str(options.suite) if not options.only else f"only {', '.join(options.only)}"
+        self._run = begun(lab, suite)
 
     def run(self) -> results.Run:
         """Start the conductor, judge what it records, and return what was found."""
-        self._keep()
+        results.write_run(self._run, self._options.out)
         order = RunOrder(
             tuple(_order(device, self._lab.devices) for device in self._lab.devices.values()),
             self._options.out,
@@ -308,7 +198,14 @@ class _Bench:
         wanted: list[str] = []
         for test in tested.tests:
             carrier = self._tested.get(tested.lab.entry.on)
-            why = lacking(test, about, tested.lab, self._options, carrier)
+            why = lacking(
+                test,
+                about,
+                tested.lab,
+                self._options,
+                carrier=carrier.as_carrier() if carrier else None,
+                faults=self._lab.settings.faults,
+            )
             if why:
                 self._record(tested, _untested(test, Verdict.SKIPPED, why))
             elif test.acquisition.name not in wanted:
@@ -392,14 +289,24 @@ class _Bench:
                 self._power_off_of(tested)
 
     def _power_off_of(self, tested: _Tested) -> None:
-        command = tested.lab.entry.power_off
-        if not command or tested.lab.sim:
-            return
-        logger.error("%s: its power is taken away: %s", tested.lab.name, " ".join(command))
-        try:
-            subprocess.run(command, check=True, timeout=10.0, cwd=self._lab.path.parent)
-        except (OSError, subprocess.SubprocessError) as error:
-            logger.error("%s: power_off: %s", tested.lab.name, error)
+        take_power(tested.lab, self._lab.path.parent)
+
+
+def take_power(device: LabDevice, folder: Path) -> None:
+    """Run `power_off` of a device, if it has one and is not simulated; what goes wrong with that is logged.
+
+    Args:
+        device: of a lab.
+        folder: where the program is run: that of the lab file.
+    """
+    command = device.entry.power_off
+    if not command or device.sim:
+        return
+    logger.error("%s: its power is taken away: %s", device.name, " ".join(command))
+    try:
+        subprocess.run(command, check=True, timeout=10.0, cwd=folder)
+    except (OSError, subprocess.SubprocessError) as error:
+        logger.error("%s: power_off: %s", device.name, error)
 
 
 class Judge:
@@ -427,7 +334,7 @@ class Judge:
         try:
             return test.analyse(self._trace, self._subject)
         except LookupError as error:
-            return Findings(doubts=(f"the recording lacks something: {error}",))
+            return Findings(doubts=(self._trouble or f"the recording lacks something: {error}",))
         except Exception as error:
             logger.exception("%s", test.id)
             return Findings(doubts=(f"the test itself broke: {type(error).__name__}: {error}",))
@@ -445,7 +352,11 @@ def judged_again(folder: Path, lab_file: Path | None) -> results.Run:
     """
     run = results.read_run(folder)
     path = lab_file or Path(run.lab_file)
-    bounds = load_lab(path, sim=True).settings.bounds if lab_file or path.is_file() else {}
+    bounds: Mapping[str, BoundEntry] = {}
+    if lab_file or path.is_file():
+        lab = load_lab(path, sim=True)
+        check_bounds(lab, QUANTITIES)
+        bounds = lab.settings.bounds
     known = {test.id: test for test in TESTS}
     devices = []
     for device in run.devices:
@@ -492,16 +403,6 @@ def _judge(folder: Path, name: str, bounds: Mapping[str, BoundEntry]) -> Judge |
         return None
 
 
-def _described(device: LabDevice) -> results.DeviceResult:
-    return results.DeviceResult(
-        name=device.name,
-        plugin=device.plugin.name,
-        address=device.address,
-        simulated=device.sim or device.plugin.is_model,
-        configuration_sha256=_sha256(json.dumps(dict(device.values), sort_keys=True).encode()),
-    )
-
-
 def _order(device: LabDevice, run: Collection[str]) -> DeviceOrder:
     entry = device.entry
     return DeviceOrder(
@@ -515,74 +416,3 @@ def _order(device: LabDevice, run: Collection[str]) -> DeviceOrder:
         entry.carried,
         bool(device.felt_on),
     )
-
-
-def _machine() -> dict[str, str]:
-    """Return what the results may depend on, of the machine that runs the bench."""
-    return {
-        "crtk-drivers": version("crtk-drivers"),
-        "python": platform.python_version(),
-        "kernel": platform.release(),
-        "machine": platform.machine(),
-        "cores": str(os.cpu_count()),
-        "load": " ".join(f"{value:.2f}" for value in os.getloadavg()),
-        "clock": _first_line("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
-    }
-
-
-def _first_line(path: str) -> str:
-    try:
-        return Path(path).read_text().strip().partition("\n")[0]
-    except OSError:
-        return ""
-
-
-def _sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True)
-        (folder / "data").mkdir()
-    except FileExistsError as error:
-        raise ConfigError(
-            "is there already",
-            where=str(folder),
-            remedy="Give another --out: nothing is overwritten.",
-        ) from error
-    except OSError as error:
-        raise ConfigError(f"cannot be made: {error.strerror}", where=str(folder)) from error
-
-
-def _locks(lab: Lab) -> Iterator[tuple[str, str]]:
-    """Yield what a run has for itself: the lab file, and each device that is real."""
-    yield f"lab {lab.path.resolve()}", lab.name
-    for device in lab.devices.values():
-        if device.address:
-            yield f"device {device.plugin.name} {device.address}", device.name
-
-
-@contextmanager
-def _locked(name: str, told: str) -> Iterator[None]:
-    """Hold a lock that ends with this process.
-
-    Raises:
-        ConfigError: another process holds it.
-    """
-    path = Path(tempfile.gettempdir()) / f"crtk-bench-{_sha256(name.encode())[:16]}.lock"
-    with path.open("a+") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            file.seek(0)
-            owner = file.read().strip() or "of which nothing is known"
-            raise ConfigError(
-                f"{told} is being tested by process {owner}",
-                where=name.partition(" ")[2],
-                remedy="Wait for it to end, or stop it.",
-            ) from error
-        file.truncate(0)
-        file.write(str(os.getpid()))
-        file.flush()
-        yield

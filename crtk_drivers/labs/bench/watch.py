@@ -9,7 +9,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final
 
@@ -23,7 +23,7 @@ from crtk_drivers.samples import JointState, Pose
 from crtk_drivers.state import OperatingState
 from crtk_drivers.status.stop_request import StopRequest
 
-__all__ = ["Watch", "judged"]
+__all__ = ["Watch", "judged", "late_told"]
 
 PERIOD: Final = 0.02
 
@@ -83,6 +83,20 @@ def _judged_joints(found: JointState, about: About) -> str:
         if found.velocity.size and abs(found.velocity[index]) > OVERSPEED * limit.velocity:
             return f"{name} moves at {found.velocity[index]:.2f}, its limit is {limit.velocity:g}"
     return ""
+
+
+def late_told(lateness: Iterable[float], allowed: float) -> tuple[str, ...]:
+    """Return a doubt if one in a hundred looks was later than `allowed` s."""
+    late = sorted(lateness)
+    if not late:
+        return ()
+    found = late[min(len(late) - 1, int(0.99 * len(late)))]
+    if found <= allowed:
+        return ()
+    return (
+        f"the machine is too busy: the bench's own timer was late by {1e3 * found:.1f} ms, "
+        f"at most {1e3 * allowed:.1f} ms are allowed",
+    )
 
 
 class Watch:

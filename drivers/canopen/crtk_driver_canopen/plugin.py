@@ -9,10 +9,14 @@ from typing import Any
 from crtk_driver_canopen.config import BusConfig, CanopenConfig
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError, MissingExtra
-from crtk_drivers.plugins import DevicePlugin, Finder, RunningSim, Tool
+from crtk_drivers.plugins import DevicePlugin, Finder, LinkAccess, NetworkLink, RunningSim, Tool
 
 SIMULATED_JOINTS = 6
 """Joints of the arm that ``--sim`` shows when none are configured."""
+
+
+SIMULATED_CHANNEL = "can0"
+"""How the simulated bus is called at its door for socketcand."""
 
 
 LIBRARIES = {"can": "python-can", "canopen": "canopen"}
@@ -107,6 +111,29 @@ def _sim_options(config: CanopenConfig) -> Mapping[str, Any]:
     }
 
 
+def _link(config: CanopenConfig, sim: RunningSim | None) -> NetworkLink | None:
+    """Return the link to a gateway of socketcand; a simulated bus has one too."""
+    if sim is not None:
+        return NetworkLink(sim.host, {"socketcand": sim.ports["socketcand"]})
+    host, port = (config.bus.options.get(key) for key in ("host", "port"))
+    if config.bus.interface != "socketcand" or not isinstance(port, int):
+        return None
+    return NetworkLink(str(host), {"socketcand": port})
+
+
+def _at_link(config: CanopenConfig, link: NetworkLink) -> CanopenConfig:
+    simulated = config.bus.interface == "crtk"
+    there = {"host": link.host, "port": link.tcp["socketcand"]}
+    bus = config.bus.model_copy(
+        update={
+            "interface": "socketcand",
+            "channel": SIMULATED_CHANNEL if simulated else config.bus.channel,
+            "options": {**config.bus.options, **there},
+        }
+    )
+    return config.model_copy(update={"bus": bus})
+
+
 PLUGIN = DevicePlugin(
     name="canopen",
     summary="CANopen servo drives (CiA 402) on a CAN bus as one arm",
@@ -121,4 +148,5 @@ PLUGIN = DevicePlugin(
     finder=_finder(),
     tools=_tools(),
     typical=TYPICAL,
+    link=LinkAccess(_link, _at_link),
 )

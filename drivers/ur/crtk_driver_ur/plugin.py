@@ -9,10 +9,14 @@ from importlib.util import find_spec
 from typing import Any
 
 from crtk_driver_ur.config import UrConfig
+from crtk_driver_ur.dashboard import DASHBOARD_PORT
 from crtk_driver_ur.device import UrDevice
+from crtk_driver_ur.output_worker import SECONDARY_PORT
+from crtk_driver_ur.primary import PORTS
+from crtk_driver_ur.rtde.stream import RTDE_PORT
 from crtk_driver_ur.tools import TOOLS
 from crtk_drivers.errors import MissingExtra
-from crtk_drivers.plugins import DevicePlugin, RunningSim, required
+from crtk_drivers.plugins import DevicePlugin, LinkAccess, NetworkLink, RunningSim, required
 
 _FIRST_WITHOUT_WHEELS = (3, 13)
 """The Python for which ur-rtde 1.6 has no wheels any more; pyproject.toml leaves it out there as well."""
@@ -48,6 +52,18 @@ def _sim_options(config: UrConfig) -> Mapping[str, Any]:
     return {"model": config.model, "version": "3.15.8" if cb3 else "5.12.4"}
 
 
+def _link(config: UrConfig, sim: RunningSim | None) -> NetworkLink:
+    ports = {str(port): port for port in (*PORTS, SECONDARY_PORT, RTDE_PORT, DASHBOARD_PORT)}
+    if sim is not None and "robot_api" not in sim.ports:
+        return NetworkLink(config.host, ports)
+    return NetworkLink(config.host, {**ports, "robot_api": config.robot_api_port})
+
+
+def _at_link(config: UrConfig, link: NetworkLink) -> UrConfig:
+    port = link.tcp.get("robot_api", config.robot_api_port)
+    return config.model_copy(update={"host": link.host, "robot_api_port": port})
+
+
 PLUGIN = DevicePlugin(
     name="ur",
     summary="Universal Robots arms: UR3/5/10 (CB3), UR3e/5e/10e/16e, UR20, UR30",
@@ -59,4 +75,5 @@ PLUGIN = DevicePlugin(
     sim_config=_at_sim,
     sim_options=_sim_options,
     tools=TOOLS,
+    link=LinkAccess(_link, _at_link),
 )

@@ -1,0 +1,166 @@
+"""What a run of the bench may do to a device, and why it may not do more."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from crtk_drivers.labs.bench.calls import About
+from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Suite
+from crtk_drivers.labs.lab_file import LabDevice
+
+__all__ = ["FAULTS", "BenchOptions", "Carrier", "lacking", "not_allowed"]
+
+FASTEST_TRAVEL: Final = 0.5
+"""Share of its speed at which a real device may go through its space."""
+
+FAULTS: Final = "CRTK_BENCH_FAULTS"
+"""Environment variable: 1 where whoever starts the bench wants what the lab file allows by `faults`."""
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """What a run is asked to do.
+
+    Attributes:
+        suite: which tests.
+        only: ids of tests, instead of those of the suite.
+        may_move: whoever started it stands beside it, and wants motion.
+        out: folder of the run; it may not exist.
+        may_travel: names of the devices that may go anywhere in their space.
+    """
+
+    suite: Suite
+    only: tuple[str, ...]
+    may_move: bool
+    out: Path
+    may_travel: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """A device that carries another one, which is tested by moving it.
+
+    Attributes:
+        lab: as the lab file has it.
+        about: as it was found; None if it was not reached.
+        stopped: why it is not used any more in this run, empty if it is.
+    """
+
+    lab: LabDevice
+    about: About | None
+    stopped: str
+
+
+def lacking(
+    test: BenchTest,
+    about: About,
+    device: LabDevice,
+    options: BenchOptions,
+    *,
+    carrier: Carrier | None = None,
+    faults: bool = False,
+) -> str:
+    """Return why a test is skipped, in words; empty if it is not.
+
+    Args:
+        test: of the bench.
+        about: the device as it was found.
+        device: as the lab file has it.
+        options: of the run.
+        carrier: the device that carries it, if that is in the run.
+        faults: the lab file allows faults of hardware.
+    """
+    acquisition = test.acquisition
+    offered = (*about.commands, *about.services)
+    missing = [name for name in (*acquisition.needs, *test.needs) if name not in offered]
+    if missing:
+        return f"the device does not offer {', '.join(missing)}"
+    if acquisition.loads and device.sim and device.plugin.sim_load is None:
+        return "its simulator feels no load"
+    if acquisition.carrier_needs:
+        return _not_carried(acquisition, carrier, options)
+    safety = acquisition.safety
+    if acquisition.relayed:
+        uncut = _not_cut(device, faults)
+        if uncut:
+            return uncut
+        if not device.sim:  # beside the link that is cut
+            safety = Safety.ENABLE if safety is Safety.FAULT else Safety.SMALL
+    return not_allowed(safety, about, device, options)
+
+
+def _not_carried(acquisition: Acquisition, carrier: Carrier | None, options: BenchOptions) -> str:
+    """Return why a device is not carried about, in words; empty if it is."""
+    if carrier is None:
+        return "needs a device that carries it (`on`) in the same run"
+    why = _not_moved(acquisition, carrier, options)
+    return why and f"{carrier.lab.name}, which carries it: {why}"
+
+
+def _not_moved(acquisition: Acquisition, carrier: Carrier, options: BenchOptions) -> str:
+    about = carrier.about
+    if about is None:
+        return "was not reached"
+    if carrier.stopped:
+        return carrier.stopped
+    missing = [name for name in acquisition.carrier_needs if name not in about.commands]
+    if missing:
+        return f"does not offer {', '.join(missing)}"
+    return not_allowed(acquisition.safety, about, carrier.lab, options)
+
+
+def _not_cut(device: LabDevice, faults: bool) -> str:
+    """Return why the link to a device is not cut, in words; empty if it may be."""
+    link = device.plugin.link
+    if link is None or (not device.sim and link.of(device.config, None) is None):
+        return "its driver reaches it over no network that a relay could cut"
+    if device.sim:
+        return ""
+    if not faults:
+        return "needs `faults = true` in the lab file: it cuts the link to hardware"
+    if os.environ.get(FAULTS) != "1":
+        return f"needs {FAULTS}=1 in the environment: it cuts the link to hardware"
+    return ""
+
+
+def not_allowed(safety: Safety, about: About, device: LabDevice, options: BenchOptions) -> str:
+    """Return why something may not be done to a device, in words; empty if it may."""
+    if safety >= Safety.FAULT and not device.sim:
+        return "is done to simulators only"
+    if safety is Safety.READ or device.sim or device.plugin.is_model:
+        return ""
+    if not options.may_move:
+        return "needs --may-move: it enables the device"
+    wrong = [
+        f"{name} is {about.readings.get(name, 'not told')}, not {value}"
+        for name, value in device.entry.identity.items()
+        if about.readings.get(name) != value
+    ]
+    if wrong:
+        return f"it is another device than the lab file says: {'; '.join(wrong)}"
+    if about.capabilities.needs_homing and not about.is_homed:
+        return "needs to be homed, which the bench does not do to hardware"
+    space = device.entry.space
+    if safety >= Safety.SMALL and space is None:
+        return "needs `space` in the lab file: where it may go"
+    if space is not None and space.tool_box and "measured_cp" not in about.commands:
+        return "its space has a `tool_box`, and it does not tell where its tool is"
+    return _not_to_travel(device, options) if safety >= Safety.LARGE else ""
+
+
+def _not_to_travel(device: LabDevice, options: BenchOptions) -> str:
+    """Return why a device may not go through all of its space, in words; empty if it may."""
+    space = device.entry.space
+    if space is None or not space.joints:
+        return "needs `space.joints` in the lab file: it goes to the ends of these ranges"
+    if space.speed > FASTEST_TRAVEL:
+        return (
+            f"its space has a `speed` of {space.speed:g}: it goes to the ends of its space, "
+            f"at {FASTEST_TRAVEL:g} at most"
+        )
+    if device.name not in options.may_travel:
+        return f"needs --may-travel {device.name}: it goes through all of its space"
+    return ""

@@ -1,0 +1,89 @@
+"""One bench at a time: a lab file and a device are tested by one process, which a second one is told of."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.labs.lab_file import Lab
+
+__all__ = ["alone"]
+
+
+@contextmanager
+def alone(lab: Lab) -> Iterator[None]:
+    """Within, no other bench tests this lab file, or one of its devices that are real.
+
+    Raises:
+        ConfigError: another one does.
+    """
+    with ExitStack() as stack:
+        for name, told in _names(lab):
+            stack.enter_context(_locked(name, told))
+        yield
+
+
+def _names(lab: Lab) -> Iterator[tuple[str, str]]:
+    """Yield what a run has for itself, and how it is called."""
+    yield f"lab {lab.path.resolve()}", lab.name
+    for device in lab.devices.values():
+        if device.address:
+            yield f"device {device.plugin.name} {device.address}", device.name
+
+
+@contextmanager
+def _locked(name: str, told: str) -> Iterator[None]:
+    """Hold a lock that ends with this process.
+
+    Raises:
+        ConfigError: another process holds it, or there can be none.
+    """
+    where = name.partition(" ")[2]
+    try:
+        file = os.open(_lock_file(name), os.O_RDWR | os.O_NOFOLLOW)
+    except OSError as error:
+        raise ConfigError(
+            f"it cannot be locked against a second bench: {error.strerror}",
+            where=where,
+            remedy=f"Look at {error.filename}.",
+        ) from error
+    try:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            owner = os.pread(file, 32, 0).decode("ascii", "replace").strip()
+            raise ConfigError(
+                f"{told} is being tested by process {owner or 'of which nothing is known'}",
+                where=where,
+                remedy="Wait for it to end, or stop it.",
+            ) from error
+        os.ftruncate(file, 0)
+        os.pwrite(file, str(os.getpid()).encode(), 0)
+        yield
+    finally:
+        os.close(file)
+
+
+def _lock_file(name: str) -> Path:
+    """Return the file of a lock, which is there for every user of this machine.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    digest = hashlib.sha256(name.encode()).hexdigest()
+    path = Path(tempfile.gettempdir()) / f"crtk-bench-{digest[:16]}.lock"
+    # A kernel lets nobody open the file of another user in /tmp with O_CREAT, whatever its mode is.
+    if not path.exists():
+        try:
+            made = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        except FileExistsError:
+            return path
+        os.fchmod(made, 0o666)
+        os.close(made)
+    return path

@@ -1,0 +1,118 @@
+"""``crtk-driver bench`` as a user has it: in a process of its own, with what goes wrong around it."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from crtk_drivers.labs.bench.results import read_run
+from crtk_sim_backends.netft import SIM
+
+GANTRY = '[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 500 }\n'
+
+Command = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+def bench(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "crtk_drivers.cli", "bench", *arguments]
+
+
+@pytest.fixture
+def command(tmp_path: Path) -> Command:
+    (tmp_path / "lab.toml").write_text(GANTRY)
+
+    def run(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            bench(*arguments), cwd=tmp_path, capture_output=True, text=True, **options
+        )
+
+    return run
+
+
+def test_ctrl_z_ends_a_run_that_may_move_hardware(tmp_path: Path) -> None:
+    with SIM.spawn() as sim:
+        ports = ", ".join(f"{name}_port = {sim.ports[name]}" for name in ("rdt", "tcp", "http"))
+        settings = f'host = "{sim.host}", {ports}'
+        (tmp_path / "lab.toml").write_text(
+            f'[devices.ft]\nplugin = "ati-netft"\nsettings = {{ {settings} }}\n'
+        )
+        command = bench("lab.toml", "--only", "T3", "--may-move", "--out", "run")
+        process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE)
+        try:
+            recording = tmp_path / "run" / "data" / "ft-rest.mcap"
+            while not recording.exists():
+                assert process.poll() is None
+            process.send_signal(signal.SIGTSTP)
+            _, said = process.communicate(timeout=40.0)
+        finally:
+            process.kill()
+            process.wait()
+    assert process.returncode == 4
+    assert b"Ctrl-Z ends the run as Ctrl-C does" in said
+    assert read_run(tmp_path / "run").ended_by == "stopped by the operator"
+
+
+def full_disk() -> None:
+    """Let no file of this process and its children grow beyond some bytes: a disk that fills up."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
+
+
+def test_a_disk_that_fills_up_is_told_and_passes_nothing(command: Command, tmp_path: Path) -> None:
+    found = command("lab.toml", "--only", "T3,M1", "--out", "run", preexec_fn=full_disk)
+    assert found.returncode == 4, found.stderr
+    assert "results cannot be written: File too large" in found.stderr
+    assert "INCONCLUSIVE" in found.stderr
+    assert "Traceback" not in found.stderr
+    assert "Report" not in found.stdout, "half a report is none"
+    assert "Traceback" not in (tmp_path / "run" / "log.txt").read_text()
+
+
+def test_a_run_of_a_newer_version_is_told(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / "run.json").write_text(json.dumps({"schema": "crtk_bench/99"}))
+    for arguments in (("show", "new"), ("again", "new"), ("baseline", "new")):
+        found = command(*arguments)
+        assert found.returncode == 2
+        assert "was written as crtk_bench/99" in " ".join(found.stderr.split())
+        assert "Traceback" not in found.stderr
+    against = command("lab.toml", "--against", "new")
+    assert against.returncode == 2
+    assert not (tmp_path / "runs").exists(), "nothing was begun"
+
+
+@pytest.mark.slow
+def test_what_is_compared_with_the_baseline(command: Command, tmp_path: Path) -> None:
+    options = ("lab.toml", "--only", "T3")
+    assert command(*options, "--out", "runs/one").returncode == 0
+    made = command("baseline", "runs/one")
+    assert made.returncode == 0
+    assert made.stdout.startswith("gantry, simulated: PASS")
+    assert command(*options, "--against", "baseline", "--out", "runs/two").returncode == 0
+    page = (tmp_path / "runs" / "two" / "report.html").read_text()
+    assert "over runs" not in page, "one value is no course"
+
+
+def test_a_misspelt_bound_is_told_by_check_and_run(command: Command, tmp_path: Path) -> None:
+    with (tmp_path / "lab.toml").open("a") as file:
+        file.write('[bounds."motion.lag.lga"]\nvalue = 1.0\nbecause = "so"\n')
+    for words in (["bench", "lab.toml"], ["lab", "check", "lab.toml"]):
+        found = subprocess.run(
+            [sys.executable, "-m", "crtk_drivers.cli", *words],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            env={**os.environ, "COLUMNS": "200"},
+        )
+        assert found.returncode == 2
+        assert "lab.toml:4: bounds.motion.lag.lga" in found.stderr
+        assert "Did you mean 'motion.lag.lag'?" in found.stderr
