@@ -19,55 +19,18 @@ from crtk_drivers.labs import load_lab
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import Subject, Suite
-from crtk_drivers.labs.bench.results import Run
-from crtk_drivers.labs.bench.run import BenchOptions, judged_again, lacking, run_bench
+from crtk_drivers.labs.bench.run import BenchOptions, judged_again, lacking
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.status.stop_request import StopRequest
 from crtk_drivers.testing.loopback import LoopbackDevice
+from rigs.bench_lab import ARM, FT, carried_out, measured, of_sensor, with_defects
 from rigs.processes import children_of
 from rigs.proof_table import tell_stored
 
-ARM = '[devices.arm]\nplugin = "virtual"\n'
-FT = """
-[devices.ft]
-plugin = "ati-netft"
-on = "arm"
-sim = true
-mounting = { rpy = [0.0, 0.0, 1.0] }
-tool = { mass = 0.8, center_of_mass = [0.0, 0.02, 0.06] }
-"""
 BY_ID = {test.id: test for test in TESTS}
 
-Progress = Callable[[str, str, Verdict | None, str], None]
 Tell = Callable[[str, object], None]
-
-
-def carried_out(
-    folder: Path,
-    lab: str,
-    *only: str,
-    progress: Progress = lambda *_: None,
-    stop: StopRequest | None = None,
-) -> Run:
-    path = folder / "lab.toml"
-    path.write_text(lab)
-    options = BenchOptions(Suite.QUICK, only, may_move=False, out=folder / "run")
-    return run_bench(load_lab(path), options, progress, stop or StopRequest())
-
-
-def with_defects(text: str) -> str:
-    return f'{ARM}{FT}sim_options = {{ defects = "{text}" }}\n'
-
-
-def of_sensor(run: Run) -> dict[str, tuple[Verdict, str]]:
-    return {
-        test.id: (test.verdict, test.reason) for device, test in run.tests if device.name == "ft"
-    }
-
-
-def measured(run: Run) -> dict[str, Verdict]:
-    return {one.id: one.verdict for _, test in run.tests for one in test.measurements}
 
 
 @pytest.mark.slow
@@ -77,7 +40,7 @@ def test_a_sound_sensor_fails_nowhere(tmp_path: Path, record_property: Tell) -> 
     tell_stored(record_property, "", [one for _, test in run.tests for one in test.measurements])
     assert set(of_sensor(run)) == {"F2", "F3", "F4", "F5", "F6"}
     assert Verdict.FAIL not in {verdict for verdict, _ in of_sensor(run).values()}, of_sensor(run)
-    assert set(measured(run).values()) == {Verdict.PASS}, measured(run)
+    assert {"force.weight.mass", "force.frame.angle", "force.bias.left"} <= measured(run).keys()
     assert measured(judged_again(tmp_path / "run", None)) == measured(run), "from both recordings"
 
 
@@ -219,12 +182,12 @@ def test_a_real_arm_carries_nothing_about_unless_it_is_allowed(tmp_path: Path) -
         return lacking(BY_ID["F4"], ABOUT, lab.devices["ft"], options, arm)
 
     ranges = ", ".join(["{ lower = -1.0, upper = 1.0 }"] * 6)
-    space = f"space = {{ joints = [{ranges}] }}\n"
+    space = f"space = {{ joints = [{ranges}], speed = 0.2 }}\n"
     assert why(space) == ""
     assert why(space, may_move=False) == (
         "arm, which carries it: needs --may-move: it enables the device"
     )
-    assert "`space` with `joints`" in why("space = { speed = 0.2 }\n")
+    assert "`space.joints` in the lab file" in why("space = { speed = 0.2 }\n")
     assert "`space` in the lab file" in why("")
     assert "was not reached" in why(space, reached=False)
     assert "no more after S1" in why(space, stopped="no more after S1")

@@ -17,6 +17,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
+from crtk_drivers.config import BoxConfig
 from crtk_drivers.device import Note
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs.bench.calls import About, Glance
@@ -39,6 +40,9 @@ SMALL_SPEED: Final = 0.1
 
 ROOM: Final = 0.9
 """Share of the room to the end of its range that a joint uses."""
+
+PLACES: Final = 20
+"""At which it is looked whether a way is free, before it is gone."""
 
 LOOK_PERIOD: Final = 0.02
 
@@ -75,6 +79,10 @@ class Processes(Protocol):
 
     def load(self, wrench: Wrench) -> None:
         """Let a wrench act on the simulated sensor, in its frame, until the next one."""
+
+
+def _is_in(point: Vector, box: BoxConfig) -> bool:
+    return bool((point >= box.lower).all() and (point <= box.upper).all())
 
 
 class Bed:
@@ -309,15 +317,19 @@ class Bed:
         upper = np.array([limit.upper for limit in limits])
         return vector(ROOM * (here - lower)), vector(ROOM * (upper - here))
 
-    def may_go(self, goal: Vector) -> bool:
-        """Return whether the tool stays within its box on the straight way of the joints to (n,)."""
-        if self._watch.box is None:
-            return True
-        lower, upper = np.array(self._watch.box.lower), np.array(self._watch.box.upper)
+    def is_free(self, goal: Vector) -> bool:
+        """Whether the joints may go straight to (n,), and the tool with them, as the lab file says."""
         here = self.setpoint
-        for share in np.linspace(0.1, 1.0, 10):
+        limits = self.about.capabilities.limits
+        within = (limit.lower <= at <= limit.upper for limit, at in zip(limits, goal, strict=True))
+        if not all(within):
+            return False
+        box = self._watch.box
+        if box is None:
+            return True
+        for share in np.linspace(0.0, 1.0, PLACES):
             pose = self.forward(vector(here + share * (goal - here)))
-            if pose is None or (pose.position < lower).any() or (pose.position > upper).any():
+            if pose is None or not _is_in(pose.position, box):
                 return False
         return True
 

@@ -6,7 +6,16 @@ from collections.abc import Iterable
 from typing import Final
 
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.labs.bench import forces, losses, motions, sampling, staying, stops, weighing
+from crtk_drivers.labs.bench import (
+    forces,
+    losses,
+    motions,
+    sampling,
+    staying,
+    stops,
+    together,
+    weighing,
+)
 from crtk_drivers.labs.bench.declared import BenchTest, Suite
 
 __all__ = ["ACQUISITIONS", "TESTS", "chosen"]
@@ -19,6 +28,7 @@ TESTS: Final[tuple[BenchTest, ...]] = tuple(
             *stops.TESTS,
             *motions.TESTS,
             *weighing.TESTS,
+            *together.TESTS,
             *forces.TESTS,
             *losses.TESTS,
         ),

@@ -111,12 +111,12 @@ def lacking(
     if acquisition.loads and device.plugin.sim_load is None:
         return "its simulator feels no load"
     if not acquisition.carrier_needs:
-        return _unmoved(acquisition.safety, about, device, options)
+        return not_allowed(acquisition.safety, about, device, options)
     if carrier is None:
         return "needs a device that carries it (`on`) in the same run"
     why = _unusable(acquisition, carrier)
     if not why and carrier.about is not None:
-        why = _unmoved(acquisition.safety, carrier.about, carrier.lab, options)
+        why = not_allowed(acquisition.safety, carrier.about, carrier.lab, options)
     return why and f"{carrier.lab.name}, which carries it: {why}"
 
 
@@ -130,8 +130,8 @@ def _unusable(acquisition: Acquisition, carrier: _Tested) -> str:
     return f"does not offer {', '.join(missing)}" if missing else ""
 
 
-def _unmoved(safety: Safety, about: About, device: LabDevice, options: BenchOptions) -> str:
-    """Return why a device may not be moved; empty if it may, or is not to be moved."""
+def not_allowed(safety: Safety, about: About, device: LabDevice, options: BenchOptions) -> str:
+    """Return why something may not be done to a device, in words; empty if it may."""
     if safety is Safety.READ or device.sim or device.plugin.is_model:
         return ""
     if not options.may_move:
@@ -149,7 +149,7 @@ def _unmoved(safety: Safety, about: About, device: LabDevice, options: BenchOpti
     if safety >= Safety.SMALL and space is None:
         return "needs `space` in the lab file: where it may go"
     if safety >= Safety.LARGE and space is not None and not space.joints:
-        return "needs `space` with `joints` in the lab file: it goes anywhere in these ranges"
+        return "needs `space.joints` in the lab file: it goes to the ends of these ranges"
     if space is not None and space.tool_box and "measured_cp" not in about.commands:
         return "its space has a `tool_box`, and it does not tell where its tool is"
     return ""
