@@ -117,11 +117,12 @@ ELSEWHERE = {
     "staying.refusals.moved": "test_what_is_accepted_though_it_is_wrong_fails",
     **dict.fromkeys(
         (
+            *("together.motion.lag", "together.neighbours.late", "together.neighbours.states"),
             *("force.weight.mass", "force.weight.center", "force.weight.residual"),
             *("force.frame.angle", "force.bias.left", "force.saturation.told"),
             "force.power.trusted",
         ),
-        "test_bench_forces",
+        "test_bench_forces and test_bench_together",
     ),
     "force.noise.mains": "test_the_mains_in_a_force_sensor_are_found",
     "stop.driver_killed.distance": "test_bench.test_a_drive_that_ignores_its_watchdog_fails",

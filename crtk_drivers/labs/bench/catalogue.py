@@ -21,6 +21,7 @@ from crtk_drivers.labs.bench import (
     sampling,
     staying,
     stops,
+    together,
     weighing,
 )
 from crtk_drivers.labs.bench.declared import BenchTest, Suite
@@ -34,7 +35,7 @@ TESTS: Final[tuple[BenchTest, ...]] = tuple(
             test
             for part in (
                 *(sampling, staying, stops, motions, efforts, latency, endurance),
-                *(ranges, lines, weighing, limits, forces, losses, links),
+                *(ranges, lines, weighing, together, limits, forces, losses, links),
             )
             for test in part.TESTS
         ),

@@ -310,7 +310,7 @@ class _Hosted:
         """More was done to it than to read: it is left disabled."""
         self.carrier: _Hosted | None = None
         """The device that carries it, once that was needed."""
-        self.order = order
+        self._order = order
         self._path = str(doors / f"{order.name}.door")
         self._key = secrets.token_bytes(32)
         self._log = folder / f"{order.name}.log"
@@ -350,9 +350,14 @@ class _Hosted:
             try:
                 self._process.wait(LEAVE_TIMEOUT)
             except subprocess.TimeoutExpired:
-                logger.error("%s: its driver did not end, and was killed", self.order.name)
+                logger.error("%s: its driver did not end, and was killed", self._order.name)
                 self._process.kill()
                 self._process.wait()
+
+    @property
+    def order(self) -> DeviceOrder:
+        """Which device it is."""
+        return self._order
 
     @property
     def door(self) -> Door:
@@ -384,7 +389,7 @@ class _Hosted:
 
     def coupled(self, watching: Door) -> Coupling:
         """Return what lets its simulator feel its tool, as that device turns to which a connection leads."""
-        sim, load = self._simulator, plugins.device(self.order.plugin).sim_load
+        sim, load = self._simulator, plugins.device(self._order.plugin).sim_load
         assert load is not None
 
         def look() -> Pose | None:
@@ -392,7 +397,7 @@ class _Hosted:
             pose, stamp = glance.values.get("measured_cp", (None, None))
             return pose if isinstance(pose, Pose) and stamp is not None and stamp.wall_ns else None
 
-        return Coupling(sim, load, self.order.carried, look, self.order.name)
+        return Coupling(sim, load, self._order.carried, look, self._order.name)
 
     def settle(self) -> None:
         """Hold it, and disable it once it stands, however it is."""
@@ -401,10 +406,10 @@ class _Hosted:
                 self.door.call(*call, within=10.0)
                 time.sleep(pause)
             except CrtkError as error:
-                logger.info("%s: %s: %s", self.order.name, call[-1], error)
+                logger.info("%s: %s: %s", self._order.name, call[-1], error)
 
     def _start(self) -> None:
-        order = self.order
+        order = self._order
         plugin = plugins.device(order.plugin)
         given = [from_values(dict(order.values))]
         if order.space is not None:
@@ -448,7 +453,7 @@ class _Hosted:
 
     def load(self, wrench: Wrench) -> None:
         """Let a wrench act on the simulated sensor, in its frame, until the next one."""
-        load = plugins.device(self.order.plugin).sim_load
+        load = plugins.device(self._order.plugin).sim_load
         assert load is not None
         try:
             load(self._simulator, wrench)

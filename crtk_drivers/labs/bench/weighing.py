@@ -8,12 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from crtk_drivers.geometry.quaternions import matrix_from_quaternion, unit
+from crtk_drivers.geometry.quaternions import unit
 from crtk_drivers.labs.bench.bed import Bed
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.signals import noise
 from crtk_drivers.labs.bench.trace import Trace
-from crtk_drivers.labs.carried import GRAVITY
+from crtk_drivers.labs.carried import GRAVITY, UNKNOWN
 from crtk_drivers.labs.verdicts.estimates import Estimate, exact, mean, student_t, within
 from crtk_drivers.labs.verdicts.judging import (
     Bound,
@@ -93,7 +93,7 @@ FRAME = Quantity(
 def _down(arm: Bed, joints: Vector) -> Vector | None:
     """Return the direction of gravity (3,) in the axes of the tool at a posture."""
     pose = arm.forward(joints)
-    return None if pose is None else vector(-matrix_from_quaternion(pose.orientation)[2])
+    return None if pose is None else UNKNOWN.down(pose.orientation)
 
 
 def _candidates(arm: Bed) -> Array:
