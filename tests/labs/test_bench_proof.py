@@ -20,7 +20,7 @@ from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject
 from crtk_drivers.labs.bench.trace import Row, Trace
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict
-from crtk_drivers.samples import Wrench, vector
+from crtk_drivers.samples import JointState, Wrench, vector
 from crtk_drivers.testing.loopback import ROTARY
 from rigs.bench_bed import acquired, found
 from rigs.proof_table import tell_proof
@@ -206,6 +206,20 @@ def test_the_mains_in_a_force_sensor_are_found() -> None:
             rows.append(("measured_cf", at, at, Wrench(vector(force), vector((0.0, 0.0, 0.0)))))
         findings = BY_ID["F1"].analyse(Trace.of(rows), subject)
         assert verdict_of([findings], "force.noise.mains") is verdict
+
+
+def test_a_failure_of_times_on_a_machine_where_programs_wait_is_open() -> None:
+    """The bench's own timer may be in time while a simulator, in another process, is not."""
+    rows: list[Row] = []
+    for index in range(2000):
+        stamp = 10**18 + 2_000_000 * (index + index // 5)  # each sixth is lost
+        rows.append(("measured_js", stamp + 20_000_000, stamp, JointState(position=vector([0.0]))))
+    trace = Trace.of(rows)
+    for test in ("T1", "T2", "T4"):
+        for waited, verdict in ((0.05, Verdict.FAIL), (0.3, Verdict.INCONCLUSIVE)):
+            found = BY_ID[test].analyse(trace, replace(SUBJECT, rate=500.0, waited=waited))
+            assert found.verdict is verdict, f"{test}: {found.reason}"
+    assert "waited for a processor for 30 % of the time" in found.reason
 
 
 LOOKS = [
