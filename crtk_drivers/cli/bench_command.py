@@ -49,7 +49,9 @@ def _bench_run(
     suite: Annotated[
         Suite,
         typer.Option(
-            "--suite", help="rest only reads; each of the next has all before it, for longer."
+            "--suite",
+            metavar="|".join(Suite),
+            help="rest only reads; each of the next has all before it, for longer.",
         ),
     ] = Suite.QUICK,
     only: Annotated[

@@ -125,7 +125,10 @@ def again(folder: Path, lab_file: Path | None) -> int:
     """
     found = judged_again(folder, lab_file)
     OUT.print(_verdicts(found))
-    OUT.print(report.summary(found))
+    bounds = lab_file or Path(found.lab_file)
+    told = f"the bounds of {bounds}" if bounds.is_file() else f"default bounds: {bounds} is gone"
+    OUT.print(f"Judged anew with {told}.", soft_wrap=True)
+    OUT.print(Text.assemble((found.verdict, STYLES[found.verdict]), f": {report.summary(found)}"))
     return report.exit_code(found)
 
 
@@ -188,7 +191,7 @@ def show(folders: Sequence[Path]) -> int:
     for column in ("device", "measurement", ""):
         table.add_column(column)
     for one in runs:
-        table.add_column(one.started[:16], justify="right")
+        table.add_column(one.started[:19].replace("T", " "), justify="right")
     titles = {
         history.key_of(device, found): found.title
         for one in runs

@@ -43,7 +43,12 @@ def measured(value: float, guard: float = 1.0) -> Measured:
     )
 
 
-def a_run(*values: tuple[str, bool, float], lab: str = "lab", complete: bool = True) -> Run:
+def a_run(
+    *values: tuple[str, bool, float],
+    lab: str = "lab",
+    complete: bool = True,
+    verdict: Verdict = Verdict.PASS,
+) -> Run:
     """Return a run: device, whether it is simulated, and its lag."""
     devices = tuple(
         DeviceResult(
@@ -57,7 +62,7 @@ def a_run(*values: tuple[str, bool, float], lab: str = "lab", complete: bool = T
                     name="lag",
                     group="motion",
                     acquisition="sines",
-                    verdict=Verdict.PASS,
+                    verdict=verdict,
                     measurements=(measured(value),),
                 ),
             ),
@@ -135,6 +140,20 @@ def test_simulated_runs_and_real_ones_are_not_compared(
     assert values(simulated, runs, "previous") == [6.0]
     keep(a_run(("arm", False, 7.0), lab="other"), runs, "d")
     assert values(lab, runs) == [20.0], "another lab is another"
+
+
+def test_what_was_not_decided_is_compared_with_nothing(runs: Path, lab: Lab) -> None:
+    """Of a machine that was too busy, which is no figure of the device."""
+    keep(a_run(("arm", False, 20.0)), runs, "good")
+    history.make_baseline(runs / "good")
+    busy = a_run(("arm", False, 90.0), verdict=Verdict.INCONCLUSIVE)
+    earlier = history.earlier_of(lab, runs, "baseline")
+    kept = keep(busy, runs, "busy", earlier=earlier, enough=1)
+    assert not kept.devices[0].tests[0].measurements[0].regressed
+    assert report.exit_code(kept, inconclusive_ok=True, regression_fails=True) == 0
+    assert values(lab, runs) == [20.0]
+    with pytest.raises(ConfigError, match="has no figure"):
+        values(lab, runs, str(runs / "busy"))
 
 
 def test_lines_of_the_version_before_are_looked_up_in_their_runs(runs: Path, lab: Lab) -> None:

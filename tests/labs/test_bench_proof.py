@@ -363,6 +363,20 @@ def test_an_encoder_that_wraps_fails_though_its_move_broke(
     assert BY_ID["J7"].analyse(ranged(jump), subject).verdict is verdict
 
 
+def test_a_failure_of_times_on_a_machine_where_programs_wait_is_open() -> None:
+    """The bench's own timer may be in time while a simulator, in another process, is not."""
+    rows: list[Row] = []
+    for index in range(2000):
+        stamp = 10**18 + 2_000_000 * (index + index // 5)  # each sixth is lost
+        rows.append(("measured_js", stamp + 20_000_000, stamp, JointState(position=vector([0.0]))))
+    trace = Trace.of(rows)
+    for test in ("T1", "T2", "T4"):
+        for waited, verdict in ((0.05, Verdict.FAIL), (0.3, Verdict.INCONCLUSIVE)):
+            found = BY_ID[test].analyse(trace, replace(SUBJECT, rate=500.0, waited=waited))
+            assert found.verdict is verdict, f"{test}: {found.reason}"
+    assert "waited for a processor for 30 % of the time" in found.reason
+
+
 LOOKS = [
     (0.01 * index, 10**9 if index < 2 else 0, "FAULT" if index > 40 else "ENABLED")
     for index in range(80)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from enum import IntEnum, StrEnum
 from types import MappingProxyType
 from typing import Any, Final
@@ -21,7 +21,7 @@ from crtk_drivers.labs.bench.watch import late_told
 from crtk_drivers.labs.carried import UNKNOWN, Carried
 from crtk_drivers.labs.lab_file import BoundEntry
 from crtk_drivers.labs.verdicts.estimates import Estimate
-from crtk_drivers.labs.verdicts.judging import Bound, Findings, Measurement, Quantity
+from crtk_drivers.labs.verdicts.judging import Bound, Findings, Measurement, Quantity, Verdict
 from crtk_drivers.samples import Vector
 
 __all__ = ["BUSY", "Acquisition", "BenchTest", "Safety", "Subject", "Suite"]
@@ -29,6 +29,9 @@ __all__ = ["BUSY", "Acquisition", "BenchTest", "Safety", "Subject", "Suite"]
 
 BUSY: Final = 5e-3
 """Seconds by which the bench's own timer, which paces what it sends, may be late."""
+
+WAITED: Final = 0.1
+"""Share of the time in which programs may wait for a processor, where a time is to be called too long."""
 
 LONGEST_GAP: Final = 0.03
 """Seconds without a sample, where five periods are less, after which a time is worth nothing."""
@@ -120,6 +123,7 @@ class Subject:
         link_timeout: seconds that the hardware declares to go on by itself.
         carried: how it sits on the device that carries it, and its tool.
         bounds: of the lab file, by the id of a quantity.
+        waited: share of the time in which some program of this machine waited for a processor.
     """
 
     joints: tuple[str, ...]
@@ -135,6 +139,7 @@ class Subject:
     kept: Mapping[str, Any] = field(default_factory=dict)
     carried: Carried = UNKNOWN
     bounds: Mapping[str, BoundEntry] = field(default_factory=dict)
+    waited: float = 0.0
 
     @classmethod
     def of(
@@ -189,6 +194,19 @@ class Subject:
     def too_busy(self, allowed: float) -> tuple[str, ...]:
         """Return a doubt if one in a hundred times the bench was later than `allowed` s."""
         return late_told(self.lateness, allowed)
+
+    def on_a_free_machine(self, findings: Findings) -> Findings:
+        """Return what was found of times, with a doubt if it fails while programs had to wait.
+
+        The bench's own timer tells of its own process; driver and simulator may have waited all the same.
+        """
+        if findings.verdict is not Verdict.FAIL or self.waited <= WAITED:
+            return findings
+        doubt = (
+            f"the machine is too busy: programs waited for a processor for {100.0 * self.waited:.0f} % "
+            f"of the time, at most {100.0 * WAITED:.0f} % are allowed"
+        )
+        return replace(findings, doubts=(*findings.doubts, doubt))
 
     def gaps(self, stamps: Vector) -> tuple[str, ...]:
         """Return a doubt if samples, of these times of acquisition (N,), stayed away for long."""

@@ -1,8 +1,9 @@
 """Runs against each other: what became worse, and by more than it usually varies.
 
-A figure is compared with that of the same lab and device, simulated or real: a simulator tells nothing of how
-hardware was. Beside the folders of runs lie ``index.jsonl``, one measurement a line, and ``baseline.json``,
-which run each device is compared with by ``--against baseline``.
+A figure is compared with that of the same lab and device, simulated or real: a simulator tells nothing of
+how hardware was. What a test could not decide (a machine that is too busy) is not compared. Beside the
+folders of runs lie ``index.jsonl``, one measurement a line, and ``baseline.json``, which run each device is
+compared with by ``--against baseline``.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from typing import Any, Final, NamedTuple
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs.bench.results import DeviceResult, Measured, Run, read_run, write_whole
 from crtk_drivers.labs.lab_file import Lab
-from crtk_drivers.labs.verdicts.judging import number, with_unit
+from crtk_drivers.labs.verdicts.judging import Verdict, number, with_unit
 
 __all__ = [
     "BASELINE",
@@ -93,6 +94,7 @@ def add_to_index(run: Run, runs: Path, folder: str) -> None:
                 "configuration": device.configuration_sha256,
                 "firmware": device.firmware,
                 "test": test.id,
+                "test_verdict": test.verdict,
                 "id": found.id,
                 "part": found.part,
                 "unit": found.unit,
@@ -122,10 +124,10 @@ def _append(path: Path, lines: bytes) -> None:
 
 
 def read_index(runs: Path, lab: str) -> Iterator[Earlier]:
-    """Yield the earlier values of a lab, the oldest first; a broken line is left out.
+    """Yield the earlier values of a lab, the oldest first, without those of tests that decided nothing.
 
-    A line of a version that did not write whether it was simulated is looked up in its run, and left out if
-    that is gone.
+    Broken lines are left out. A line of a version that did not write whether it was simulated is looked up in
+    its run, and left out if that is gone.
     """
     try:
         lines = (runs / INDEX).read_text("utf-8", "replace").splitlines()
@@ -139,7 +141,7 @@ def read_index(runs: Path, lab: str) -> Iterator[Earlier]:
     for line in lines:
         try:
             entry: Mapping[str, Any] = json.loads(line)
-            if entry["lab"] != lab:
+            if entry["lab"] != lab or entry.get("test_verdict") == Verdict.INCONCLUSIVE:
                 continue
             run, device = str(entry["run"]), str(entry["device"])
             simulated = entry["simulated"] if "simulated" in entry else was_simulated(run)[device]
@@ -248,7 +250,7 @@ def _values(folder: Path, lab: Lab) -> list[Earlier]:
         Earlier(key_of(device, one), name, one.value)
         for device, test in run.tests
         for one in test.measurements
-        if one.value is not None
+        if one.value is not None and test.verdict is not Verdict.INCONCLUSIVE
     ]
 
 
@@ -268,8 +270,9 @@ def compared(run: Run, earlier: Mapping[Key, list[float]], enough: int = ENOUGH)
         tests = []
         for test in device.tests:
             found = []
+            is_open = test.verdict is Verdict.INCONCLUSIVE
             for one in test.measurements:
-                values = earlier.get(key_of(device, one), [])[-NEWEST:]
+                values = [] if is_open else earlier.get(key_of(device, one), [])[-NEWEST:]
                 found.append(one.model_copy(update={"regressed": worse(one, values, enough)}))
             tests.append(test.model_copy(update={"measurements": tuple(found)}))
         devices.append(device.model_copy(update={"tests": tuple(tests)}))

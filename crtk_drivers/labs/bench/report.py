@@ -8,6 +8,7 @@ from typing import Final
 
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import SAFETY_LETTERS
+from crtk_drivers.labs.bench.declared import Suite as Named
 from crtk_drivers.labs.bench.history import Key, key_of
 from crtk_drivers.labs.bench.results import DeviceResult, Measured, Result, Run
 from crtk_drivers.labs.verdicts.html_page import Cell, badge, details, page, table, text
@@ -115,7 +116,9 @@ def html(run: Run, earlier: Mapping[Key, list[float]] | None = None) -> str:
 
 def _parts(run: Run, earlier: Mapping[Key, list[float]]) -> Iterator[str]:
     yield f"<h1>{text(run.lab)} {badge(run.verdict, KINDS[run.verdict])}</h1>"
-    yield f'<p class="faint">{text(run.started)} · suite {text(run.suite)} · {text(summary(run))}</p>'
+    suite = f"suite {run.suite}" if run.suite in set(Named) else run.suite
+    when = run.started.replace("T", " ").replace("+00:00", " UTC")
+    yield f'<p class="faint">{text(when)} · {text(suite)} · {text(summary(run))}</p>'
     if not run.complete:
         why = text(run.ended_by or "it was still running, or was killed")
         yield f'<div class="box bad"><b>This run did not come to its end:</b> {why}.</div>'
@@ -170,7 +173,9 @@ def _attention(run: Run) -> Iterator[str]:
 def _device(device: DeviceResult, earlier: Mapping[Key, list[float]]) -> Iterator[str]:
     yield f'<h2 id="{text(device.name)}">{text(device.name)}</h2>'
     kind = "simulated" if device.simulated else "real"
-    yield f'<p class="faint">{text(device.plugin)}, {kind}, {text(device.address)}</p>'
+    address = device.address.removeprefix(device.plugin).strip()
+    told = ", ".join(part for part in (device.plugin, kind, address) if part)
+    yield f'<p class="faint">{text(told)}</p>'
     if device.trouble:
         yield f'<div class="box open">{text(device.trouble)}</div>'
     if device.firmware:
@@ -240,7 +245,8 @@ def _row(found: Measured) -> tuple[object, ...]:
     ]
     told = Cell(f"{verdict} {text(', '.join(marks))}")
     where = found.bound_from if bound else found.why
-    return found.title, found.part, value, spread, bound, where, told
+    title = Cell(f'<span title="{text(found.id)}">{text(found.title)}</span>')
+    return title, found.part, value, spread, bound, where, told
 
 
 def _trend(found: Measured, values: list[float]) -> Plot:

@@ -11,7 +11,7 @@ import multiprocessing
 import subprocess
 import time
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -35,6 +35,7 @@ from crtk_drivers.labs.bench.conductor import (
 from crtk_drivers.labs.bench.declared import BenchTest, Subject
 from crtk_drivers.labs.bench.folder import begun, described, make_folder
 from crtk_drivers.labs.bench.locks import alone
+from crtk_drivers.labs.bench.pressure import Pressure
 from crtk_drivers.labs.bench.recorder import read_recording
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.lab_file import BoundEntry, Lab, LabDevice, load_lab
@@ -111,6 +112,7 @@ class _Bench:
         self._progress = progress
         self._stop = stop
         self._began = time.monotonic()
+        self._pressure = Pressure()
         self._tested = {
             name: _Tested(device, described(device), tests) for name, device in lab.devices.items()
         }
@@ -175,6 +177,7 @@ class _Bench:
                 case Reached():
                     pipe.send(self._reached(message))
                 case Began():
+                    self._pressure = Pressure()
                     for test in self._judging(message.device, message.acquisition):
                         self._progress(message.device, test.id, None, test.name)
                 case Acquired():
@@ -223,6 +226,7 @@ class _Bench:
             message.kept,
             tested.lab.entry.carried,
         )
+        subject = replace(subject, waited=self._pressure.share)
         self._keep_subject(message.recording, subject, message.trouble)
         guarded = ""
         judge = Judge(message.recording, subject, message.trouble)
@@ -371,9 +375,21 @@ def judged_again(folder: Path, lab_file: Path | None) -> results.Run:
             if test is not None and judge is not None:
                 findings = judge.findings(test)
                 stored = results.test_of(test, findings, stored.seconds, stored.recording)
+            elif stored.recording:
+                stored = stored.model_copy(update={"reason": _as_it_was(stored, test)})
             tests.append(stored)
         devices.append(device.model_copy(update={"tests": tuple(tests)}))
     return run.model_copy(update={"devices": tuple(devices)})
+
+
+def _as_it_was(stored: results.Result, test: BenchTest | None) -> str:
+    """Return the reason of a result that is not judged anew."""
+    why = (
+        "this version has no such test, or it is of the lab's own"
+        if test is None
+        else "what its analysis knew beside the recording is not there"
+    )
+    return f"as it was, {why}{stored.reason and ': '}{stored.reason}"
 
 
 def _untested(test: BenchTest, verdict: Verdict, why: str) -> results.Result:

@@ -134,13 +134,14 @@ def _rate(trace: Trace, subject: Subject) -> Findings:
     doubt = 100.0 * period / span
     missing = np.maximum(0.0, np.round(np.diff(made) / period) - 1.0).sum()
     lost = share(int(missing), int(made.size + missing))
-    return Findings(
+    found = Findings(
         (
             subject.measured(RATE, within(error, doubt, made.size), Bound(1.0, "default", -1.0)),
             subject.measured(LOSS, in_percent(lost), Bound(0.5, "default")),
         ),
         doubts=subject.too_busy(max(0.25 * subject.period, BUSY)),
     )
+    return subject.on_a_free_machine(found)
 
 
 def _jitter(trace: Trace, subject: Subject) -> Findings:
@@ -152,7 +153,7 @@ def _jitter(trace: Trace, subject: Subject) -> Findings:
     steps = np.diff(made)
     errors = np.abs(steps - period) / period
     late = share(int((steps > 2.0 * period).sum()), steps.size)
-    return Findings(
+    found = Findings(
         (
             subject.measured(
                 JITTER, in_percent(quantile(errors, 0.99)), Bound(100.0 * JITTER_BOUND, "default")
@@ -169,6 +170,7 @@ def _jitter(trace: Trace, subject: Subject) -> Findings:
             ),
         ),
     )
+    return subject.on_a_free_machine(found)
 
 
 def _stamps(trace: Trace, subject: Subject) -> Findings:
@@ -222,13 +224,14 @@ def _age(trace: Trace, subject: Subject) -> Findings:
     if ages.size < 20:
         return _hardly_any(ages.size)
     bound = Bound(2e3 * subject.period + 2.0, "two periods and 2 ms")
-    return Findings(
+    found = Findings(
         (subject.measured(AGE, quantile(ages, 0.99), bound),),
         doubts=subject.too_busy(max(0.25 * subject.period, BUSY)),
         plots=(
             Plot("Age on arrival", "time, s", "ms", (Series("", tuple(at[valid]), tuple(ages)),)),
         ),
     )
+    return subject.on_a_free_machine(found)
 
 
 def _noise(trace: Trace, subject: Subject) -> Findings:
