@@ -13,13 +13,12 @@ from crtk_drivers.config import from_values, load
 from crtk_drivers.labs.bench.bed import Bed, Process
 from crtk_drivers.labs.bench.calls import About, ClientOrder, HostOrder
 from crtk_drivers.labs.bench.client import start_client
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Subject
+from crtk_drivers.labs.bench.declared import Acquisition, Subject
 from crtk_drivers.labs.bench.door import Door
 from crtk_drivers.labs.bench.host import Host
 from crtk_drivers.labs.bench.recorder import read_recording
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.bench.watch import Watch
-from crtk_drivers.labs.verdicts.judging import Findings
 from crtk_drivers.samples import Vector
 from crtk_drivers.session import Session
 from crtk_drivers.status.stop_request import StopRequest
@@ -57,7 +56,6 @@ def acquired(
     plugin: str,
     values: Mapping[str, Any],
     folder: Path,
-    thorough: float = 1.0,
 ) -> tuple[Trace, Subject]:
     """Carry out an acquisition; return what its analyses are given."""
     declared = plugins.device(plugin)
@@ -74,7 +72,7 @@ def acquired(
             watch = Watch(Door(str(door), b"key", TIMEOUT), about, None, StopRequest())
             own.call("record", str(recording))
             watch.start()
-            bed = Bed("arm", about, own, watch, thorough, Clients(str(door)))
+            bed = Bed("arm", about, own, watch, 1.0, Clients(str(door)))
             try:
                 acquisition.run(bed)
             finally:
@@ -86,8 +84,3 @@ def acquired(
         serving.join(TIMEOUT)
     subject = Subject.of(about, tuple(watch.lateness), {}, bed.kept)
     return Trace.of(read_recording(recording)), subject
-
-
-def found(test: BenchTest, plugin: str, values: Mapping[str, Any], folder: Path) -> Findings:
-    """Return what a test finds of a device."""
-    return test.analyse(*acquired(test.acquisition, plugin, values, folder))

@@ -1,17 +1,13 @@
-"""ROS 2 within one process whose time is stepped: endpoints as a node's, messages as CDR bytes, no waiting.
+"""ROS 2 within one process: endpoints as a node's, real messages as CDR bytes, no waiting and no threads.
 
-Who publishes calls whoever subscribes. `Steps` stand in for the module `time`, where nothing happens but in
-steps of `PERIOD`.
+Who publishes calls whoever subscribes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from math import ceil
-from types import ModuleType, SimpleNamespace
-from typing import Any, Final
-from unittest.mock import patch
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -19,59 +15,6 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from crtk_drivers.client.conformance.observed import Endpoint, Graph
 from crtk_drivers.commands import Direction
-
-PERIOD: Final = 0.01
-EPOCH_NS: Final = 1_700_000_000_000_000_000
-
-
-class Steps:
-    """Time that passes in steps, each of which somebody may do something in."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self._asked = 0
-        self.step: Callable[[], None] = lambda: None
-        """Called once a step."""
-
-    def monotonic(self) -> float:
-        return 1e-9 * self._told()
-
-    def time_ns(self) -> int:
-        return EPOCH_NS + self._told()
-
-    def _told(self) -> int:
-        """Return ns that nobody was told before."""
-        self._asked += 1
-        return round(1e9 * PERIOD) * self.count + self._asked
-
-    def sleep(self, seconds: float) -> None:
-        """Do as many steps as begin in that time."""
-        for _ in range(ceil(seconds / PERIOD - 1e-6)):
-            self.go_on()
-
-    def go_on(self) -> None:
-        self.count += 1
-        self.step()
-
-    def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Do steps until a condition holds; return whether it does."""
-        for _ in range(ceil(timeout / PERIOD)):
-            if condition():
-                return True
-            self.go_on()
-        return condition()
-
-    @contextmanager
-    def instead_of_time(self, *modules: ModuleType) -> Iterator[None]:
-        """Within, `time` of these modules is this."""
-        kept = [patch.object(module, "time", self) for module in modules]
-        for each in kept:
-            each.start()
-        try:
-            yield
-        finally:
-            for each in kept:
-                each.stop()
 
 
 class Wire:

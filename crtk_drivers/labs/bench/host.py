@@ -32,7 +32,7 @@ from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
-__all__ = ["Host", "main"]
+__all__ = ["Host", "Visitor", "main"]
 
 MARGIN: Final = 2.0
 """Seconds in which a device must measure, beside twice what its configuration gives it to connect."""
@@ -45,7 +45,7 @@ LEAVING: Final = 0.5
 logger = logging.getLogger(__name__)
 
 
-class _Visitor(Client):
+class Visitor(Client):
     """Whoever commands through one connection."""
 
     def __init__(self) -> None:
@@ -91,6 +91,7 @@ class Host:
         self._order = order
         self._recorder = SampleRecorder(session.engine)
         self._engine.add_observer(_Refusals(self._recorder))
+        self._engine.on_sample = self._recorder.sample
         self._ended = threading.Event()
         self._calls: dict[str, Callable[..., Any]] = {
             "about": self._about,
@@ -114,13 +115,16 @@ class Host:
         """Bring the device up and do what connections ask, until the first of them is lost or says so."""
         door = Path(self._order.door)
         with Listener(str(door), "AF_UNIX", authkey=self._order.key) as listener, self._session:
-            self._engine.on_sample = self._recorder.sample
             accepting = threading.Thread(target=self._accept, args=(listener,), daemon=True)
             accepting.start()
             while not stop.is_set() and not self._ended.wait(POLL_PERIOD):
                 pass
             self._recorder.end()
         door.unlink(missing_ok=True)
+
+    def calls(self, visitor: Client) -> dict[str, Callable[..., Any]]:
+        """Return what a connection may ask for, by name."""
+        return {**self._calls, "submit": partial(self._submit, visitor)}
 
     def _accept(self, listener: Listener) -> None:
         first = True
@@ -138,11 +142,8 @@ class Host:
             first = False
 
     def _serve_one(self, connection: Connection, supervises: bool) -> None:
-        visitor = _Visitor()
-        calls: dict[str, Callable[..., Any]] = {
-            **self._calls,
-            "submit": partial(self._submit, visitor),
-        }
+        visitor = Visitor()
+        calls = self.calls(visitor)
         try:
             while True:
                 name, *arguments = connection.recv()

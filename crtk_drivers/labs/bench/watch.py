@@ -143,10 +143,9 @@ class Watch:
         """
         self._moves = moves
         self._ended = threading.Event()
-        arguments = (self._door, self._ended)
         self._looked = time.monotonic()
         self._thread = threading.Thread(
-            target=self._run, args=arguments, name="bench watch", daemon=True
+            target=self._run, args=(self._ended,), name="bench watch", daemon=True
         )
         self._thread.start()
 
@@ -209,20 +208,28 @@ class Watch:
             except CrtkError as error:
                 logger.error("%s: %s: %s", self._about.name, step, error)
 
-    def _run(self, door: Door, ended: threading.Event) -> None:
+    def look(self) -> None:
+        """Look at the device, and stop it if something is wrong.
+
+        Raises:
+            CrtkError: it cannot be looked at.
+        """
+        glance: Glance = self._door.call("glance")
+        wrong = judged(glance, self._about, self.box)
+        self._looked = time.monotonic()
+        if self._stop.is_set():
+            self.trip("the run was stopped")
+        if wrong and not self._expected and not self.tripped:
+            self.trip(wrong)
+
+    def _run(self, ended: threading.Event) -> None:
         due = time.monotonic()
         while not ended.wait(max(0.0, due - time.monotonic())):
             self.lateness.append(max(0.0, time.monotonic() - due))
             due = max(due + PERIOD, time.monotonic())
             try:
-                glance: Glance = door.call("glance")
-                wrong = judged(glance, self._about, self.box)
+                self.look()
             except Exception as error:
                 if not ended.is_set():
                     self.trip(str(error))
                 return
-            self._looked = time.monotonic()
-            if self._stop.is_set():
-                self.trip("the run was stopped")
-            if wrong and not self._expected and not self.tripped:
-                self.trip(wrong)

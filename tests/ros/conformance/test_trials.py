@@ -21,8 +21,9 @@ from crtk_drivers.client.conformance.probe.examining import try_out
 from crtk_drivers.client.conformance.rounds import judge
 from rigs import student_device, student_gantry
 from rigs.examined_student import QUICK, check, clauses_of, names_of
-from rigs.stepped_ros import PERIOD, Node, Steps, Wire
-from rigs.student_device import StudentDevice
+from rigs.stepped_ros import Node, Wire
+from rigs.stepped_time import Steps
+from rigs.student_device import PERIOD, StudentDevice
 from rigs.student_gantry import PLACE
 
 LISTEN = 1.5
@@ -75,7 +76,7 @@ ACTIVE: list[Mapping[str, str]] = [
         "turned_frame": "MOV-8",
         "other_axes": "MOV-10",
         "scale": "DAT-15 MOV-19",
-        "busy_after_hold": "BSY-5 BSY-3",
+        "busy_after_hold": "BSY-5",
         "disable_goes_on": "STA-13",
         "dead_topic": "SET-1",
     },
@@ -111,7 +112,7 @@ class SteppedEars(Ears):
 
 def examined(ids: Collection[str], *faults: str) -> tuple[Outcome, StudentDevice]:
     """Examine a device as `crtk-driver conform --may-move` does; return what is found, and the device."""
-    steps, wire = Steps(), Wire()
+    steps, wire = Steps(PERIOD), Wire()
     with steps.instead_of_time(hearing, ros_probe, student_device, student_gantry):
         own, node = Node(wire, "gantry", "/student"), Node(wire, "crtk_conform")
         device = StudentDevice(own, *faults)
