@@ -14,7 +14,7 @@ from crtk_drivers.samples import Pose
 __all__ = ["felt_on_ros"]
 
 CONNECT_TIMEOUT: Final = 3.0
-"""Seconds of one attempt to find the arm; the next one follows."""
+"""Seconds of one attempt to find the arm, and for its first pose; the next one follows."""
 
 
 @contextmanager
@@ -48,11 +48,11 @@ class _Arm:
         """
         from crtk_drivers.client import connect  # a device that feels nothing needs none of it
 
+        wait = 0.0
         if self._found is None:
-            self._found = connect(
-                self._namespace, timeout=CONNECT_TIMEOUT, features=["measured_cp"]
-            )
-        pose, stamp = self._found.measured_cp(age=0.0, wait=0.0, extra=True)
+            wait = CONNECT_TIMEOUT
+            self._found = connect(self._namespace, timeout=wait, features=["measured_cp"])
+        pose, stamp = self._found.measured_cp(age=0.0, wait=wait, extra=True)
         return pose if stamp else None
 
     def close(self) -> None:

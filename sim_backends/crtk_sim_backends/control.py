@@ -217,6 +217,8 @@ class ControlClient:
         self._lines = self._socket.makefile("rb")
         self._lock = threading.Lock()
         self._let_in = False
+        self.lost = False
+        """Nothing more comes of it: a late answer would be taken for that to the next request."""
         with contextlib.suppress(OSError):  # the first request tells
             self._socket.sendall(first)
 
@@ -230,6 +232,7 @@ class ControlClient:
             try:
                 self._socket.sendall(request)
             except OSError as error:
+                self.lost = True
                 raise ControlError(f"no answer to {do!r} from the {self._name}: {error}") from error
             return self._read_answer(do)
 
@@ -237,8 +240,10 @@ class ControlClient:
         try:
             line = self._lines.readline()
         except OSError as error:
+            self.lost = True
             raise ControlError(f"no answer to {do!r} from the {self._name}: {error}") from error
         if not line:
+            self.lost = True
             raise ControlError(f"the {self._name} closed the control connection; it has ended")
         answer = json.loads(line)
         if not answer["ok"]:

@@ -190,7 +190,10 @@ class RunningSim:
 
     @property
     def control(self) -> ControlClient:
-        """Client of its control socket, connected at the first use."""
+        """Client of its control socket, connected at the first use, and anew after an answer stayed away."""
+        if self._control is not None and self._control.lost:
+            self._control.close()
+            self._control = None
         if self._control is None:
             self._control = ControlClient(self.host, self.ports["control"])
         return self._control

@@ -13,12 +13,14 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from crtk_drivers.labs import load_lab
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import Subject, Suite
+from crtk_drivers.labs.bench.recorder import read_recording
 from crtk_drivers.labs.bench.run import BenchOptions, judged_again, lacking
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.judging import Verdict
@@ -159,6 +161,22 @@ def test_stopped_while_it_weighs_the_arm_is_held(tmp_path: Path) -> None:
     assert (run.complete, run.ended_by) == (False, "stopped by the operator")
     assert of_sensor(run)["F4"][0] is Verdict.INCONCLUSIVE
     assert "virtual: stopped by the watch" in (tmp_path / "run" / "log.txt").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+def test_the_arm_stays_within_its_space_and_one_that_is_too_narrow_is_told(tmp_path: Path) -> None:
+    ranges = ", ".join(["{ lower = -0.2, upper = 0.2 }"] * 6)
+    space = f"space = {{ joints = [{ranges}] }}\n"
+    start = "settings = { start = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0] }\n"
+    run = carried_out(tmp_path, f"{ARM}{start}{space}{FT}", "F4", "F5")
+    for verdict, reason in of_sensor(run).values():
+        assert verdict is Verdict.INCONCLUSIVE
+        assert "its space is too narrow" in reason, reason
+    rows = read_recording(tmp_path / "run" / "data" / "ft-weighing.mcap")
+    joints = Trace.of(rows).joint_states("carrier/measured_js").position
+    assert np.abs(joints).max() < 0.21
+    assert np.ptp(joints, axis=0).max() > 0.1, "it was turned"
 
 
 @pytest.mark.timeout(90)
