@@ -129,7 +129,7 @@ class Coupling:
                 if told != str(error):
                     told = str(error)
                     logger.warning("%s: its simulator does not feel its tool: %s", self._name, told)
-                period = RETRY
+                felt, period = None, RETRY  # it may have come through all the same
             else:
                 if told or felt is None:
                     logger.info("%s: its simulator feels its tool", self._name)

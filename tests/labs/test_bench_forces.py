@@ -219,6 +219,14 @@ def test_a_real_arm_carries_nothing_about_unless_it_is_allowed(tmp_path: Path) -
     assert "another device" in why(f'{space}identity = {{ serial = "8" }}\n')
 
 
+def test_a_simulator_that_feels_no_load_is_not_saturated(tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text('[devices.arm]\nplugin = "ur"\nsim = true\n')
+    options = BenchOptions(Suite.FULL, (), True, tmp_path)
+    arm = load_lab(path).devices["arm"]
+    assert lacking(BY_ID["F3"], ABOUT, arm, options) == "its simulator feels no load"
+
+
 def test_what_nothing_carries_is_not_weighed(tmp_path: Path) -> None:
     path = tmp_path / "lab.toml"
     path.write_text(ARM + FT)
