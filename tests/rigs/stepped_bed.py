@@ -1,4 +1,4 @@
-"""One acquisition of the bench over a device whose time is stepped: engine, host, bed and watch, no thread."""
+"""One acquisition of the bench over a device whose time is stepped: engine, host, bed, watch, no thread."""
 
 from __future__ import annotations
 
