@@ -20,6 +20,10 @@ FAULTS: Final = "CRTK_BENCH_FAULTS"
 """Environment variable: 1 where whoever starts the bench wants what the lab file allows by `faults`."""
 
 
+BESIDE_A_FAULT: Final = {Safety.FAULT: Safety.ENABLE, Safety.FAULT_IN_MOTION: Safety.SMALL}
+"""What an acquisition does beside the fault that it is about."""
+
+
 @dataclass(frozen=True)
 class BenchOptions:
     """What a run is asked to do.
@@ -80,16 +84,17 @@ def lacking(
         return f"the device does not offer {', '.join(missing)}"
     if acquisition.loads and device.sim and device.plugin.sim_load is None:
         return "its simulator feels no load"
-    if acquisition.carrier_needs:
-        return _not_carried(acquisition, carrier, options)
-    safety = acquisition.safety
     if acquisition.relayed:
-        uncut = _not_cut(device, faults)
-        if uncut:
-            return uncut
-        if not device.sim:  # beside the link that is cut
-            safety = Safety.ENABLE if safety is Safety.FAULT else Safety.SMALL
-    return not_allowed(safety, about, device, options)
+        beside = BESIDE_A_FAULT[acquisition.safety]
+        return _not_cut(device, faults) or not_allowed(beside, about, device, options)
+    if acquisition.carrier_needs:
+        return _not_faulted(acquisition, device) or _not_carried(acquisition, carrier, options)
+    return not_allowed(acquisition.safety, about, device, options)
+
+
+def _not_faulted(acquisition: Acquisition, device: LabDevice) -> str:
+    is_fault = acquisition.safety >= Safety.FAULT
+    return "is done to simulators only" if is_fault and not device.sim else ""
 
 
 def _not_carried(acquisition: Acquisition, carrier: Carrier | None, options: BenchOptions) -> str:
@@ -109,7 +114,8 @@ def _not_moved(acquisition: Acquisition, carrier: Carrier, options: BenchOptions
     missing = [name for name in acquisition.carrier_needs if name not in about.commands]
     if missing:
         return f"does not offer {', '.join(missing)}"
-    return not_allowed(acquisition.safety, about, carrier.lab, options)
+    safety = BESIDE_A_FAULT.get(acquisition.safety, acquisition.safety)
+    return not_allowed(safety, about, carrier.lab, options)
 
 
 def _not_cut(device: LabDevice, faults: bool) -> str:
