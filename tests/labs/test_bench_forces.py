@@ -50,15 +50,19 @@ def test_a_sound_sensor_fails_nowhere(tmp_path: Path, record_property: Tell) -> 
 @pytest.mark.parametrize(
     ("defects", "tests", "quantities"),
     [
-        ("scale=1.1", ("F4",), ("force.weight.mass",)),
         (
-            "exchanged=0+2",
+            "scale=1.1,exchanged=0+2",
             ("F4", "F5"),
-            ("force.weight.center", "force.weight.residual", "force.frame.angle"),
+            (
+                "force.weight.mass",
+                "force.weight.center",
+                "force.weight.residual",
+                "force.frame.angle",
+            ),
         ),
         ("drift=0.02", ("F2",), ("force.bias.left",)),
     ],
-    ids=["scale", "axes", "drift"],
+    ids=["scale and axes", "drift"],
 )
 def test_a_defect_makes_its_test_fail(
     defects: str,
