@@ -141,14 +141,11 @@ class NetFtServer:
     def run(self) -> None:
         """Run in real time until :meth:`stop`, or until the parent process has died."""
         prepare_process(realtime=self.config.realtime)
-        last = chores = self._epoch = time.monotonic()
-        self.box.sensor.clock.stand_still(last - self._now)
+        chores = self._epoch = time.monotonic()
+        self.box.sensor.clock.stand_still(self._epoch - self._now)
+        self._now = self._epoch
         while not self._stopping:
             now = time.monotonic()
-            if now - last > _LONG_PAUSE and self._stalled_since is None:
-                self.statistics.pauses += 1
-                self.box.sensor.clock.stand_still(now - last)
-            last = now
             self.statistics.turns += 1
             self._measure(now)
             if now >= chores:
@@ -188,7 +185,10 @@ class NetFtServer:
 
     def _measure(self, now: float) -> None:
         """Measure up to now and send what is due."""
-        self._now = now
+        paused, self._now = now - self._now, now
+        if paused > _LONG_PAUSE and self._stalled_since is None:
+            self.statistics.pauses += 1
+            self.box.sensor.clock.stand_still(paused)
         if self._stalled_since is not None or self._booting is not None:
             return
         box = self.box

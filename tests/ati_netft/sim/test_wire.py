@@ -92,6 +92,22 @@ def test_nothing_is_made_up_for_after_a_stand_still(box, client):
     assert after.ft - before.ft < 7000
 
 
+def test_what_was_asked_in_a_stand_still_is_done_after_it(box, client):
+    client.ask(2)
+    before = client.take(10)[-1]
+    box.suspend()
+    time.sleep(1.3)
+    client.until_silent(0.02)
+    client.ask(2)
+    box.resume()
+    found = client.take(200)
+    begin = next(index for index, record in enumerate(found) if record.rdt == 1)
+    series = [record.rdt for record in found[begin:]]
+    assert series == list(range(1, len(series) + 1))
+    assert len(series) > 100
+    assert found[-1].ft - before.ft < 7000
+
+
 # The web pages.
 
 
