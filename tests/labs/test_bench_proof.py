@@ -208,18 +208,36 @@ def test_the_mains_in_a_force_sensor_are_found() -> None:
         assert verdict_of([findings], "force.noise.mains") is verdict
 
 
-def test_a_failure_of_times_on_a_machine_where_programs_wait_is_open() -> None:
-    """The bench's own timer may be in time while a simulator, in another process, is not."""
+def test_what_fails_of_times_because_programs_waited_is_open() -> None:
+    """The bench's own timer may be in time while a simulator, in another process, is not.
+
+    Each sixth sample is lost, and each tenth is old: as much of the time may have been waited.
+    """
     rows: list[Row] = []
     for index in range(2000):
-        stamp = 10**18 + 2_000_000 * (index + index // 5)  # each sixth is lost
-        rows.append(("measured_js", stamp + 20_000_000, stamp, JointState(position=vector([0.0]))))
+        stamp = 10**18 + 2_000_000 * (index + index // 5)
+        at = stamp + (20_000_000 if index % 10 == 0 else 500_000)
+        rows.append(("measured_js", at, stamp, JointState(position=vector([0.0]))))
     trace = Trace.of(rows)
     for test in ("T1", "T2", "T4"):
-        for waited, verdict in ((0.05, Verdict.FAIL), (0.3, Verdict.INCONCLUSIVE)):
+        for waited, verdict in ((0.0, "FAIL"), (0.05, "FAIL"), (0.3, "INCONCLUSIVE")):
             found = BY_ID[test].analyse(trace, replace(SUBJECT, rate=500.0, waited=waited))
-            assert found.verdict is verdict, f"{test}: {found.reason}"
+            assert found.verdict == verdict, f"{test}: {found.reason}"
+            measured = [one.told for one in found.measurements]
+            assert measured == [
+                one.told
+                for one in BY_ID[test].analyse(trace, replace(SUBJECT, rate=500.0)).measurements
+            ], "the figures are what was measured"
     assert "waited for a processor for 30 % of the time" in found.reason
+
+
+def test_what_fails_of_all_samples_fails_on_any_machine() -> None:
+    rows: list[Row] = []
+    for index in range(2000):
+        stamp = 10**18 + 2_000_000 * index
+        rows.append(("measured_js", stamp + 20_000_000, stamp, JointState(position=vector([0.0]))))
+    subject = replace(SUBJECT, rate=500.0, waited=0.4)
+    assert BY_ID["T4"].analyse(Trace.of(rows), subject).verdict is Verdict.FAIL
 
 
 LOOKS = [

@@ -2,8 +2,8 @@
 
 A figure is compared with that of the same lab and device, simulated or real: a simulator tells nothing of how
 hardware was. What a test could not decide (a machine that is too busy) is not compared. Beside the folders of
-runs lie ``index.jsonl``, one measurement a line, and ``baseline.json``, which run each device is compared with
-by ``--against baseline``.
+runs lie ``index.jsonl``, one measurement a line, and ``baseline.json``: which run each device is compared
+with by ``--against baseline``.
 """
 
 from __future__ import annotations

@@ -396,7 +396,9 @@ def _velocity(trace: Trace, subject: Subject) -> Findings:
                 part=name,
             )
         )
-    return Findings(tuple(found), doubts=_disturbed(trace, subject))
+    # Positions and velocities of one sample are of two cycles where a driver came too late.
+    disturbed = _disturbed(trace, subject)
+    return subject.on_a_free_machine(Findings(tuple(found), doubts=disturbed))
 
 
 def _frozen(trace: Trace, subject: Subject) -> Findings:
