@@ -250,7 +250,7 @@ def _verdicts(found: Run) -> Table:
         )
     for (name, reason), tests in skipped.items():
         verdict = Text(Verdict.SKIPPED, STYLES[Verdict.SKIPPED])
-        table.add_row(name, "", ", ".join(tests), verdict, reason)
+        table.add_row(name, "", "", verdict, f"{', '.join(tests)}: {reason}")
     return table
 
 

@@ -6,6 +6,7 @@ nothing; of that its measurements know nothing, and these are looked at here.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,7 +21,7 @@ from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject
 from crtk_drivers.labs.bench.trace import Row, Trace
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict
-from crtk_drivers.samples import JointState, Wrench, vector
+from crtk_drivers.samples import JointState, Text, Wrench, vector
 from crtk_drivers.testing.loopback import ROTARY
 from rigs.bench_bed import acquired, found
 from rigs.proof_table import tell_proof
@@ -229,6 +230,33 @@ def test_what_fails_of_times_because_programs_waited_is_open() -> None:
                 for one in BY_ID[test].analyse(trace, replace(SUBJECT, rate=500.0)).measurements
             ], "the figures are what was measured"
     assert "waited for a processor for 30 % of the time" in found.reason
+
+
+def followed(rate: float, ripple: float) -> Trace:
+    """Return a sine of 1 Hz of one joint, its velocities 4 % too large, in steps with a slow stream."""
+    begin, rows = 10**18, []
+    for index in range(int(4.2 * rate)):
+        t = index / rate
+        angle = 2.0 * math.pi * t
+        jump = ripple * (-1.0) ** (index // 2) * math.cos(angle)
+        state = JointState(
+            position=vector([0.05 * math.sin(angle)]),
+            velocity=vector([0.1 * math.pi * (1.04 * math.cos(angle) + jump)]),
+        )
+        at = begin + round(1e9 * t)
+        rows.append(("measured_js", at, at, state))
+    notes = json.dumps({"frequencies": [1.0], "amplitude 1": [0.05]})
+    for t, kind, text in ((0.0, "mark", "begin 1"), (4.1, "mark", "end 1"), (4.1, "note", notes)):
+        at = begin + round(1e9 * t)
+        rows.append(("events", at, at, Text(json.dumps({"kind": kind, "text": text}))))
+    return Trace.of(rows)
+
+
+def test_a_velocity_that_steps_with_a_stream_is_known_to_its_steps() -> None:
+    """The same steps in each period make a mean that is off, and that repeats."""
+    for ripple, verdict in ((0.0, Verdict.FAIL), (1.0, Verdict.INCONCLUSIVE)):
+        found = BY_ID["J3"].analyse(followed(100.0, ripple), SUBJECT)
+        assert verdict_of([found], "joints.velocity.slope") is verdict, found.reason
 
 
 def test_what_fails_of_all_samples_fails_on_any_machine() -> None:

@@ -144,7 +144,7 @@ def _rate(trace: Trace, subject: Subject) -> Findings:
             doubts=subject.too_busy(max(0.25 * subject.period, BUSY)),
         )
 
-    return subject.on_a_free_machine(found(0.0), found)
+    return subject.on_a_free_machine(found)
 
 
 def _jitter(trace: Trace, subject: Subject) -> Findings:
@@ -176,7 +176,7 @@ def _jitter(trace: Trace, subject: Subject) -> Findings:
             ),
         )
 
-    return subject.on_a_free_machine(found(0.0), found)
+    return subject.on_a_free_machine(found)
 
 
 def _without(waited: float) -> float:
@@ -244,7 +244,7 @@ def _age(trace: Trace, subject: Subject) -> Findings:
             plots=(Plot("Age on arrival", "time, s", "ms", (line,)),),
         )
 
-    return subject.on_a_free_machine(found(0.0), found)
+    return subject.on_a_free_machine(found)
 
 
 def _noise(trace: Trace, subject: Subject) -> Findings:
