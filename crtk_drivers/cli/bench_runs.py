@@ -241,11 +241,18 @@ def _verdicts(found: Run) -> Table:
     table = Table(box=None, pad_edge=False)
     for column in ("device", "test", "", "verdict", ""):
         table.add_column(column)
+    skipped: dict[tuple[str, str], list[str]] = {}
     for device, test in found.tests:
+        if test.verdict is Verdict.SKIPPED:
+            skipped.setdefault((device.name, test.reason), []).append(test.id)
+            continue
         told = test.reason or "; ".join(measured.told for measured in test.measurements)
         table.add_row(
             device.name, test.id, test.name, Text(test.verdict, STYLES[test.verdict]), told
         )
+    for (name, reason), tests in skipped.items():
+        verdict = Text(Verdict.SKIPPED, STYLES[Verdict.SKIPPED])
+        table.add_row(name, "", "", verdict, f"{', '.join(tests)}: {reason}")
     return table
 
 

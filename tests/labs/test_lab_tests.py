@@ -7,7 +7,8 @@ import signal
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from textwrap import dedent
 from typing import Any
@@ -282,12 +283,20 @@ def test_commands(lab):
 """
 
 
-def test_hardware_is_only_read_unless_it_may_move(session: Session, tmp_path: Path) -> None:
+@contextmanager
+def hardware(folder: Path) -> Iterator[None]:
+    """A sensor that the lab file does not call simulated."""
     with SIM.spawn() as sim:
         ports = ", ".join(f"{name}_port = {sim.ports[name]}" for name in ("rdt", "tcp", "http"))
-        (tmp_path / "lab.toml").write_text(
-            f'[devices.ft]\nplugin = "ati-netft"\nsettings = {{ host = "{sim.host}", {ports} }}\n'
+        (folder / "lab.toml").write_text(
+            f'[devices.ft]\nplugin = "ati-netft"\npower_off = ["touch", "off"]\n'
+            f'settings = {{ host = "{sim.host}", {ports} }}\n'
         )
+        yield
+
+
+def test_hardware_is_only_read_unless_it_may_move(session: Session, tmp_path: Path) -> None:
+    with hardware(tmp_path):
         said = session(READS)
     assert said.returncode == 0, said.stdout
     assert verdicts(kept(tmp_path)) == {
@@ -298,6 +307,30 @@ def test_hardware_is_only_read_unless_it_may_move(session: Session, tmp_path: Pa
         ),
     }
     assert not kept(tmp_path).devices[0].simulated
+    assert not (tmp_path / "off").exists()
+
+
+LOST = """
+import os
+from crtk_drivers.labs.bench.bed import Process
+
+def test_loses_it(lab):
+    lab.ft.enable()
+    os.kill(lab.ft.station.host.pid(Process.DRIVER), 9)
+    lab.ft.rest(10.0)
+"""
+
+
+def test_what_was_lost_in_the_midst_of_a_test_has_its_power_taken_away(
+    session: Session, tmp_path: Path
+) -> None:
+    with hardware(tmp_path):
+        assert session(LOST).returncode == 1
+        assert not (tmp_path / "off").exists(), "it was not commanded"
+        (tmp_path / "runs" / "one").rename(tmp_path / "runs" / "before")
+        assert session(LOST, "--may-move").returncode == 1
+    assert verdicts(kept(tmp_path))["test_loses_it"][0] is Verdict.INCONCLUSIVE
+    assert (tmp_path / "off").exists()
 
 
 ENDLESS = """
@@ -307,6 +340,23 @@ def test_moves_for_long(lab):
     home = gantry.setpoint
     gantry.stream("servo_jp", lambda t: JointState(position=home), 60.0)
 """
+
+
+SLEEPS = """
+import os, signal, time
+
+def test_sleeps(lab):
+    lab.ft.enable()
+    os.kill(os.getpid(), signal.SIGTSTP)
+    time.sleep(60.0)
+"""
+
+
+def test_ctrl_z_ends_what_may_move_hardware(session: Session, tmp_path: Path) -> None:
+    with hardware(tmp_path):
+        said = session(SLEEPS, "--may-move")
+    assert said.returncode == pytest.ExitCode.INTERRUPTED, said.stdout
+    assert kept(tmp_path).ended_by == "stopped by the operator"
 
 
 def test_ctrl_c_holds_and_keeps_what_there_was(session: Session, tmp_path: Path) -> None:

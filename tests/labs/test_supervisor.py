@@ -22,7 +22,7 @@ STUBBORN = "import signal, time; signal.signal(2, signal.SIG_IGN); print('up', f
 
 def lab_of(folder, programs):
     """A lab of programs alone, as no file can say it."""
-    return Lab("lab", folder / "lab.toml", {}, programs, LabSettings.model_construct())
+    return Lab("lab", folder / "lab.toml", {}, programs, LabSettings.model_construct(), {})
 
 
 @pytest.fixture

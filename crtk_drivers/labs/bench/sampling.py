@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -38,9 +39,6 @@ STREAMS: Final = ("measured_js", "measured_cf", "measured_cp", "measured_cv")
 
 BUSY: Final = 2e-3
 """Seconds by which the bench's own timer may be late, where a quarter of a period is less."""
-
-JITTER_BOUND: Final = 0.25
-"""Share of a period; a bench whose own timer is later by that cannot tell who is late."""
 
 SLOW: Final = 0.02
 """Share of its rate by which a device may be off, where frequencies are looked for."""
@@ -132,15 +130,20 @@ def _rate(trace: Trace, subject: Subject) -> Findings:
     rate = (made.size - 1) / span
     error = 100.0 * (rate * period - 1.0)
     doubt = 100.0 * period / span
-    missing = np.maximum(0.0, np.round(np.diff(made) / period) - 1.0).sum()
-    lost = share(int(missing), int(made.size + missing))
-    found = Findings(
-        (
-            subject.measured(RATE, within(error, doubt, made.size), Bound(1.0, "default", -1.0)),
-            subject.measured(LOSS, in_percent(lost), Bound(0.5, "default")),
-        ),
-        doubts=subject.too_busy(max(0.25 * subject.period, BUSY)),
-    )
+    missing = int(np.maximum(0.0, np.round(np.diff(made) / period) - 1.0).sum())
+    count = int(made.size) + missing
+
+    def found(waited: float) -> Findings:
+        slow = max(error, min(0.0, error + 100.0 * waited))
+        lost = share(max(0, missing - math.ceil(waited * count)), count)
+        return Findings(
+            (
+                subject.measured(RATE, within(slow, doubt, made.size), Bound(1.0, "default", -1.0)),
+                subject.measured(LOSS, in_percent(lost), Bound(0.5, "default")),
+            ),
+            doubts=subject.too_busy(max(0.25 * subject.period, BUSY)),
+        )
+
     return subject.on_a_free_machine(found)
 
 
@@ -152,25 +155,33 @@ def _jitter(trace: Trace, subject: Subject) -> Findings:
     period = subject.period
     steps = np.diff(made)
     errors = np.abs(steps - period) / period
-    late = share(int((steps > 2.0 * period).sum()), steps.size)
-    found = Findings(
-        (
-            subject.measured(
-                JITTER, in_percent(quantile(errors, 0.99)), Bound(100.0 * JITTER_BOUND, "default")
+    many = int((steps > 2.0 * period).sum())
+
+    def found(waited: float) -> Findings:
+        late = share(max(0, many - math.ceil(waited * steps.size)), steps.size)
+        p99 = quantile(errors, _without(waited))
+        return Findings(
+            (
+                subject.measured(JITTER, in_percent(p99), Bound(25.0, "default")),
+                subject.measured(LATE, in_percent(late), Bound(0.5, "default")),
             ),
-            subject.measured(LATE, in_percent(late), Bound(0.5, "default")),
-        ),
-        doubts=subject.too_busy(JITTER_BOUND * subject.period),
-        plots=(
-            Plot(
-                "Time between two samples",
-                "time, s",
-                "ms",
-                (Series("", tuple(made[1:] - made[0]), tuple(1e3 * steps)),),
+            doubts=subject.too_busy(max(0.25 * subject.period, BUSY)),
+            plots=(
+                Plot(
+                    "Time between two samples",
+                    "time, s",
+                    "ms",
+                    (Series("", tuple(made[1:] - made[0]), tuple(1e3 * steps)),),
+                ),
             ),
-        ),
-    )
+        )
+
     return subject.on_a_free_machine(found)
+
+
+def _without(waited: float) -> float:
+    """Return which quantile is the p99 of what is left without a share of the time."""
+    return 0.99 - min(waited, 0.49)
 
 
 def _stamps(trace: Trace, subject: Subject) -> Findings:
@@ -224,13 +235,15 @@ def _age(trace: Trace, subject: Subject) -> Findings:
     if ages.size < 20:
         return _hardly_any(ages.size)
     bound = Bound(2e3 * subject.period + 2.0, "two periods and 2 ms")
-    found = Findings(
-        (subject.measured(AGE, quantile(ages, 0.99), bound),),
-        doubts=subject.too_busy(max(0.25 * subject.period, BUSY)),
-        plots=(
-            Plot("Age on arrival", "time, s", "ms", (Series("", tuple(at[valid]), tuple(ages)),)),
-        ),
-    )
+    line = Series("", tuple(at[valid]), tuple(ages))
+
+    def found(waited: float) -> Findings:
+        return Findings(
+            (subject.measured(AGE, quantile(ages, _without(waited)), bound),),
+            doubts=subject.too_busy(max(0.25 * subject.period, BUSY)),
+            plots=(Plot("Age on arrival", "time, s", "ms", (line,)),),
+        )
+
     return subject.on_a_free_machine(found)
 
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 __all__ = [
     "Estimate",
+    "Z",
     "exact",
     "greatest",
     "in_percent",
@@ -21,6 +22,7 @@ __all__ = [
     "mean",
     "quantile",
     "share",
+    "wider",
     "within",
 ]
 
@@ -69,6 +71,11 @@ def exact(value: float, n: int = 1) -> Estimate:
 def within(value: float, doubt: float, n: int = 1) -> Estimate:
     """Return a value that is known to `doubt` either way, as by the period of the samples."""
     return Estimate(value, value - doubt, value + doubt, n)
+
+
+def wider(found: Estimate, doubt: float) -> Estimate:
+    """Return an estimate with a doubt on top, either way, that its observations have in common."""
+    return Estimate(found.value, found.lower - doubt, found.upper + doubt, found.n)
 
 
 def in_percent(found: Estimate) -> Estimate:
