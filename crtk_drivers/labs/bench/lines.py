@@ -9,6 +9,7 @@ import numpy as np
 
 from crtk_drivers.labs.bench.bed import PLACES, Bed, Broken
 from crtk_drivers.labs.bench.declared import BUSY, Acquisition, BenchTest, Safety, Subject, Suite
+from crtk_drivers.labs.bench.signals import resolution
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import exact, within
 from crtk_drivers.labs.verdicts.judging import (
@@ -71,11 +72,12 @@ def _lines(bed: Bed) -> None:
                 bed.rest(0.2)
                 bed.mark("end")
     bed.note(
+        lever=bed.lever,
         lines=[
             [share, start.position.tolist(), goal.position.tolist()]
             for share in SHARES
             for start, goal in ((begin, end), (end, begin))
-        ]
+        ],
     )
     bed.move_to(home)
     bed.disable()
@@ -168,6 +170,9 @@ def _straight(trace: Trace, subject: Subject) -> Findings:
     window = max(WINDOW, 4.0 * subject.period)
     furthest: list[tuple[float, str]] = []
     ripples: dict[str, list[float]] = {}
+    rough: dict[str, float] = {}
+    # By which the steps of its encoders move the tool.
+    step = float(resolution(trace.joints.position).max()) * trace.notes["lever"]
     doubts: list[str] = []
     plots = []
     for (share, start, goal), begin, end in zip(
@@ -185,6 +190,7 @@ def _straight(trace: Trace, subject: Subject) -> Findings:
         ripple = _ripple(times, speeds)
         if math.isfinite(ripple):
             ripples.setdefault(name, []).append(100.0 * ripple)
+            rough[name] = 100.0 * step / (window * float(np.quantile(speeds, 0.9)))
         plots.append((name, times - begin, speeds, at - begin, 1e3 * away))
     distance, name = max(furthest)
     found: list[Measurement] = [
@@ -194,7 +200,10 @@ def _straight(trace: Trace, subject: Subject) -> Findings:
         middle, spread = float(np.mean(values)), 0.5 * float(np.ptp(values))
         found.append(
             subject.measured(
-                RIPPLE, within(middle, spread, len(values)), Bound(5.0, "default"), part=name
+                RIPPLE,
+                within(middle, spread + rough[name], len(values)),
+                Bound(5.0, "default"),
+                part=name,
             )
         )
     if not ripples:
