@@ -239,7 +239,7 @@ def test_a_drive_that_ignores_its_watchdog_fails(
 
 def test_a_real_device_is_only_read_unless_it_is_allowed(tmp_path: Path) -> None:
     from crtk_drivers.labs.bench.calls import About
-    from crtk_drivers.labs.bench.run import lacking
+    from crtk_drivers.labs.bench.permission import lacking
     from crtk_drivers.testing.loopback import LoopbackDevice
 
     def why(test_id: str, *, may_move: bool, more: str = "", travels: str = "") -> str:
