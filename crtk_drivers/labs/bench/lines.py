@@ -46,6 +46,9 @@ EVEN: Final = 0.9
 AT_SPEED: Final = 0.2
 """Seconds at its speed that a line has at the least, for something to be told of that."""
 
+STALL: Final = 3.0
+"""Periods without a sample that make the speed of a line worth nothing."""
+
 DISTANCE = Quantity(
     "motion.line.distance", "greatest distance from a line", "mm", Comparison.AT_MOST, guard=0.05
 )
@@ -162,6 +165,14 @@ def _ripple(at: Vector, speeds: Vector) -> float:
     return float(math.sqrt(2.0) * even.std() / even.mean())
 
 
+def _stalls(at: Vector, subject: Subject) -> tuple[str, ...]:
+    """Return a doubt if something stood still in a line: in its speed that is a ripple like any other."""
+    longest = float(np.diff(at).max())
+    if longest <= STALL * subject.period:
+        return ()
+    return (f"no sample came for {1e3 * longest:.0f} ms in the midst of a line",)
+
+
 def _straight(trace: Trace, subject: Subject) -> Findings:
     lines = trace.notes["lines"]
     if not lines:
@@ -181,7 +192,7 @@ def _straight(trace: Trace, subject: Subject) -> Findings:
         at, points = tool.acquired(begin, end)
         if at.size < 20:
             return Findings(doubts=("too few poses of a line",))
-        doubts.extend((*subject.gaps(at), *subject.uneven(at)))
+        doubts.extend((*_stalls(at, subject), *subject.uneven(at)))
         ends = np.asarray(start), np.asarray(goal)
         away = _from_line(points, *ends)
         name = f"{100.0 * share:.0f} %"
