@@ -83,7 +83,7 @@ PROOFS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("random_steps", {"tracking_lag": 0.15}, ("motion.latency.delay",)),
     (
         "limits",
-        {"overspeed": 1.3, "overtravel": 0.03},
+        {"overspeed": 1.4, "overtravel": 0.03},
         ("limits.speed.peak", "limits.range.beyond"),
     ),
     ("ranges", {"position_jump": 0.009, "jump_at": 0.5}, ("joints.range.step",)),

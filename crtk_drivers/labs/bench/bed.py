@@ -347,6 +347,12 @@ class Bed:
             self._slides = vector(1.0 - turning)
         return self._slides
 
+    @property
+    def lever(self) -> float:
+        """How far the tool goes at most, in m, when one joint goes 1 rad (m); 0 without kinematics."""
+        jacobian = self._door.call("jacobian", self.position)
+        return 0.0 if jacobian is None else float(np.linalg.norm(jacobian[:3], axis=0).max())
+
     def reach(self, share: float = 1.0) -> Vector:
         """Return how far each joint (n,) may go either way in a small motion, from where it is set."""
         far = np.where(self.slides > 0.5, SMALL_WAY, SMALL_ANGLE) * share

@@ -56,6 +56,9 @@ TOO_SHORT: Final = "it moves less than twenty steps of its encoder"
 
 TOO_FEW: Final = "too few samples of it at constant speed"
 
+UNEQUAL: Final = 5e-3
+"""Share of the effort by which those there and back may differ without friction: no two ways are the same."""
+
 LEAST: Final = 1e-6
 """J: what is less is no work."""
 
@@ -146,6 +149,7 @@ class _Rubbing:
         speed: of it.
         way: of that part of it, one way.
         friction: half of what the efforts there and back differ by: a weight is carried both ways.
+        carried: the greater of these efforts.
         late: by how much one sample of delay between position and effort would change that.
         ripple: half of the range in which nine in ten efforts are, about a curve of where it is.
     """
@@ -153,6 +157,7 @@ class _Rubbing:
     speed: float
     way: float
     friction: float
+    carried: float
     late: float
     ripple: float
 
@@ -185,6 +190,7 @@ def _rubbing(loop: JointTrack, column: int) -> _Rubbing | None:
         speed,
         (1.0 - 2.0 * MIDDLE) * abs(far),
         0.5 * math.copysign(1.0, far) * (carried[0] - carried[1]),
+        float(np.abs(carried).max()),
         abs(float(np.mean(slopes))) * speed * float(np.median(np.diff(loop.at))),
         float(np.mean(ripples)),
     )
@@ -210,7 +216,7 @@ def _works(trace: Trace, subject: Subject) -> Findings:
             continue
         works = np.array([each.work for each in strokes])
         work = mean(works)
-        unsure = [each.late + 0.5 * steps[column] for each in strokes]
+        unsure = [each.late + 0.5 * steps[column] + UNEQUAL * each.carried for each in strokes]
         doubt = max(
             work.upper - work.value,
             SIGMAS * float(works.std(ddof=1)) / math.sqrt(works.size),

@@ -39,6 +39,9 @@ SHARE: Final = 0.6
 FEWEST: Final = 6
 """Arrivals of which a drift is told."""
 
+MOST_LATE: Final = 0.5
+"""% of the periods of a device that may be late."""
+
 DRIFT = Quantity(
     "motion.endurance.drift",
     "drift of where it arrives",
@@ -97,6 +100,14 @@ def _arrivals(trace: Trace) -> Array:
     )
 
 
+def _as_late(subject: Subject) -> tuple[str, ...]:
+    """Return a doubt if the bench's own timer was late nearly as often as a device may be."""
+    late = np.mean(np.asarray(subject.lateness) > subject.period) if subject.lateness else 0.0
+    if 100.0 * late <= 0.5 * MOST_LATE:
+        return ()
+    return (f"the machine is too busy: {100.0 * late:.1f} % of the bench's own looks were late",)
+
+
 def _endures(trace: Trace, subject: Subject) -> Findings:
     ends = _arrivals(trace)
     if len(ends) < FEWEST or not np.isfinite(ends).all():
@@ -130,9 +141,9 @@ def _endures(trace: Trace, subject: Subject) -> Findings:
             subject.measured(
                 REFUSED, exact(notes["refused"], notes["sent"]), Bound(0.0, "it may do all of that")
             ),
-            subject.measured(LATE, in_percent(late), Bound(0.5, "default")),
+            subject.measured(LATE, in_percent(late), Bound(MOST_LATE, "default")),
         ),
-        doubts=subject.too_busy(BUSY),
+        doubts=(*subject.too_busy(BUSY), *_as_late(subject)),
         plots=(
             Plot(
                 "Arrivals, from the first",

@@ -9,6 +9,7 @@ import numpy as np
 
 from crtk_drivers.labs.bench.bed import PLACES, Bed, Broken
 from crtk_drivers.labs.bench.declared import BUSY, Acquisition, BenchTest, Safety, Subject, Suite
+from crtk_drivers.labs.bench.signals import resolution
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import exact, within
 from crtk_drivers.labs.verdicts.judging import (
@@ -45,6 +46,9 @@ EVEN: Final = 0.9
 AT_SPEED: Final = 0.2
 """Seconds at its speed that a line has at the least, for something to be told of that."""
 
+STALL: Final = 3.0
+"""Periods without a sample that make the speed of a line worth nothing."""
+
 DISTANCE = Quantity(
     "motion.line.distance", "greatest distance from a line", "mm", Comparison.AT_MOST, guard=0.05
 )
@@ -71,11 +75,12 @@ def _lines(bed: Bed) -> None:
                 bed.rest(0.2)
                 bed.mark("end")
     bed.note(
+        lever=bed.lever,
         lines=[
             [share, start.position.tolist(), goal.position.tolist()]
             for share in SHARES
             for start, goal in ((begin, end), (end, begin))
-        ]
+        ],
     )
     bed.move_to(home)
     bed.disable()
@@ -160,6 +165,14 @@ def _ripple(at: Vector, speeds: Vector) -> float:
     return float(math.sqrt(2.0) * even.std() / even.mean())
 
 
+def _stalls(at: Vector, subject: Subject) -> tuple[str, ...]:
+    """Return a doubt if something stood still in a line: in its speed that is a ripple like any other."""
+    longest = float(np.diff(at).max())
+    if longest <= STALL * subject.period:
+        return ()
+    return (f"no sample came for {1e3 * longest:.0f} ms in the midst of a line",)
+
+
 def _straight(trace: Trace, subject: Subject) -> Findings:
     lines = trace.notes["lines"]
     if not lines:
@@ -168,6 +181,9 @@ def _straight(trace: Trace, subject: Subject) -> Findings:
     window = max(WINDOW, 4.0 * subject.period)
     furthest: list[tuple[float, str]] = []
     ripples: dict[str, list[float]] = {}
+    rough: dict[str, float] = {}
+    # By which the steps of its encoders move the tool.
+    step = float(resolution(trace.joints.position).max()) * trace.notes["lever"]
     doubts: list[str] = []
     plots = []
     for (share, start, goal), begin, end in zip(
@@ -176,7 +192,7 @@ def _straight(trace: Trace, subject: Subject) -> Findings:
         at, points = tool.acquired(begin, end)
         if at.size < 20:
             return Findings(doubts=("too few poses of a line",))
-        doubts.extend((*subject.gaps(at), *subject.uneven(at)))
+        doubts.extend((*_stalls(at, subject), *subject.uneven(at)))
         ends = np.asarray(start), np.asarray(goal)
         away = _from_line(points, *ends)
         name = f"{100.0 * share:.0f} %"
@@ -185,6 +201,7 @@ def _straight(trace: Trace, subject: Subject) -> Findings:
         ripple = _ripple(times, speeds)
         if math.isfinite(ripple):
             ripples.setdefault(name, []).append(100.0 * ripple)
+            rough[name] = 100.0 * step / (window * float(np.quantile(speeds, 0.9)))
         plots.append((name, times - begin, speeds, at - begin, 1e3 * away))
     distance, name = max(furthest)
     found: list[Measurement] = [
@@ -194,7 +211,10 @@ def _straight(trace: Trace, subject: Subject) -> Findings:
         middle, spread = float(np.mean(values)), 0.5 * float(np.ptp(values))
         found.append(
             subject.measured(
-                RIPPLE, within(middle, spread, len(values)), Bound(5.0, "default"), part=name
+                RIPPLE,
+                within(middle, spread + rough[name], len(values)),
+                Bound(5.0, "default"),
+                part=name,
             )
         )
     if not ripples:

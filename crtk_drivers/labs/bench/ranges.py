@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from crtk_drivers.device import Capabilities
 from crtk_drivers.labs.bench.bed import ROOM, Bed
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.signals import resolution
@@ -27,7 +28,10 @@ from crtk_drivers.samples import vector
 __all__ = ["TESTS"]
 
 SLOWED: Final = 0.5
-"""Share of the velocity limits at which it goes through its range."""
+"""Share of its velocity limit at which a joint goes through its range, at the most."""
+
+UNSEEN: Final = 0.05
+"""Share of the time of a joint in which samples may stay away for five periods and more."""
 
 JUMP = Quantity(
     "joints.range.step",
@@ -46,13 +50,20 @@ SEEN = Quantity(
 )
 
 
+def _ratio(own: Capabilities) -> float:
+    """Return the share of the speed of its moves with which no joint is faster than `SLOWED`."""
+    moves = own.move_limits or own.limits
+    pairs = zip(own.limits, moves, strict=True)
+    return min(1.0, *(SLOWED * limit.velocity / move.velocity for limit, move in pairs))
+
+
 def _through(bed: Bed) -> None:
     bed.enable()
     home = bed.setpoint
     left_out: dict[str, str] = {}
     bed.keep(left_out=left_out, done=False)
     own = bed.about.capabilities
-    with bed.slowed(SLOWED):
+    with bed.slowed(_ratio(own)):
         for joint, (name, limit) in enumerate(zip(own.joints, own.limits, strict=True)):
             bed.mark(f"begin {joint}")
             for end in (limit.lower, limit.upper):
@@ -70,7 +81,7 @@ def _through(bed: Bed) -> None:
 
 THROUGH: Final = Acquisition(
     "ranges",
-    "Moves one joint after the other through nine tenths of its range, at most a turn either way.",
+    "Moves one joint after the other through nine tenths of its range, at half its speed at most.",
     Safety.LARGE,
     _through,
     ("move_jp", "measured_js"),
@@ -98,9 +109,11 @@ def _steps(trace: Trace, subject: Subject) -> Findings:
         part = joints.between(begun[0], ended[0] if ended else joints.at[-1])
         if part.at.size < 20:
             continue
-        gaps.extend(subject.gaps(part.at))
         position = part.position[:, column]
         times = np.maximum(np.diff(part.at), subject.period)
+        unseen = float(times[times > 5.0 * subject.period].sum() / times.sum())
+        if unseen > UNSEEN:
+            gaps.append(f"no samples came of {name} in {100.0 * unseen:.0f} % of the time")
         allowed = limit.velocity * times + resolved[column]
         found.append((float((np.abs(np.diff(position)) / allowed).max()), name))
         shares.append(100.0 * float(np.ptp(position)) / (limit.upper - limit.lower))

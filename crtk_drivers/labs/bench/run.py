@@ -1,4 +1,4 @@
-"""One run of the bench: who may do what, the judging of recordings, and results that are kept as they come.
+"""One run of the bench: the judging of recordings, and results that are kept as they come.
 
 This is the parent of the conductor. It moves nothing; what it reckons keeps no driver from its cycle, since
 that is another process.
