@@ -166,7 +166,7 @@ def test_a_log_can_be_replayed_from_the_start(tmp_path):
         assert sim.stop() == 0
     first, second = read(tmp_path / "l")
     assert (text(first.raw), text(second.raw)) == ("001#", "002#")
-    assert second.time - first.time > 0.049
+    assert second.time - first.time > 0.03  # 0.05, less what the first one was late
 
 
 def test_a_log_with_a_defect_is_replayed_up_to_it(tmp_path):

@@ -30,7 +30,7 @@ from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.status.stop_request import StopRequest
 from rigs.processes import children_of
 
-GANTRY = '[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 500 }\n'
+GANTRY = '[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 200 }\n'
 
 Bench = Callable[..., Run]
 

@@ -17,7 +17,7 @@ import pytest
 from crtk_drivers.labs.bench.results import read_run
 from crtk_sim_backends.netft import SIM
 
-GANTRY = '[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 500 }\n'
+GANTRY = '[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 200 }\n'
 
 Command = Callable[..., "subprocess.CompletedProcess[str]"]
 

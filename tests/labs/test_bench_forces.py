@@ -171,7 +171,7 @@ def test_stopped_while_it_weighs_the_arm_is_held(tmp_path: Path) -> None:
 def test_the_arm_stays_within_its_space_and_one_that_is_too_narrow_is_told(tmp_path: Path) -> None:
     ranges = ", ".join(["{ lower = -0.2, upper = 0.2 }"] * 6)
     space = f"space = {{ joints = [{ranges}] }}\n"
-    start = "settings = { start = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0] }\n"
+    start = "settings.start = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]\n"
     run = carried_out(tmp_path, f"{ARM}{start}{space}{FT}", "F4", "F5")
     for verdict, reason in of_sensor(run).values():
         assert verdict is Verdict.INCONCLUSIVE
@@ -184,7 +184,7 @@ def test_the_arm_stays_within_its_space_and_one_that_is_too_narrow_is_told(tmp_p
 
 @pytest.mark.timeout(90)
 def test_an_arm_that_failed_carries_nothing_about(tmp_path: Path) -> None:
-    sagging = f"{ARM}settings = {{ defects = {{ sag_on_disable = 0.02 }} }}\n"
+    sagging = f"{ARM}settings.defects = {{ sag_on_disable = 0.02 }}\n"
     run = carried_out(tmp_path, sagging + FT, "M1", "F4")
     verdict, reason = of_sensor(run)["F4"]
     assert verdict is Verdict.SKIPPED

@@ -105,6 +105,9 @@ PAN_TILT = {"urdf": str(Path(__file__).parents[1] / "data" / "pan_tilt.urdf"), "
 ARMS: dict[str, dict[str, Any]] = {"limits": PAN_TILT, "ranges": PAN_TILT}
 """Those that go through ranges: short ones of few joints."""
 
+RATE, RATES = 200.0, {"sines": 500.0}
+"""Hz of the arms: of a sine a stream is to be smooth."""
+
 BRIEF = 0.1
 """How thorough what otherwise takes minutes is here."""
 
@@ -170,7 +173,11 @@ IN_REAL_TIME = ("client_killed",)
 
 def acquired(name: str, defects: dict[str, Any], folder: Path) -> tuple[Trace, Subject]:
     """Carry out an acquisition over a virtual arm with defects; return what its analyses are given."""
-    values = {**ARMS.get(name, {}), **({"defects": defects} if defects else {})}
+    values = {
+        "rate": RATES.get(name, RATE),
+        **ARMS.get(name, {}),
+        **({"defects": defects} if defects else {}),
+    }
     if name in IN_REAL_TIME:
         return bench_bed.acquired(ACQUISITIONS[name], "virtual", values, folder)
     thorough = BRIEF if name == "endurance" else 1.0
@@ -180,7 +187,7 @@ def acquired(name: str, defects: dict[str, Any], folder: Path) -> tuple[Trace, S
 def of_loopback(test: str, thorough: float = 1.0) -> Findings:
     """Return what a test finds of a gantry in memory."""
     acquisition = BY_ID[test].acquisition
-    trace, subject = stepped_bed.acquired(acquisition, "loopback", {"rate": 500.0}, thorough)
+    trace, subject = stepped_bed.acquired(acquisition, "loopback", {"rate": RATE}, thorough)
     return BY_ID[test].analyse(trace, subject)
 
 

@@ -24,7 +24,7 @@ from crtk_sim_backends.netft import SIM
 
 ROOT = Path(__file__).parents[2]
 
-GANTRY = 'name = "room"\n[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 500 }\n'
+GANTRY = 'name = "room"\n[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 200 }\n'
 
 Session = Callable[..., "subprocess.CompletedProcess[str]"]
 

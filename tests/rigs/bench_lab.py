@@ -13,7 +13,7 @@ from crtk_drivers.labs.bench.run import run_bench
 from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.status.stop_request import StopRequest
 
-ARM = '[devices.arm]\nplugin = "virtual"\n'
+ARM = '[devices.arm]\nplugin = "virtual"\nsettings.rate = 200\n'
 FT = """
 [devices.ft]
 plugin = "ati-netft"

@@ -53,6 +53,9 @@ TOLD_WITHIN: Final = 0.5
 WAITED: Final = 2.0
 """Seconds in which a saturation is to be told, and that are waited for it."""
 
+STAYS: Final = 0.2
+"""Seconds that it is told for."""
+
 LEFT = Quantity("force.bias.left", "what a bias leaves", "N or N·m", Comparison.AT_MOST, guard=0.01)
 TRUSTED = Quantity(
     "force.power.trusted", "valid data without a doubt of the bias", "", Comparison.AT_MOST
@@ -174,8 +177,10 @@ def _saturate(bed: Bed) -> None:
         bed.load(Wrench(vector((0.0, 0.0, OVERLOAD)), vector((0.0, 0.0, 0.0))))
         while not told and time.monotonic() < begin + WAITED:
             time.sleep(LOOK)
-            told = _tells(bed)
-            after = time.monotonic() - begin
+            first, after = _tells(bed), time.monotonic() - begin
+            if first:  # a sample that is late is no saturation
+                bed.rest(STAYS)
+                told = first if _tells(bed) else ""
         bed.load(Wrench(vector((0.0, 0.0, 0.0)), vector((0.0, 0.0, 0.0))))
         quiet = bed.wait_until(lambda _: not _tells(bed), BACK)
     bed.keep(before=before, told=told, after=after, quiet=quiet)

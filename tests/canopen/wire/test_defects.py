@@ -76,7 +76,9 @@ def test_an_effort_has_the_wrong_sign(arm: LocalDevice) -> None:
         found = go(arm, joint, float(arm.setpoint_js().position[joint]) + 0.5)
         effort = np.array([state.effort[joint] for state, _ in found])
         velocity = np.array([state.velocity[joint] for state, _ in found])
-        assert math.copysign(1.0, effort @ velocity) == sign  # friction takes work
+        fast = np.abs(velocity) > 0.5 * np.abs(velocity).max()
+        power = np.median(effort[fast] * velocity[fast])
+        assert math.copysign(1.0, power) == sign  # friction takes work
 
 
 def test_what_is_measured_stays_behind_the_motor(arm: LocalDevice) -> None:
