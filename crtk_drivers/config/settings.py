@@ -13,6 +13,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
+from crtk_drivers.errors import ConfigError
 from crtk_drivers.geometry.quaternions import QUATERNION_TOLERANCE, quaternion_from_rpy
 from crtk_drivers.options import EngineOptions
 from crtk_drivers.samples import Pose, vector
@@ -143,6 +144,14 @@ class BoxConfig(Settings):
     lower: tuple[float, float, float] = Field(description="Corner with the least x, y, z, in m.")
     upper: tuple[float, float, float] = Field(description="The opposite corner, in m.")
 
+    def within(self, other: BoxConfig) -> BoxConfig:
+        """Return what both have; a ValueError where that is nothing."""
+        (a, b, c), (d, e, f) = self.lower, other.lower
+        (u, v, w), (x, y, z) = self.upper, other.upper
+        return BoxConfig(
+            lower=(max(a, d), max(b, e), max(c, f)), upper=(min(u, x), min(v, y), min(w, z))
+        )
+
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if not all(low < high for low, high in zip(self.lower, self.upper, strict=True)):
@@ -164,6 +173,31 @@ class SpaceConfig(Settings):
     speed: float = Field(
         default=1.0, gt=0.0, le=1.0, description="Share of every velocity limit that may be used."
     )
+
+    def within(self, other: SpaceConfig | None) -> SpaceConfig:
+        """Return what both allow; this one where there is no other.
+
+        Raises:
+            ConfigError: they have nothing in common, or ranges for another number of joints.
+        """
+        if other is None:
+            return self
+        joints, boxes = self.joints or other.joints, self.tool_box or other.tool_box
+        try:
+            if self.joints and other.joints:
+                joints = tuple(
+                    Interval(lower=max(a.lower, b.lower), upper=min(a.upper, b.upper))
+                    for a, b in zip(self.joints, other.joints, strict=True)
+                )
+            if self.tool_box is not None and other.tool_box is not None:
+                boxes = self.tool_box.within(other.tool_box)
+        except ValueError as error:  # of pydantic too
+            raise ConfigError(
+                "the space of the lab file and that of the device's own settings have nothing in common",
+                where="space",
+                remedy="Give the same number of ranges, and let each overlap.",
+            ) from error
+        return SpaceConfig(joints=joints, tool_box=boxes, speed=min(self.speed, other.speed))
 
 
 class DhRowConfig(Settings):

@@ -3,32 +3,57 @@
 from __future__ import annotations
 
 import json
+import math
 import multiprocessing
 import os
 import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from html import escape
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 
+from crtk_drivers import plugins
+from crtk_drivers.config import BoxConfig
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import load_lab
-from crtk_drivers.labs.bench import report
-from crtk_drivers.labs.bench.allowed import BenchOptions
+from crtk_drivers.labs.bench import host, report
+from crtk_drivers.labs.bench.allowed import BenchOptions, lacking, unguarded
+from crtk_drivers.labs.bench.calls import About, Glance, HostOrder
 from crtk_drivers.labs.bench.catalogue import TESTS, chosen
 from crtk_drivers.labs.bench.declared import Safety, Suite
 from crtk_drivers.labs.bench.results import Run, read_run, write_run
 from crtk_drivers.labs.bench.run import judged_again, run_bench
+from crtk_drivers.labs.bench.watch import judged
 from crtk_drivers.labs.verdicts.judging import Verdict
+from crtk_drivers.samples import JointState, Pose, Stamp, vector
+from crtk_drivers.session import Session
+from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.stop_request import StopRequest
+from crtk_drivers.testing.loopback import LoopbackDevice
 from rigs.processes import children_of
+
+ABOUT = About(
+    name="arm",
+    capabilities=LoopbackDevice().capabilities,
+    commands=("servo_jp", "move_jp", "hold", "measured_js", "setpoint_js"),
+    silence=0.1,
+    sample_timeout=0.5,
+    stale_after=0.05,
+    max_step=0.05,
+    has_kinematics=True,
+    readings={"serial": "7"},
+    is_homed=True,
+)
 
 GANTRY = '[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 200 }\n'
 
@@ -188,6 +213,101 @@ def test_when_the_conductor_dies_the_results_so_far_are_kept(bench: Bench) -> No
     assert verdicts == {"T3": Verdict.PASS, "M2": Verdict.SKIPPED}
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+def test_of_a_driver_that_hangs_in_motion_the_power_is_taken(bench: Bench, tmp_path: Path) -> None:
+    """It can be neither held nor disabled: nobody knows whether it stands."""
+    off = tmp_path / "off"
+    lab = f'{GANTRY}power_off = ["touch", "{off}"]\n'
+
+    def progress(device: str, test: str, verdict: Verdict | None, reason: str) -> None:
+        if test == "M5" and verdict is None:
+            (driver,) = (pid for pid in children_of(os.getpid()) if hosts(pid))
+            threading.Timer(1.0, os.kill, (driver, signal.SIGSTOP)).start()
+
+    run = bench(lab, "M2", "M5", progress=progress)
+    assert off.exists()
+    verdicts = {test.id: test.verdict for _, test in run.tests}
+    assert Verdict.PASS not in (verdicts["M5"], verdicts["M2"])
+
+
+@pytest.mark.timeout(90)
+def test_a_device_that_nobody_saw_for_a_while_is_not_used_any_more(bench: Bench) -> None:
+    def progress(device: str, test: str, verdict: Verdict | None, reason: str) -> None:
+        if test == "M5" and verdict is None:
+            (driver,) = (pid for pid in children_of(os.getpid()) if hosts(pid))
+            threading.Timer(1.0, os.kill, (driver, signal.SIGSTOP)).start()
+            threading.Timer(2.5, os.kill, (driver, signal.SIGCONT)).start()
+
+    run = bench(GANTRY, "M2", "M5", progress=progress)
+    (m5, m2) = (next(t for _, t in run.tests if t.id == each) for each in ("M5", "M2"))
+    assert m5.verdict is Verdict.INCONCLUSIVE, m5
+    assert m2.verdict is Verdict.SKIPPED, m2
+    assert "no more after sines" in m2.reason
+
+
+def hosts(pid: int) -> bool:
+    """Whether a process is that of a driver under test."""
+    try:
+        return b"labs.bench.host" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return False
+
+
+def test_a_driver_to_which_no_bench_comes_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(host, "FIRST_CONNECTION", 0.2)
+    plugin = plugins.device("loopback")
+    config = plugin.config()
+    order = HostOrder("loopback", config, str(tmp_path / "door"), b"key")
+    host.Host(Session(plugin, config), order).serve(StopRequest())
+
+
+def test_what_real_devices_must_pass_comes_before_they_go_far(tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text('[devices.arm]\nplugin = "ur"\nsettings = { host = "192.168.1.9" }\n')
+    far, near = (next(test for test in TESTS if test.id == each) for each in ("S9", "M2"))
+    arm = load_lab(path).devices["arm"]
+    assert "needs S8, S1 in the same run" in unguarded(far, arm, {"S9", "M1"})
+    assert unguarded(far, arm, {"S9", "M1", "S8", "S1"}) == ""
+    assert unguarded(near, arm, {"M2"}) == ""
+    assert unguarded(far, load_lab(path, sim=True).devices["arm"], {"S9"}) == ""
+
+
+def seen(**values: Any) -> Glance:
+    sound = {
+        "measured_js": JointState(vector((0.1, 0.0, 0.0, 0.0)), vector((0.0,) * 4)),
+        "measured_cp": Pose(vector((0.1, 0.0, 0.0)), vector((0.0, 0.0, 0.0, 1.0))),
+    }
+    told = {name: (value, Stamp(1, 0.0)) for name, value in (sound | values).items() if value}
+    return Glance(Status(OperatingState.ENABLED), True, 0.0, told, 0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "wrong"),
+    [
+        ({}, ""),
+        ({"measured_js": None}, "it tells no joints"),
+        (
+            {"measured_js": JointState(vector((0.0,) * 4), vector((math.nan, 0.0, 0.0, 0.0)))},
+            "moves at nan",
+        ),
+        ({"measured_cp": None}, "does not tell where its tool is"),
+        (
+            {"measured_cp": Pose(vector((math.nan, 0.0, 0.0)), vector((0.0, 0.0, 0.0, 1.0)))},
+            "outside of its space",
+        ),
+    ],
+)
+def test_the_watch_stops_what_it_cannot_see(values: dict[str, Any], wrong: str) -> None:
+    about = replace(ABOUT, commands=("measured_js", "measured_cp"))
+    box = BoxConfig(lower=(-1.0, -1.0, -1.0), upper=(1.0, 1.0, 1.0))
+    found = judged(seen(**values), about, box)
+    assert wrong in found
+    assert bool(found) is bool(wrong)
+
+
 def wait_until(test: Callable[[], object], seconds: float = 40.0) -> None:
     end = time.monotonic() + seconds
     while not test():
@@ -235,10 +355,6 @@ def test_a_drive_that_ignores_its_watchdog_fails(
 
 
 def test_a_real_device_is_only_read_unless_it_is_allowed(tmp_path: Path) -> None:
-    from crtk_drivers.labs.bench.allowed import lacking
-    from crtk_drivers.labs.bench.calls import About
-    from crtk_drivers.testing.loopback import LoopbackDevice
-
     def why(test_id: str, *, may_move: bool, more: str = "", travels: str = "") -> str:
         path = tmp_path / "lab.toml"
         path.write_text(
@@ -246,21 +362,9 @@ def test_a_real_device_is_only_read_unless_it_is_allowed(tmp_path: Path) -> None
         )
         lab = load_lab(path)
         device = lab.devices["arm"]
-        about = About(
-            name="arm",
-            capabilities=LoopbackDevice().capabilities,
-            commands=("servo_jp", "move_jp", "hold", "measured_js", "setpoint_js"),
-            silence=0.1,
-            sample_timeout=0.5,
-            stale_after=0.05,
-            max_step=0.05,
-            has_kinematics=True,
-            readings={"serial": "7"},
-            is_homed=True,
-        )
         options = BenchOptions(Suite.QUICK, (), may_move, tmp_path, (travels,))
         test = next(test for test in TESTS if test.id == test_id)
-        return lacking(test, about, device, options)
+        return lacking(test, ABOUT, device, options)
 
     space = "space = { speed = 0.2 }\n"
     assert why("T3", may_move=False) == ""

@@ -24,7 +24,7 @@ from crtk_sim_backends.netft import SIM
 
 ROOT = Path(__file__).parents[2]
 
-GANTRY = 'name = "room"\n[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 200 }\n'
+GANTRY = 'name = "room"\n[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 500 }\n'
 
 Session = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -280,6 +280,10 @@ def test_reads(lab):
 def test_commands(lab):
     lab.ft.enable()
     raise NotImplementedError
+
+def test_asks_for_a_service(lab):
+    lab.ft.service("set_bias")
+    raise NotImplementedError
 """
 
 
@@ -305,9 +309,58 @@ def test_hardware_is_only_read_unless_it_may_move(session: Session, tmp_path: Pa
             Verdict.SKIPPED,
             "ft: enable: needs --may-move: it enables the device",
         ),
+        "test_asks_for_a_service": (
+            Verdict.SKIPPED,
+            "ft: set_bias: needs --may-move: it enables the device",
+        ),
     }
     assert not kept(tmp_path).devices[0].simulated
     assert not (tmp_path / "off").exists()
+
+
+HOMES = """
+def test_homes(lab):
+    lab.ft.command_state("home")
+    raise NotImplementedError
+"""
+
+
+def test_hardware_is_not_homed(session: Session, tmp_path: Path) -> None:
+    with hardware(tmp_path):
+        session(HOMES, "--may-move")
+    ((_, reason),) = verdicts(kept(tmp_path)).values()
+    assert reason == "ft: home: moves as it likes, which is not done to hardware"
+
+
+LEAVES = """
+import pytest
+from crtk_drivers.labs.bench.bed import Broken
+
+@pytest.fixture
+def arm(lab):
+    lab.gantry.enable()
+    yield lab.gantry
+    raise Broken("it did not get home")
+
+def test_one(arm):
+    pass
+
+def test_two(lab):
+    lab.gantry.enable()
+"""
+
+
+def test_a_device_that_broke_when_a_test_was_left_is_not_used_any_more(
+    session: Session, tmp_path: Path
+) -> None:
+    session(LEAVES)
+    found = verdicts(kept(tmp_path))
+    assert found["test_one"] == (
+        Verdict.INCONCLUSIVE,
+        "what it leaves: Broken: it did not get home",
+    )
+    assert found["test_two"][0] is Verdict.SKIPPED
+    assert "no more after" in found["test_two"][1]
 
 
 LOST = """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -11,7 +12,7 @@ from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Suite
 from crtk_drivers.labs.lab_file import LabDevice
 
-__all__ = ["FAULTS", "BenchOptions", "Carrier", "lacking", "not_allowed"]
+__all__ = ["FAULTS", "BenchOptions", "Carrier", "lacking", "not_allowed", "unguarded"]
 
 FASTEST_TRAVEL: Final = 0.5
 """Share of its speed at which a real device may go through its space."""
@@ -19,6 +20,9 @@ FASTEST_TRAVEL: Final = 0.5
 FAULTS: Final = "CRTK_BENCH_FAULTS"
 """Environment variable: 1 where whoever starts the bench wants what the lab file allows by `faults`."""
 
+
+GUARDS: Final = ("M1", "S8", "S1")
+"""Tests that a real device passes before it goes through its space, or a fault is caused."""
 
 BESIDE_A_FAULT: Final = {Safety.FAULT: Safety.ENABLE, Safety.FAULT_IN_MOTION: Safety.SMALL}
 """What an acquisition does beside the fault that it is about."""
@@ -90,6 +94,21 @@ def lacking(
     if acquisition.carrier_needs:
         return _not_faulted(acquisition, device) or _not_carried(acquisition, carrier, options)
     return not_allowed(acquisition.safety, about, device, options)
+
+
+def unguarded(test: BenchTest, moved: LabDevice, ids: Collection[str]) -> str:
+    """Return which tests a real device lacks that come before it goes far; empty if it has them.
+
+    Args:
+        test: that is to be carried out.
+        moved: the device that it moves.
+        ids: of all tests of the run.
+    """
+    missing = [guard for guard in GUARDS if guard not in ids]
+    is_real = not (moved.sim or moved.plugin.is_model)
+    if test.acquisition.safety < Safety.LARGE or not is_real or not missing:
+        return ""
+    return f"needs {', '.join(missing)} in the same run: what must pass before it goes that far"
 
 
 def _not_faulted(acquisition: Acquisition, device: LabDevice) -> str:

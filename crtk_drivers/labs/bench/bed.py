@@ -236,6 +236,8 @@ class Bed:
 
     def command_state(self, text: str) -> Status:
         """Send a state command, and return the status that it led to."""
+        if text != "disable":  # what was stopped is not powered again
+            self.check()
         timeout = self.about.capabilities.transition_timeout
         with self._watch.during(text):
             status: Status = self._door.call("state_command", text, timeout, within=timeout)

@@ -34,7 +34,7 @@ from crtk_drivers.labs.bench.calls import About, ClientOrder, Glance, HostOrder
 from crtk_drivers.labs.bench.catalogue import ACQUISITIONS
 from crtk_drivers.labs.bench.client import start_client
 from crtk_drivers.labs.bench.declared import Acquisition, Safety
-from crtk_drivers.labs.bench.door import Door
+from crtk_drivers.labs.bench.door import Door, DoorClosed
 from crtk_drivers.labs.bench.recorder import carrier_recording
 from crtk_drivers.labs.bench.relay import RelayProcess
 from crtk_drivers.labs.bench.watch import HOLD_TIME, Watch
@@ -129,7 +129,8 @@ class Acquired:
         trouble: why it was not carried out to the end.
         kept: what the acquisition wrote down beside it.
         tripped: the watch stopped the device.
-        broken: a procedure failed: the device is not used any more.
+        broken: a procedure failed, or nobody looked: the device is not used any more.
+        lost: devices that did not answer when they were to be held.
     """
 
     device: str
@@ -141,6 +142,14 @@ class Acquired:
     kept: Mapping[str, Any] = field(default_factory=dict)
     tripped: bool = False
     broken: bool = False
+    lost: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A device did not answer when it was to be held and left. Nothing is answered."""
+
+    device: str
 
 
 def conduct(order: RunOrder, parent: Connection) -> None:
@@ -186,6 +195,9 @@ class _Conductor:
                     return
                 with _Hosted(device, Path(doors), self._order.folder) as host, ExitStack() as stack:
                     self._test(device, host, partial(self._carrier, host, Path(doors), stack))
+                for each in (host, host.carrier):
+                    if each is not None and each.is_lost:
+                        self._parent.send(Lost(each.order.name))
 
     def _test(self, device: DeviceOrder, host: _Hosted, find: Callable[[], _Hosted]) -> None:
         """Test a device; `find` brings up the one that carries it, once that is needed."""
@@ -246,6 +258,7 @@ class _Conductor:
                 acquisition.run(bed)
         except Tripped as error:
             trouble = str(error)
+            broken = moves and not self._stop.is_set()
         except (Broken, CrtkError) as error:
             trouble = str(error)
             broken = moves
@@ -263,6 +276,7 @@ class _Conductor:
                 kept,
                 moves and any(watch.tripped for watch in watches) and not self._stop.is_set(),
                 broken,
+                tuple(each.order.name for each in (host, host.carrier) if each and each.is_lost),
             )
         )
         return goes_on
@@ -308,6 +322,8 @@ class _Hosted:
     def __init__(self, order: DeviceOrder, doors: Path, folder: Path) -> None:
         self.is_touched = False
         """More was done to it than to read: it is left disabled."""
+        self.is_lost = False
+        """It did not answer when it was to be held: nobody knows whether it stands."""
         self.carrier: _Hosted | None = None
         """The device that carries it, once that was needed."""
         self._order = order
@@ -353,6 +369,7 @@ class _Hosted:
                 logger.error("%s: its driver did not end, and was killed", self._order.name)
                 self._process.kill()
                 self._process.wait()
+                self.is_lost |= self.is_touched
 
     @property
     def order(self) -> DeviceOrder:
@@ -405,16 +422,22 @@ class _Hosted:
             try:
                 self.door.call(*call, within=10.0)
                 time.sleep(pause)
+            except DoorClosed as error:
+                self.is_lost = True
+                logger.error("%s: cannot be held: %s", self._order.name, error)
+                return
             except CrtkError as error:
                 logger.info("%s: %s: %s", self._order.name, call[-1], error)
 
     def _start(self) -> None:
         order = self._order
         plugin = plugins.device(order.plugin)
-        given = [from_values(dict(order.values))]
+        own = from_values(dict(order.values))
+        config: DeviceConfig = load(plugin.config, own)
         if order.space is not None:
-            given.append(from_values({"space": order.space.model_dump(exclude_none=True)}))
-        config: DeviceConfig = load(plugin.config, *given)
+            space = order.space.within(config.space)
+            confined = from_values({"space": space.model_dump(exclude_none=True)})
+            config = load(plugin.config, own, confined)
         if order.sim and plugin.sim is not None:
             self._sim = start_sim_of(plugin, config, order.sim_options)
             config = plugin.sim_config(config, self._sim)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
 import pickle
 import sys
 import threading
@@ -38,6 +39,9 @@ MARGIN: Final = 2.0
 """Seconds in which a device must measure, beside twice what its configuration gives it to connect."""
 
 POLL_PERIOD: Final = 0.05
+
+FIRST_CONNECTION: Final = 40.0
+"""Seconds in which the bench comes, before which nobody supervises."""
 
 LEAVING: Final = 0.5
 """Seconds between the hold and the end when the bench was lost."""
@@ -93,6 +97,7 @@ class Host:
         self._engine.add_observer(_Refusals(self._recorder))
         self._engine.on_sample = self._recorder.sample
         self._ended = threading.Event()
+        self._is_supervised = False
         self._calls: dict[str, Callable[..., Any]] = {
             "about": self._about,
             "glance": self._glance,
@@ -117,8 +122,12 @@ class Host:
         with Listener(str(door), "AF_UNIX", authkey=self._order.key) as listener, self._session:
             accepting = threading.Thread(target=self._accept, args=(listener,), daemon=True)
             accepting.start()
+            parent, deadline = os.getppid(), time.monotonic() + FIRST_CONNECTION
             while not stop.is_set() and not self._ended.wait(POLL_PERIOD):
-                pass
+                is_alone = os.getppid() != parent or time.monotonic() > deadline
+                if is_alone and not self._is_supervised:
+                    logger.error("%s: the bench did not come: left", self._engine.where)
+                    break
             self._recorder.end()
         door.unlink(missing_ok=True)
 
@@ -137,6 +146,7 @@ class Host:
                 logger.exception("%s: a connection to the door failed", self._engine.where)
                 time.sleep(POLL_PERIOD)
                 continue
+            self._is_supervised = True
             thread = threading.Thread(target=self._serve_one, args=(connection, first), daemon=True)
             thread.start()
             first = False

@@ -19,7 +19,7 @@ from typing import Final
 
 from crtk_drivers.errors import ConfigError, RecordingError
 from crtk_drivers.labs.bench import results
-from crtk_drivers.labs.bench.allowed import BenchOptions, Carrier, lacking
+from crtk_drivers.labs.bench.allowed import BenchOptions, Carrier, lacking, unguarded
 from crtk_drivers.labs.bench.bounds import check_bounds
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.catalogue import ACQUISITIONS, QUANTITIES, TESTS, chosen
@@ -27,6 +27,7 @@ from crtk_drivers.labs.bench.conductor import (
     Acquired,
     Began,
     DeviceOrder,
+    Lost,
     Reached,
     RunOrder,
     ask_to_stop,
@@ -181,7 +182,11 @@ class _Bench:
                     for test in self._judging(message.device, message.acquisition):
                         self._progress(message.device, test.id, None, test.name)
                 case Acquired():
+                    for device in message.lost:
+                        self._power_off_of(self._tested[device])
                     pipe.send(self._acquired(message))
+                case Lost():
+                    self._power_off_of(self._tested[message.device])
             self._keep()
 
     # ------------------------------------------------------------------------------- what it answers
@@ -199,6 +204,7 @@ class _Bench:
             update={"address": about.name, "firmware": dict(about.readings)}
         )
         wanted: list[str] = []
+        ids = {test.id for test in tested.tests}
         for test in tested.tests:
             carrier = self._tested.get(tested.lab.entry.on)
             why = lacking(
@@ -208,7 +214,7 @@ class _Bench:
                 self._options,
                 carrier=carrier.as_carrier() if carrier else None,
                 faults=self._lab.settings.faults,
-            )
+            ) or unguarded(test, self._moved_by(tested, test.acquisition.name).lab, ids)
             if why:
                 self._record(tested, _untested(test, Verdict.SKIPPED, why))
             elif test.acquisition.name not in wanted:
@@ -244,16 +250,19 @@ class _Bench:
             )
             if test.guards and not is_sound:
                 guarded = f"no more after {test.id}: {stored.verdict}: {stored.reason}"
-        moved = tested
-        if ACQUISITIONS[message.acquisition].carrier_needs:
-            moved = self._tested[tested.lab.entry.on]
+        moved = self._moved_by(tested, message.acquisition)
         if message.tripped or message.broken:
             moved.stopped = f"no more after {message.acquisition}: {message.trouble}"
             guarded = guarded or moved.stopped
-        if message.tripped:
+        if message.tripped and moved.lab.name not in message.lost:
             self._power_off_of(moved)
         tested.stopped = guarded
         return not guarded
+
+    def _moved_by(self, tested: _Tested, acquisition: str) -> _Tested:
+        """Return the device that an acquisition moves: the one that is tested, or what carries that."""
+        is_carried = ACQUISITIONS[acquisition].carrier_needs
+        return self._tested.get(tested.lab.entry.on, tested) if is_carried else tested
 
     def _judging(self, device: str, acquisition: str) -> tuple[BenchTest, ...]:
         tested = self._tested[device]

@@ -57,18 +57,25 @@ def judged(glance: Glance, about: About, box: BoxConfig | None) -> str:
     if glance.age > OLDEST:
         return f"its newest sample is {glance.age:.2f} s old"
     found, _ = glance.values.get("measured_js", (None, None))
-    if isinstance(found, JointState) and found.position.size:
+    if about.capabilities.joints:
+        if not (isinstance(found, JointState) and found.position.size):
+            return "it tells no joints"
         wrong = _judged_joints(found, about)
         if wrong:
             return wrong
+    return "" if box is None or "measured_cp" not in about.commands else _judged_tool(glance, box)
+
+
+def _judged_tool(glance: Glance, box: BoxConfig) -> str:
     pose, _ = glance.values.get("measured_cp", (None, None))
-    if box is not None and isinstance(pose, Pose):
-        lower, upper = np.array(box.lower), np.array(box.upper)
-        room = BEYOND * (upper - lower)
-        if (pose.position < lower - room).any() or (pose.position > upper + room).any():
-            at = ", ".join(f"{value:.3f}" for value in pose.position)
-            return f"its tool is at {at} m, outside of its space"
-    return ""
+    if not isinstance(pose, Pose):
+        return "it does not tell where its tool is"
+    lower, upper = np.array(box.lower), np.array(box.upper)
+    room = BEYOND * (upper - lower)
+    if ((lower - room <= pose.position) & (pose.position <= upper + room)).all():
+        return ""
+    at = ", ".join(f"{value:.3f}" for value in pose.position)
+    return f"its tool is at {at} m, outside of its space"
 
 
 def _judged_joints(found: JointState, about: About) -> str:
@@ -80,7 +87,7 @@ def _judged_joints(found: JointState, about: About) -> str:
         at = found.position[index]
         if not limit.lower - room <= at <= limit.upper + room:
             return f"{name} is at {at:.3f}, outside of {limit.lower:g} to {limit.upper:g}"
-        if found.velocity.size and abs(found.velocity[index]) > OVERSPEED * limit.velocity:
+        if found.velocity.size and not abs(found.velocity[index]) <= OVERSPEED * limit.velocity:
             return f"{name} moves at {found.velocity[index]:.2f}, its limit is {limit.velocity:g}"
     return ""
 

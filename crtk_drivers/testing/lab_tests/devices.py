@@ -28,6 +28,9 @@ __all__ = ["LabUnderTest", "Station", "TestedDevice"]
 NEVER_REFUSED: Final = ("hold", "disable")
 """A stop needs no leave."""
 
+HOMES: Final = ("home", "unhome")
+"""What leads to motion that no space bounds."""
+
 RECORDED_WITHIN: Final = 10.0
 """Seconds in which a recording is completed."""
 
@@ -126,6 +129,12 @@ class TestedDevice(Bed):
         super().submit(name, value, stamp_ns)
 
     @override
+    def service(self, name: str) -> str:
+        """Ask for a service of the device's own: one may power it, or start a program that moves it."""
+        self._ask_leave(name, Safety.SMALL)
+        return super().service(name)
+
+    @override
     def command_state(self, text: str) -> Status:
         """Send a state command, and return the status that it led to."""
         self._ask_leave(text, Safety.ENABLE)
@@ -165,7 +174,11 @@ class TestedDevice(Bed):
     def _ask_leave(self, command: str, safety: Safety) -> None:
         if command in NEVER_REFUSED:
             return
+        device = self.station.device
+        is_real = not (device.sim or device.plugin.is_model)
         forbidden = self.station.forbidden(safety)
+        if is_real and command in HOMES:
+            forbidden = "moves as it likes, which is not done to hardware"
         if forbidden:
             pytest.skip(f"{self.name}: {command}: {forbidden}")
         self.is_touched = True

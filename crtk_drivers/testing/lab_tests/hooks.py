@@ -129,11 +129,14 @@ class LabHooks:
     ) -> Generator[None, Any]:
         """Let what was measured decide, where nothing else has."""
         outcome = yield
-        if not _is_of_lab(item) or call.when == "teardown":
+        if not _is_of_lab(item):
             return
         found = outcome.get_result()
         test = item.stash[UNDER_WAY]
         error = None if call.excinfo is None else call.excinfo.value
+        if call.when == "teardown":
+            test.left = error
+            return
         if error is None and call.when == "setup":
             return
         findings = test.judged(error)

@@ -42,6 +42,7 @@ class TestUnderWay:
     Attributes:
         devices: that it used, by name, in the order in which it did.
         skipped: why it was not carried out, or not to its end.
+        left: what its fixtures ended in.
     """
 
     __test__ = False
@@ -53,15 +54,16 @@ class TestUnderWay:
         self.devices: dict[str, TestedDevice] = {}
         self.skipped = ""
         self.began = time.monotonic()
+        self.left: BaseException | None = None
         self._error: BaseException | None = None
         self._is_judged = False
 
     @property
     def broke(self) -> bool:
         """Whether it ended in the midst of what it did to devices."""
-        return self._error is not None and not isinstance(
-            self._error, AssertionError | pytest.fail.Exception | pytest.skip.Exception
-        )
+        of_the_test = AssertionError, pytest.fail.Exception, pytest.skip.Exception
+        errors = (self._error, self.left)
+        return any(error is not None and not isinstance(error, of_the_test) for error in errors)
 
     def judged(self, error: BaseException | None) -> Findings:
         """Judge what was found, and what ended the test, if something did."""
@@ -78,6 +80,8 @@ class TestUnderWay:
         violations, doubts = [], [trouble for trouble in troubles if trouble]
         if not self._is_judged:
             doubts.append("it was stopped")
+        if self.left is not None:
+            doubts.append(f"what it leaves: {type(self.left).__name__}: {_first_line(self.left)}")
         if isinstance(error, AssertionError | pytest.fail.Exception):
             violations.append(_first_line(error) or "an assertion does not hold")
         elif isinstance(error, CrtkError):
