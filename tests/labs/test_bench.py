@@ -231,21 +231,6 @@ def test_of_a_driver_that_hangs_in_motion_the_power_is_taken(bench: Bench, tmp_p
     assert Verdict.PASS not in (verdicts["M5"], verdicts["M2"])
 
 
-@pytest.mark.timeout(90)
-def test_a_device_that_nobody_saw_for_a_while_is_not_used_any_more(bench: Bench) -> None:
-    def progress(device: str, test: str, verdict: Verdict | None, reason: str) -> None:
-        if test == "M5" and verdict is None:
-            (driver,) = (pid for pid in children_of(os.getpid()) if hosts(pid))
-            threading.Timer(1.0, os.kill, (driver, signal.SIGSTOP)).start()
-            threading.Timer(2.5, os.kill, (driver, signal.SIGCONT)).start()
-
-    run = bench(GANTRY, "M2", "M5", progress=progress)
-    (m5, m2) = (next(t for _, t in run.tests if t.id == each) for each in ("M5", "M2"))
-    assert m5.verdict is Verdict.INCONCLUSIVE, m5
-    assert m2.verdict is Verdict.SKIPPED, m2
-    assert "no more after sines" in m2.reason
-
-
 def hosts(pid: int) -> bool:
     """Whether a process is that of a driver under test."""
     try:

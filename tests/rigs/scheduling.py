@@ -22,8 +22,8 @@ from typing_extensions import override
 from xdist.scheduler.loadscope import LoadScopeScheduling
 from xdist.workermanage import WorkerController
 
-WAITING_A_CORE = 2.5
-"""Workers that wait, for the most part: one takes a quarter of a core, with its simulators."""
+WAITING_A_CORE = 2.0
+"""Workers that wait, for the most part: one takes a third of a core, with its simulators."""
 
 COMPUTING_A_CORE = 1.0
 """Workers that compute, with what the others leave."""
