@@ -186,6 +186,7 @@ class _Conductor:
         self._parent = parent
         self._stop = stop
         self._devices = {device.name: device for device in order.devices}
+        self._lost: set[str] = set()
 
     def run(self) -> None:
         """Test one device after the other: a simulator that is not looked at keeps none from its time."""
@@ -195,9 +196,8 @@ class _Conductor:
                     return
                 with _Hosted(device, Path(doors), self._order.folder) as host, ExitStack() as stack:
                     self._test(device, host, partial(self._carrier, host, Path(doors), stack))
-                for each in (host, host.carrier):
-                    if each is not None and each.is_lost:
-                        self._parent.send(Lost(each.order.name))
+                for lost in self._lost_now(host):
+                    self._parent.send(Lost(lost))
 
     def _test(self, device: DeviceOrder, host: _Hosted, find: Callable[[], _Hosted]) -> None:
         """Test a device; `find` brings up the one that carries it, once that is needed."""
@@ -212,6 +212,14 @@ class _Conductor:
                 return
             if not self._acquire(host, ACQUISITIONS[name], find):
                 return
+
+    def _lost_now(self, host: _Hosted) -> tuple[str, ...]:
+        """Return which of a device and what carries it are lost, and have not been told as such."""
+        both = (host, host.carrier)
+        names = {each.order.name for each in both if each is not None and each.is_lost}
+        found = names - self._lost
+        self._lost |= found
+        return tuple(found)
 
     def _carrier(self, host: _Hosted, doors: Path, stack: ExitStack) -> _Hosted:
         """Bring up the device that carries another one, for as long as that is tested.
@@ -276,7 +284,7 @@ class _Conductor:
                 kept,
                 moves and any(watch.tripped for watch in watches) and not self._stop.is_set(),
                 broken,
-                tuple(each.order.name for each in (host, host.carrier) if each and each.is_lost),
+                self._lost_now(host),
             )
         )
         return goes_on

@@ -186,7 +186,7 @@ class LabSession:
             troubles.append(device.end())
             if (test.broke and device.is_touched) or device.tripped:
                 device.station.stopped = f"no more after {test.name}: {test.findings().reason}"
-            if device.tripped and device.is_touched:
+            if (device.tripped or device.station.host.is_lost) and device.is_touched:
                 take_power(device.station.device, self._lab.path.parent)
         if self.run is None:
             return
