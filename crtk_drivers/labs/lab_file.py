@@ -334,7 +334,7 @@ def _coupled(device: LabDevice, devices: Mapping[str, LabDevice]) -> LabDevice:
     carrier = devices.get(device.entry.on)
     if device.entry.tool is None or carrier is None or not device.sim:
         return device
-    if device.plugin.sim_load is None or not (carrier.sim or carrier.plugin.is_model):
+    if device.plugin.sim_load is None or not carrier.simulated:
         return device
     return replace(device, felt_on=carrier.namespace)
 

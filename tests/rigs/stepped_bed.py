@@ -93,7 +93,7 @@ def acquired(
     """Carry out an acquisition; return what its analyses are given."""
     declared = plugins.device(plugin)
     config: Any = load(declared.config, from_values(values))
-    steps = Steps(1.0 / declared.make(config).capabilities.rate)
+    steps = Steps(1.0 / config.rate)
     rows = Rows(steps)
     with _stepped(steps, rows):
         device = _made(declared, config, steps)

@@ -112,11 +112,8 @@ def flood(trial: Trial) -> None:
     alone = _delay(trial, here, goal)
     trial.stream("servo_jp", ramp(goal, here, 0.2))
     count = int(trial.expected.flood_time * FLOOD_RATE)
-    due = trial.probe.now()
-    for _ in range(count):
+    for _ in trial.paced(range(count), FLOOD_RATE):
         trial.probe.send("servo_jp", here)
-        due += 1.0 / FLOOD_RATE
-        trial.probe.sleep(max(0.0, due - trial.probe.now()))
     delay = _delay(trial, here, goal)
     told = f"alone after {1e3 * alone:.0f} ms, after {count} commands after {1e3 * delay:.0f} ms"
     good = delay <= alone + BACKLOG_TIME
@@ -167,11 +164,9 @@ def interpolated(trial: Trial) -> None:
         trial.note("MOV-20", not_offered("no interpolate_jp"))
         return
     here, target = trial.here(), trial.away(trial.expected.stroke)
-    began = due = trial.probe.now()
-    for index in range(GOALS):
+    began = trial.probe.now()
+    for index in trial.paced(range(GOALS), GOAL_RATE):
         trial.probe.send("interpolate_jp", _part(here, target, (index + 1) / GOALS))
-        due += 1.0 / GOAL_RATE
-        trial.probe.sleep(max(0.0, due - trial.probe.now()))
     ended = trial.probe.now()
     trial.at_rest()
     third = (ended - began) / 3.0
@@ -225,18 +220,18 @@ def two_clients(trial: Trial) -> None:
         return
     here = trial.here()
     velocity = tuple(np.subtract(trial.away(trial.expected.step), here) / TWO_CLIENTS_TIME)
-    began = due = trial.probe.now()
-    for index in range(int(2.0 * TWO_CLIENTS_TIME * STREAM_RATE)):
+    began = trial.probe.now()
+    count = int(2.0 * TWO_CLIENTS_TIME * STREAM_RATE)
+    for index in trial.paced(range(count), 2.0 * STREAM_RATE):
         if index % 2:
             trial.probe.send("servo_jv", velocity, second=True)
         else:
             trial.probe.send("servo_jp", here)
-        due += 0.5 / STREAM_RATE
-        trial.probe.sleep(max(0.0, due - trial.probe.now()))
+    ended = trial.probe.now()
     trial.hold()
     trial.at_rest()
     heard = trial.probe.trace(began).joints.get("setpoint_js", ())
-    kinds = [any(e.velocity) for e in heard if e.at <= due and (e.position or e.velocity)]
+    kinds = [any(e.velocity) for e in heard if e.at <= ended and (e.position or e.velocity)]
     if len(kinds) < 2 * TURNS:
         trial.note("MOV-25", undetermined(f"{len(kinds)} setpoints were heard"))
     else:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Final, Protocol
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Final, Protocol, TypeVar
 
 import numpy as np
 
@@ -36,6 +36,7 @@ LARGEST_SHARE: Final = 0.1
 """Of a range that is known: no trial goes further."""
 
 Numbers = Sequence[float]
+_Thing = TypeVar("_Thing")
 
 
 class Probe(Protocol):
@@ -236,13 +237,18 @@ class Trial:
 
     def stream(self, name: str, points: Iterable[Numbers], **fields: object) -> list[Sent]:
         """Send a stream, and return what was sent."""
-        sent = []
+        return [
+            self.probe.send(name, point, **fields)  # type: ignore[arg-type]
+            for point in self.paced(points, STREAM_RATE)
+        ]
+
+    def paced(self, things: Iterable[_Thing], rate: float) -> Iterator[_Thing]:
+        """Yield things, `rate` of them a second, each for its share of the time."""
         due = self.probe.now()
-        for point in points:
-            sent.append(self.probe.send(name, point, **fields))  # type: ignore[arg-type]
-            due += 1.0 / STREAM_RATE
+        for thing in things:
+            yield thing
+            due += 1.0 / rate
             self.probe.sleep(max(0.0, due - self.probe.now()))
-        return sent
 
     def go(self, target: Numbers) -> None:
         """Bring the joints to a position that is near, by a stream or else a move."""

@@ -105,8 +105,7 @@ def unguarded(test: BenchTest, moved: LabDevice, ids: Collection[str]) -> str:
         ids: of all tests of the run.
     """
     missing = [guard for guard in GUARDS if guard not in ids]
-    is_real = not (moved.sim or moved.plugin.is_model)
-    if test.acquisition.safety < Safety.LARGE or not is_real or not missing:
+    if test.acquisition.safety < Safety.LARGE or moved.simulated or not missing:
         return ""
     return f"needs {', '.join(missing)} in the same run: what must pass before it goes that far"
 
@@ -155,7 +154,7 @@ def not_allowed(safety: Safety, about: About, device: LabDevice, options: BenchO
     """Return why something may not be done to a device, in words; empty if it may."""
     if safety >= Safety.FAULT and not device.sim:
         return "is done to simulators only"
-    if safety is Safety.READ or device.sim or device.plugin.is_model:
+    if safety is Safety.READ or device.simulated:
         return ""
     if not options.may_move:
         return "needs --may-move: it enables the device"

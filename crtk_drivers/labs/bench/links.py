@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -12,17 +13,14 @@ from crtk_drivers.labs.bench.bed import Bed, Broken
 from crtk_drivers.labs.bench.calls import Glance
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.relay import Mode
+from crtk_drivers.labs.bench.silence import LOOK, ON_ITS_WAY, Silence, looked
 from crtk_drivers.labs.bench.stops import begin_motion
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import Estimate, exact, within
 from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Findings, Measurement, Quantity
-from crtk_drivers.samples import JointState, Stamp
-from crtk_drivers.state import OperatingState
+from crtk_drivers.samples import JointState
 
 __all__ = ["TESTS"]
-
-LOOK: Final = 0.01
-"""Seconds between two looks."""
 
 CUT: Final = 3.0
 """Seconds for which the link is lost."""
@@ -44,12 +42,6 @@ HEARD: Final = 0.5
 
 STANDS: Final = 2e-3
 """rad (m): nearer than that to where it ended, it stands."""
-
-ON_ITS_WAY: Final = 0.05
-"""Seconds in which what was on its way when the link was cut may still come."""
-
-BUSY: Final = 0.02
-"""Seconds by which the bench's own timer may be late."""
 
 WAYS: Final = (Mode.DEAF, Mode.SILENT, Mode.CLOSED)
 
@@ -74,13 +66,15 @@ AFTER = Quantity(
     Comparison.AT_MOST,
     guard=0.5,
 )
-RESTAMPED = Quantity(
-    "loss.link.restamped", "fresh stamps after the last sample", "", Comparison.AT_MOST
+TOLD: Final = Silence(
+    restamped=Quantity(
+        "loss.link.restamped", "fresh stamps after the last sample", "", Comparison.AT_MOST
+    ),
+    invalid=Quantity(
+        "loss.link.invalid", "until data are told as invalid", "s", Comparison.AT_MOST, guard=0.01
+    ),
+    fault=Quantity("loss.link.fault", "until FAULT", "s", Comparison.AT_MOST, guard=0.02),
 )
-INVALID = Quantity(
-    "loss.link.invalid", "until data are told as invalid", "s", Comparison.AT_MOST, guard=0.01
-)
-FAULT = Quantity("loss.link.fault", "until FAULT", "s", Comparison.AT_MOST, guard=0.02)
 RETURNS = Quantity(
     "loss.link.return", "until it measures again", "s", Comparison.AT_MOST, guard=0.5
 )
@@ -229,31 +223,11 @@ def _time_to_stand(looks: list[tuple[float, list[float]]], took: float) -> Estim
 def _lost_at_rest(bed: Bed) -> None:
     with bed.through_relay() as relay, bed.expecting("a lost link"):
         relay.mode = Mode.SILENT
-        looks = _stamps(bed, bed.about.sample_timeout + CUT / 4.0)
+        looks = looked(bed, bed.about.sample_timeout + CUT / 4.0)
         relay.mode = Mode.OPEN
         begin = time.monotonic()
         back = bed.wait_until(_measures, BACK)
         bed.keep(looks=looks, back=time.monotonic() - begin if back else None, state=str(bed.state))
-
-
-def _stamps(bed: Bed, seconds: float) -> list[tuple[float, int, str]]:
-    """Return when the bench looked, the stamp (ns) of what was measured, and the state."""
-    looks = []
-    begin = time.monotonic()
-    while (now := time.monotonic() - begin) < seconds:
-        glance = bed.glance()
-        looks.append((now, _stamp_of(glance).wall_ns, str(glance.status.state)))
-        time.sleep(LOOK)
-    return looks
-
-
-def _stamp_of(glance: Glance) -> Stamp:
-    for name in ("measured_js", "measured_cf", "measured_cp"):
-        if name in glance.values:
-            value, stamp = glance.values[name]
-            if not isinstance(value, JointState) or value.position.size:
-                return stamp
-    raise LookupError("it measures nothing")
 
 
 AT_REST: Final = Acquisition(
@@ -267,32 +241,13 @@ AT_REST: Final = Acquisition(
 
 
 def _stale(trace: Trace, subject: Subject) -> Findings:
-    kept = subject.kept
-    looks = kept["looks"]
-    period = float(np.diff([at for at, *_ in looks]).max())
-    last = max((stamp for at, stamp, _ in looks if at < ON_ITS_WAY), default=0)
-    fresh = sum(stamp > last for at, stamp, _ in looks if at >= ON_ITS_WAY)
-    invalid = next((at for at, stamp, _ in looks if stamp == 0), None)
-    fault = next((at for at, *_, state in looks if state == OperatingState.FAULT), None)
-    found = [
-        subject.measured(
-            RESTAMPED, exact(fresh, len(looks)), Bound(0.0, "stale data is never stamped fresh")
-        )
-    ]
-    for quantity, at, allowed, source in (
-        (INVALID, invalid, subject.stale_after, "five periods, or 20 ms"),
-        (FAULT, fault, subject.sample_timeout + 0.1, "sample_timeout and 0.1 s"),
-    ):
-        bound = Bound(allowed + ON_ITS_WAY, f"{source}; 50 ms for what was on its way")
-        estimate = None if at is None else within(at, period)
-        found.append(subject.measured(quantity, estimate, bound, why="" if at else "it never was"))
-    violations = [f"{one.quantity.title}: never" for one in found if one.estimate is None]
+    told, kept = TOLD.judged(subject), subject.kept
     if kept["back"] is None:
-        violations.append(f"it did not measure again within {BACK:g} s: {kept['state']}")
-    else:
-        longest = Bound(10.0, "the longest pause between two tries, and one try")
-        found.append(subject.measured(RETURNS, exact(kept["back"]), longest))
-    return Findings(tuple(found), tuple(violations), subject.too_busy(BUSY))
+        never = f"it did not measure again within {BACK:g} s: {kept['state']}"
+        return replace(told, violations=(*told.violations, never))
+    longest = Bound(10.0, "the longest pause between two tries, and one try")
+    back = subject.measured(RETURNS, exact(kept["back"]), longest)
+    return replace(told, measurements=(*told.measurements, back))
 
 
 TESTS: Final = (
@@ -302,7 +257,7 @@ TESTS: Final = (
         "loss",
         AT_REST,
         _stale,
-        (RESTAMPED, INVALID, FAULT, RETURNS),
+        (*TOLD.quantities, RETURNS),
         of_kept=True,
     ),
     BenchTest(

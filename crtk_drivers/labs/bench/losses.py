@@ -10,17 +10,15 @@ import numpy as np
 from crtk_drivers.labs.bench.bed import Bed, Process
 from crtk_drivers.labs.bench.calls import Glance
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
+from crtk_drivers.labs.bench.silence import Silence, looked
 from crtk_drivers.labs.bench.stops import begin_motion
 from crtk_drivers.labs.bench.trace import Trace
-from crtk_drivers.labs.verdicts.estimates import exact, within
+from crtk_drivers.labs.verdicts.estimates import exact
 from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Findings, Quantity
 from crtk_drivers.samples import Array
 from crtk_drivers.state import OperatingState
 
 __all__ = ["TESTS"]
-
-LOOK: Final = 0.01
-"""Seconds between two looks at a device that has fallen silent."""
 
 SILENT: Final = 0.7
 """Seconds of silence, beside the time after which the link counts as lost."""
@@ -34,12 +32,18 @@ DEAD: Final = 3.0
 MOVED: Final = 5e-3
 """rad (m): what a device may have settled by while nobody looked."""
 
-INVALID = Quantity(
-    "loss.silence.invalid", "until data are told as invalid", "s", Comparison.AT_MOST, guard=0.01
-)
-FAULT = Quantity("loss.silence.fault", "until FAULT", "s", Comparison.AT_MOST, guard=0.02)
-RESTAMPED = Quantity(
-    "loss.silence.restamped", "fresh stamps after the last sample", "", Comparison.AT_MOST
+TOLD: Final = Silence(
+    restamped=Quantity(
+        "loss.silence.restamped", "fresh stamps after the last sample", "", Comparison.AT_MOST
+    ),
+    invalid=Quantity(
+        "loss.silence.invalid",
+        "until data are told as invalid",
+        "s",
+        Comparison.AT_MOST,
+        guard=0.01,
+    ),
+    fault=Quantity("loss.silence.fault", "until FAULT", "s", Comparison.AT_MOST, guard=0.02),
 )
 RETURNS = Quantity(
     "loss.return.time", "until it measures again", "s", Comparison.AT_MOST, guard=0.5
@@ -62,18 +66,6 @@ FROZEN_AFTER = Quantity(
 )
 
 
-def _looked(bed: Bed, seconds: float) -> list[tuple[float, int, str]]:
-    """Return when the bench looked, the stamp (ns) of what was measured, and the state."""
-    looks = []
-    begin = time.monotonic()
-    while (now := time.monotonic() - begin) < seconds:
-        glance = bed.glance()
-        _, stamp = glance.values["measured_js"]
-        looks.append((now, stamp.wall_ns, str(glance.status.state)))
-        time.sleep(LOOK)
-    return looks
-
-
 def _is_back(glance: Glance) -> bool:
     measures = glance.connected and glance.age < 0.1
     return measures and glance.status.state is OperatingState.DISABLED
@@ -85,7 +77,7 @@ def _silence(bed: Bed) -> None:
     before = bed.position
     with bed.expecting("a silent device"):
         with bed.frozen(Process.SIMULATOR):
-            looks = _looked(bed, bed.about.sample_timeout + SILENT)
+            looks = looked(bed, bed.about.sample_timeout + SILENT)
         begin = time.monotonic()
         back = bed.wait_until(_is_back, BACK)
     bed.keep(
@@ -108,32 +100,7 @@ SILENCE: Final = Acquisition(
 
 
 def _stale(trace: Trace, subject: Subject) -> Findings:
-    looks = subject.kept["looks"]
-    period = max(np.diff([at for at, *_ in looks]), default=LOOK)
-    stamps = [(at, stamp) for at, stamp, _ in looks]
-    # What was on its way when the device fell silent may still come.
-    last = max((stamp for at, stamp in stamps if at < 0.05), default=0)
-    fresh = sum(stamp > last for at, stamp in stamps if at >= 0.05)
-    invalid = next((at for at, stamp in stamps if stamp == 0), None)
-    fault = next((at for at, *_, state in looks if state == "FAULT"), None)
-    found = [
-        subject.measured(
-            RESTAMPED, exact(fresh, len(looks)), Bound(0.0, "stale data is never stamped fresh")
-        )
-    ]
-    for quantity, at, allowed, source in (
-        (INVALID, invalid, subject.stale_after, "five periods, or 20 ms"),
-        (FAULT, fault, subject.sample_timeout + 0.1, "sample_timeout and 0.1 s"),
-    ):
-        bound = Bound(allowed + 0.05, f"{source}; 50 ms for what was on its way")
-        estimate = None if at is None else within(at, float(period))
-        found.append(subject.measured(quantity, estimate, bound, why="" if at else "it never was"))
-    never = [one.quantity.title for one in found if one.estimate is None]
-    return Findings(
-        tuple(found),
-        tuple(f"{title}: never" for title in never),
-        doubts=subject.too_busy(0.02),
-    )
+    return TOLD.judged(subject)
 
 
 def _returns(trace: Trace, subject: Subject) -> Findings:
@@ -272,7 +239,7 @@ def _stops_frozen(trace: Trace, subject: Subject) -> Findings:
 
 
 TESTS: Final = (
-    BenchTest("T6", "stale is never fresh", "loss", SILENCE, _stale, (RESTAMPED, INVALID, FAULT)),
+    BenchTest("T6", "stale is never fresh", "loss", SILENCE, _stale, TOLD.quantities),
     BenchTest("T7", "coming back", "loss", SILENCE, _returns, (RETURNS, RETURN_MOVED)),
     BenchTest(
         "S4", "driver killed", "stop", KILLED, _stops_without_driver, (KILLED_WAY,), of_kept=True

@@ -174,10 +174,8 @@ class TestedDevice(Bed):
     def _ask_leave(self, command: str, safety: Safety) -> None:
         if command in NEVER_REFUSED:
             return
-        device = self.station.device
-        is_real = not (device.sim or device.plugin.is_model)
         forbidden = self.station.forbidden(safety)
-        if is_real and command in HOMES:
+        if command in HOMES and not self.station.device.simulated:
             forbidden = "moves as it likes, which is not done to hardware"
         if forbidden:
             pytest.skip(f"{self.name}: {command}: {forbidden}")
