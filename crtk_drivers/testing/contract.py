@@ -313,7 +313,7 @@ class DeviceContract:
         self.stream(enabled, "servo_jv", [velocity] * samples)
         assert enabled.setpoint_js().velocity == pytest.approx(velocity)
         assert enabled.setpoint_js().position.size == 0
-        self.until(lambda: enabled.health().stream_timeouts == 1, "end the stream")
+        self.until(lambda: enabled.health().stream_timeouts >= 1, "end the stream")
         end = self.rest(enabled)
         assert ((end - start) * away > 0.0).all(), f"from {start} it went to {end}"
         assert not enabled.setpoint_js().velocity.any()
