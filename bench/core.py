@@ -5,16 +5,17 @@ from __future__ import annotations
 import time
 
 import rclpy
-from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState as JointStateMessage
 
 import crtk_drivers
 from bench.report import options, show_calls
-from crtk_drivers.ros.messages import fill, value_of
+from crtk_drivers.recording import cdr
 from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import JointState, Pose, vector
+
+FIELDS = ("position", "velocity", "effort")
 
 
 def main() -> None:
@@ -25,9 +26,9 @@ def main() -> None:
     joints = vector([0.1, 0.1, 0.1, 0.1])
     state = JointState(joints, joints, joints, ("x", "y", "z", "yaw"))
     pose = Pose(vector([0.1, 0.2, 0.3]), vector([0.0, 0.0, 0.0, 1.0]), "base")
-    message, pose_message = JointStateMessage(), PoseStamped()
-    fill(message, state)
-    command = JointStateMessage(position=joints.tolist())
+    joints_type = cdr.TYPE_NAMES[JointState]
+    command = cdr.encode(JointState(joints), 1)
+    message = JointStateMessage(name=list(state.name), **dict.fromkeys(FIELDS, joints.tolist()))
     with crtk_drivers.connect("loopback") as device:
         device.enable()
         engine = device.engine
@@ -42,11 +43,13 @@ def main() -> None:
                 "engine: read measured_js": lambda: engine.feedback("measured_js"),
                 "engine: read setpoint_cp": lambda: engine.feedback("setpoint_cp"),
                 "engine: health": engine.health,
-                "message to value, JointState": lambda: value_of(command, ""),
-                "value to message, JointState": lambda: fill(message, state),
-                "value to message, PoseStamped": lambda: fill(pose_message, pose),
+                "message to value, JointState": lambda: cdr.decode(joints_type, command),
+                "value to message, JointState": lambda: cdr.encode(state, 1, "base"),
+                "value to message, PoseStamped": lambda: cdr.encode(pose, 1, "base"),
                 "publish JointState, rclpy": lambda: plain.publish(message),
-                "publish JointState, lock released": lambda: ours.publish(message),
+                "publish JointState, lock released": lambda: ours.publish(
+                    cdr.encode(state, 1, "base")
+                ),
             },
             given.calls,
         )

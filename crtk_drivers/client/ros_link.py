@@ -37,12 +37,13 @@ from crtk_drivers.errors import (
     DataTimeout,
     KinematicsError,
 )
+from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.manifest import type_name
-from crtk_drivers.ros.messages import TYPES, fill, pose_of, set_pose, set_stamp, stamp_ns, value_of
+from crtk_drivers.ros.messages import TYPES, pose_of, set_pose, stamp_ns, value_of
 from crtk_drivers.ros.plain import fill_plain
 from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor
-from crtk_drivers.samples import Matrix, Pose, Value, Vector, vector
+from crtk_drivers.samples import Matrix, Pose, Text, Value, Vector, vector
 from crtk_drivers.state import OperatingState, Status
 
 logger = logging.getLogger(__name__)
@@ -192,9 +193,7 @@ class Outbox:
         self.topic = topic
         self._publisher = publisher
         self._type = message_type
-        self._message = message_type()
-        self._has_header = hasattr(self._message, "header")
-        self._lock = threading.Lock()
+        self._has_header = hasattr(message_type, "header")
 
     def stamp(self, value: Any) -> int:
         """Return the stamp (ns) that `value` goes out with: its own if it is a ready message, else now."""
@@ -217,16 +216,11 @@ class Outbox:
 
     def publish(self, value: Value | str | None, frame_id: str = "", stamp: int = 0) -> None:
         """As `send`, whether anybody listens or not."""
-        with self._lock:
-            message = self._message
-            if self._has_header:
-                set_stamp(message.header.stamp, stamp or time.time_ns())
-                message.header.frame_id = frame_id
-            if isinstance(value, str):
-                message.string = value
-            elif value is not None:
-                fill(message, value)
-            self._publisher.publish(message)
+        if value is None:
+            self._publisher.publish(self._type())
+            return
+        told = Text(value) if isinstance(value, str) else value
+        self._publisher.publish(cdr.encode(told, stamp or time.time_ns(), frame_id))
 
     def send_message(self, message: Any) -> None:
         """Send a ready message of the topic's type."""

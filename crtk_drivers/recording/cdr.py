@@ -1,14 +1,15 @@
-"""Values as ROS 2 messages in bytes: CDR, little-endian, as every ROS 2 middleware writes it (XCDR1).
+"""Values as ROS 2 messages in bytes: CDR as every ROS 2 middleware writes it (XCDR1). No ROS here.
 
-Four bytes say so (0, 1, 0, 0); what follows is aligned from there: numbers to their size, the first of a
-sequence too, and an empty sequence is its count alone. A text is its size with the closing zero, the bytes
-and the zero. Padding is zero. Sources: OMG DDS-XTypes 1.3, 7.4.3; and what Fast CDR writes.
+Of four bytes two say so (0, 1: little-endian; 0, 0: big-endian, which is only read); what follows is aligned
+from there: numbers to their size, the first of a sequence too, and an empty sequence is its count alone. A
+text is its size with the closing zero, the bytes and the zero. Padding is zero. Sources: OMG DDS-XTypes 1.3,
+7.4.3; and what Fast CDR writes.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
@@ -16,12 +17,24 @@ from typing import Any, Final
 
 import numpy as np
 
-from crtk_drivers.errors import RecordingError
-from crtk_drivers.samples import JointState, Pose, Text, Twist, Vector, Wrench, vector
+from crtk_drivers.samples import (
+    EMPTY,
+    CartesianServo,
+    Flag,
+    JointServo,
+    JointState,
+    Matrix,
+    Number,
+    Numbers,
+    Pose,
+    Text,
+    Twist,
+    Value,
+    Vector,
+    Wrench,
+    frozen,
+)
 from crtk_drivers.state import OperatingState, Status
-
-Recordable = JointState | Pose | Twist | Wrench | Status | Text
-"""What can be recorded."""
 
 TYPE_NAMES: Mapping[type, str] = MappingProxyType(
     {
@@ -33,9 +46,10 @@ TYPE_NAMES: Mapping[type, str] = MappingProxyType(
         Text: "crtk_msgs/msg/StringStamped",
     }
 )
-"""The ROS type of each."""
+"""The ROS type of each value that can be recorded."""
 
 _LITTLE_ENDIAN: Final = b"\x00\x01\x00\x00"
+_ORDERS: Mapping[bytes, str] = MappingProxyType({b"\x00\x01": "<", b"\x00\x00": ">"})
 _SECOND: Final = 1_000_000_000
 _STAMP = struct.Struct("<4siI")
 _BODY_OF_TEXT: Final = 8
@@ -46,15 +60,25 @@ _SLACK: Final = 12
 
 _POSE = struct.Struct("<7d")
 _TWO_VECTORS = struct.Struct("<6d")
+_SERVO = struct.Struct("<26d")
+_NO_LAYOUT: Final = _LITTLE_ENDIAN + bytes(8)
+"""The beginning of a Float64MultiArray without dimensions, up to its data."""
+_TRANSFORM_STAMP = struct.Struct("<4sIiI")
+_BODY_OF_TRANSFORM: Final = 12
+"""Where the frames of a transform begin: after their count and the stamp."""
 _KEPT: Final = 1024
 """Frames and names of joints whose bytes are remembered."""
+
+
+class Malformed(ValueError):
+    """Bytes that are no message of the type that they should be."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stamped:
     """What a message holds: a value, its stamp in ns since the epoch (0: not valid), and its frame."""
 
-    value: Recordable
+    value: Value | Status
     stamp_ns: int
     frame_id: str
 
@@ -63,45 +87,77 @@ def encode(value: object, stamp_ns: int, frame_id: str = "") -> bytes:
     """Return a value as a message of its type.
 
     Args:
-        value: a `Recordable`; of a `Status` the message holds state, is_homed and is_busy.
-        stamp_ns: since the epoch; 0 marks data that is not valid.
-        frame_id: of a value that does not name its own.
+        value: a `Value`, or a `Status`, of which the message holds state, is_homed and is_busy.
+        stamp_ns: since the epoch; 0 marks data that is not valid. Numbers, flags and matrices have none.
+        frame_id: what the message names; the one of the value is not looked at.
 
     Raises:
-        RecordingError: a value of another type, a stamp that no message can hold, a text with a zero in it.
+        ValueError: a value of another type, a stamp that no message can hold, a text with a zero in it.
     """
-    body = _ENCODE.get(type(value))
-    if body is None:
-        raise RecordingError(f"a {type(value).__name__} cannot be recorded")
+    kind = type(value)
+    bare = _BARE.get(kind)
+    body = _ENCODE.get(kind)
     try:
-        stamp = _STAMP.pack(_LITTLE_ENDIAN, *divmod(stamp_ns, _SECOND))
-        return stamp + body(value, getattr(value, "frame_id", "") or frame_id)
+        if bare is not None:
+            return bare(value)
+        if body is not None:
+            stamp = _STAMP.pack(_LITTLE_ENDIAN, *divmod(stamp_ns, _SECOND))
+            return stamp + body(value, frame_id)
     except struct.error as error:
-        raise RecordingError(f"a {type(value).__name__} cannot be recorded: {error}") from error
+        raise ValueError(f"a {kind.__name__} cannot be a message: {error}") from error
+    raise ValueError(f"a {kind.__name__} cannot be a message")
+
+
+def encode_transform(pose: Pose, stamp_ns: int, frame_id: str, child: str) -> bytes:
+    """Return a pose as a tf2_msgs/TFMessage of one transform, from `frame_id` to the frame `child`.
+
+    Raises:
+        ValueError: see `encode`.
+    """
+    numbers = (*pose.position.tolist(), *pose.orientation.tolist())
+    try:
+        stamp = _TRANSFORM_STAMP.pack(_LITTLE_ENDIAN, 1, *divmod(stamp_ns, _SECOND))
+        return stamp + _frames(frame_id, child) + _POSE.pack(*numbers)
+    except struct.error as error:
+        raise ValueError(f"a transform cannot be a message: {error}") from error
 
 
 def decode(type_name: str, data: bytes) -> Stamped:
     """Return what a message holds.
 
     Args:
-        type_name: one of `TYPE_NAMES`.
-        data: the message.
+        type_name: one of `READABLE`.
+        data: the message, which may be anything.
 
     Raises:
-        RecordingError: another type, or bytes that are no such message.
+        Malformed: bytes that are no such message.
+        ValueError: another type, or a message whose vectors do not fit together.
     """
-    body = _DECODE.get(type_name)
-    if body is None:
-        raise RecordingError(f"messages of type {type_name} cannot be read here")
+    bare, body = _READ_BARE.get(type_name), _DECODE.get(type_name)
+    stamp_ns, frame = 0, ""
+    value: Value | Status
     try:
         fields = _Fields(data)
-        stamp_ns = fields.stamp()
-        frame = fields.text()
-        value = body(fields, frame)
+        if bare is not None:
+            value = bare(fields)
+        elif body is not None:
+            stamp_ns, frame = fields.stamp(), fields.text()
+            value = body(fields, frame)
+        else:
+            raise ValueError(f"messages of type {type_name} cannot be read here")
         fields.end()
-    except (struct.error, ValueError) as error:
-        raise RecordingError(f"this is no {type_name}: {error}") from error
+    except Malformed as error:
+        raise Malformed(f"this is no {type_name}: {error}") from error
     return Stamped(value, stamp_ns, frame)
+
+
+def stamp_of(data: bytes) -> int:
+    """Return the stamp in ns of a message with a header; see `decode`.
+
+    Raises:
+        Malformed: it ends before.
+    """
+    return _Fields(data).stamp()
 
 
 # ------------------------------------------------------------------------------------------- encoding
@@ -110,7 +166,7 @@ def decode(type_name: str, data: bytes) -> Stamped:
 def _text(text: str) -> bytes:
     raw = text.encode("utf-8", "backslashreplace")
     if b"\0" in raw:
-        raise RecordingError(f"{text[:40]!r} has a zero in it, which no text of a message can have")
+        raise ValueError(f"{text[:40]!r} has a zero in it, which no text of a message can have")
     return _COUNT.pack(len(raw) + 1) + raw + b"\0"
 
 
@@ -126,6 +182,13 @@ def _frame(frame_id: str, align: int) -> bytes:
 
 
 @lru_cache(_KEPT)
+def _frames(frame_id: str, child: str) -> bytes:
+    raw = _text(frame_id)
+    raw += _padding(_BODY_OF_TRANSFORM + len(raw), 4) + _text(child)
+    return raw + _padding(_BODY_OF_TRANSFORM + len(raw), 8)
+
+
+@lru_cache(_KEPT)
 def _frame_and_names(frame_id: str, names: tuple[str, ...]) -> bytes:
     raw = _frame(frame_id, 4) + _COUNT.pack(len(names))
     for name in names:
@@ -133,7 +196,7 @@ def _frame_and_names(frame_id: str, names: tuple[str, ...]) -> bytes:
     return raw + _padding(_BODY_OF_TEXT + len(raw), 4)
 
 
-def _joints(value: JointState, frame_id: str) -> bytes:
+def _joints(value: JointState | JointServo, frame_id: str) -> bytes:
     parts = [_frame_and_names(frame_id, value.name)]
     size = _BODY_OF_TEXT + len(parts[0])
     for numbers in (value.position, value.velocity, value.effort):
@@ -162,12 +225,59 @@ def _wrench(value: Wrench, frame_id: str) -> bytes:
 
 
 def _status(value: Status, frame_id: str) -> bytes:
-    flags = bytes((value.is_homed, value.is_busy))
+    flags = bytes((bool(value.is_homed), bool(value.is_busy)))
     return _frame(frame_id, 4) + _text(value.state.value) + flags
 
 
 def _stamped_text(value: Text, frame_id: str) -> bytes:
     return _frame(frame_id, 4) + _text(value.value)
+
+
+def _joint_servo(value: JointServo, frame_id: str) -> bytes:
+    return _joints(value, frame_id) + _COUNT.pack(len(value.modes)) + bytes(value.modes)
+
+
+def _cartesian_servo(value: CartesianServo, frame_id: str) -> bytes:
+    task, pose, twist, wrench = value.task, value.pose, value.twist, value.wrench
+    parts = (
+        *(task.position, task.orientation, pose.position, pose.orientation),
+        *(twist.linear, twist.angular, wrench.force, wrench.torque),
+    )
+    numbers = _SERVO.pack(*(number for part in parts for number in part.tolist()))
+    return _frame(frame_id, 8) + numbers + bytes(value.modes)
+
+
+def _number(value: Number) -> bytes:
+    return _LITTLE_ENDIAN + struct.pack("<d", value.value)
+
+
+def _flag(value: Flag) -> bytes:
+    return _LITTLE_ENDIAN + bytes((bool(value.value),))
+
+
+def _numbers(value: Numbers) -> bytes:
+    return _NO_LAYOUT + _sequence(len(_NO_LAYOUT) - 4, value.values)
+
+
+def _matrix(value: Matrix) -> bytes:
+    layout = _layout(*value.values.shape)
+    return layout + _sequence(len(layout) - 4, value.values.ravel().tolist())
+
+
+def _sequence(at: int, numbers: Sequence[float]) -> bytes:
+    """Return numbers with their count, which is at `at`."""
+    padding = _padding(at + 4, 8) if numbers else b""
+    return _COUNT.pack(len(numbers)) + padding + struct.pack(f"<{len(numbers)}d", *numbers)
+
+
+@lru_cache(_KEPT)
+def _layout(rows: int, columns: int) -> bytes:
+    """Return the beginning of a Float64MultiArray up to its data."""
+    raw = _COUNT.pack(2)
+    for label, size, stride in (("rows", rows, rows * columns), ("columns", columns, columns)):
+        raw += _padding(len(raw), 4) + _text(label)
+        raw += _padding(len(raw), 4) + struct.pack("<II", size, stride)
+    return _LITTLE_ENDIAN + raw + _COUNT.pack(0)
 
 
 _ENCODE: Mapping[type, Callable[[Any, str], bytes]] = MappingProxyType(
@@ -178,8 +288,16 @@ _ENCODE: Mapping[type, Callable[[Any, str], bytes]] = MappingProxyType(
         Wrench: _wrench,
         Status: _status,
         Text: _stamped_text,
+        JointServo: _joint_servo,
+        CartesianServo: _cartesian_servo,
     }
 )
+"""What follows the stamp."""
+
+_BARE: Mapping[type, Callable[[Any], bytes]] = MappingProxyType(
+    {Number: _number, Flag: _flag, Numbers: _numbers, Matrix: _matrix}
+)
+"""Messages without a header."""
 
 # ------------------------------------------------------------------------------------------- decoding
 
@@ -188,66 +306,71 @@ class _Fields:
     """The fields of a message, one after the other.
 
     Raises:
-        ValueError, struct.error: the bytes are no such message.
+        Malformed: the bytes are no such message.
     """
 
     def __init__(self, data: bytes) -> None:
-        if data[:4] != _LITTLE_ENDIAN:
-            raise ValueError(f"it begins with {data[:4].hex(' ') or 'nothing'}, not 00 01 00 00")
+        order = _ORDERS.get(data[:2])
+        if order is None or len(data) < 4:
+            raise Malformed(f"it begins with {data[:4].hex(' ') or 'nothing'}, not 00 01 00 00")
+        self._order = order
         self._data = memoryview(data)[4:]
         self._at = 0
 
-    def _align(self, to: int) -> None:
-        self._at += -self._at % to
-
-    def _take(self, size: int) -> memoryview:
-        end = self._at + size
+    def _take(self, size: int, align: int = 1) -> memoryview:
+        begin = self._at + -self._at % align
+        self._at = end = begin + size
         if end > len(self._data):
-            raise ValueError(f"it ends {end - len(self._data)} bytes too early")
-        taken = self._data[self._at : end]
-        self._at = end
-        return taken
+            raise Malformed(f"it ends {end - len(self._data)} bytes too early")
+        return self._data[begin:end]
 
     def stamp(self) -> int:
-        seconds, nanoseconds = struct.unpack("<iI", self._take(8))
+        seconds, nanoseconds = struct.unpack(self._order + "iI", self._take(8, 4))
         return int(seconds * _SECOND + nanoseconds)
 
     def count(self) -> int:
-        self._align(4)
-        (count,) = _COUNT.unpack(self._take(4))
+        (count,) = struct.unpack(self._order + "I", self._take(4, 4))
         return int(count)
 
     def text(self) -> str:
         raw = bytes(self._take(self.count()))
         if not raw.endswith(b"\0") or raw.find(b"\0") != len(raw) - 1:
-            raise ValueError("a text does not end with its one zero")
-        return raw[:-1].decode()
+            raise Malformed("a text does not end with its one zero")
+        try:
+            return raw[:-1].decode()
+        except UnicodeDecodeError as error:
+            raise Malformed(f"a text is not UTF-8: {error.reason}") from error
 
     def texts(self) -> tuple[str, ...]:
         return tuple(self.text() for _ in range(self.count()))
 
     def numbers(self, count: int) -> Vector:
         if not count:
-            return vector(())
-        self._align(8)
-        return vector(np.frombuffer(self._take(8 * count), "<f8"))
+            return EMPTY
+        taken = np.frombuffer(self._take(8 * count, 8), self._order + "f8")
+        return frozen(taken.astype(np.float64))
+
+    def sequence(self) -> Vector:
+        return self.numbers(self.count())
+
+    def bytes(self, count: int) -> tuple[int, ...]:
+        return tuple(self._take(count))
 
     def flag(self) -> bool:
         value = self._take(1)[0]
         if value > 1:
-            raise ValueError(f"{value} is neither true nor false")
+            raise Malformed(f"{value} is neither true nor false")
         return value == 1
 
     def end(self) -> None:
         left = len(self._data) - self._at
         if left > _SLACK:
-            raise ValueError(f"{left} bytes are left over")
+            raise Malformed(f"{left} bytes are left over")
 
 
 def _joints_of(fields: _Fields, frame_id: str) -> JointState:
     name = fields.texts()
-    position, velocity, effort = (fields.numbers(fields.count()) for _ in range(3))
-    return JointState(position, velocity, effort, name)
+    return JointState(fields.sequence(), fields.sequence(), fields.sequence(), name)
 
 
 def _pose_of(fields: _Fields, frame_id: str) -> Pose:
@@ -263,20 +386,70 @@ def _wrench_of(fields: _Fields, frame_id: str) -> Wrench:
 
 
 def _status_of(fields: _Fields, frame_id: str) -> Status:
-    return Status(OperatingState(fields.text()), fields.flag(), fields.flag())
+    text = fields.text()
+    try:
+        state = OperatingState(text)
+    except ValueError as error:
+        raise Malformed(str(error)) from error
+    return Status(state, fields.flag(), fields.flag())
 
 
 def _text_of(fields: _Fields, frame_id: str) -> Text:
     return Text(fields.text())
 
 
-_DECODE: Mapping[str, Callable[[_Fields, str], Recordable]] = MappingProxyType(
+def _joint_servo_of(fields: _Fields, frame_id: str) -> JointServo:
+    joints = _joints_of(fields, frame_id)
+    modes = fields.bytes(fields.count())
+    return JointServo(modes, joints.position, joints.velocity, joints.effort, joints.name)
+
+
+def _cartesian_servo_of(fields: _Fields, frame_id: str) -> CartesianServo:
+    task = _pose_of(fields, "")
+    pose = _pose_of(fields, "")
+    twist, wrench = _twist_of(fields, ""), _wrench_of(fields, "")
+    return CartesianServo(fields.bytes(6), pose, twist, wrench, task, frame_id)
+
+
+def _number_of(fields: _Fields) -> Number:
+    return Number(float(fields.numbers(1)[0]))
+
+
+def _flag_of(fields: _Fields) -> Flag:
+    return Flag(fields.flag())
+
+
+def _numbers_of(fields: _Fields) -> Numbers:
+    for _ in range(fields.count()):
+        fields.text()  # of a dimension; its size and its stride follow
+        fields.count()
+        fields.count()
+    fields.count()  # data_offset
+    return Numbers(tuple(fields.sequence().tolist()))
+
+
+_DECODE: Mapping[str, Callable[[_Fields, str], Value | Status]] = MappingProxyType(
     {
-        TYPE_NAMES[JointState]: _joints_of,
-        TYPE_NAMES[Pose]: _pose_of,
-        TYPE_NAMES[Twist]: _twist_of,
-        TYPE_NAMES[Wrench]: _wrench_of,
-        TYPE_NAMES[Status]: _status_of,
-        TYPE_NAMES[Text]: _text_of,
+        "sensor_msgs/msg/JointState": _joints_of,
+        "geometry_msgs/msg/PoseStamped": _pose_of,
+        "geometry_msgs/msg/TwistStamped": _twist_of,
+        "geometry_msgs/msg/WrenchStamped": _wrench_of,
+        "crtk_msgs/msg/OperatingState": _status_of,
+        "crtk_msgs/msg/StringStamped": _text_of,
+        "crtk_msgs/msg/JointServo": _joint_servo_of,
+        "crtk_msgs/msg/CartesianServo": _cartesian_servo_of,
     }
 )
+"""What follows the header."""
+
+_READ_BARE: Mapping[str, Callable[[_Fields], Value]] = MappingProxyType(
+    {
+        "std_msgs/msg/Float64": _number_of,
+        "std_msgs/msg/Bool": _flag_of,
+        "std_msgs/msg/Float64MultiArray": _numbers_of,
+    }
+)
+"""Messages without a header."""
+
+READABLE: Final = frozenset((*_DECODE, *_READ_BARE))
+"""The types that can be read; of a Float64MultiArray the numbers, without their layout."""

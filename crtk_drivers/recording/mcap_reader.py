@@ -42,7 +42,10 @@ class Message:
         Raises:
             RecordingError: it is of another type than those that are recorded here.
         """
-        return cdr.decode(self.type_name, self.data)
+        try:
+            return cdr.decode(self.type_name, self.data)
+        except ValueError as error:
+            raise RecordingError(f"a message on {self.topic}: {error}") from error
 
 
 @dataclass(frozen=True, slots=True)

@@ -204,12 +204,15 @@ class Recorder:
         self, topic: str, value: Value | Status, stamp_ns: int
     ) -> tuple[str, bytes] | None:
         """Return the type of a value and its message; None, told once a topic, if it cannot be recorded."""
-        type_name = cdr.TYPE_NAMES.get(type(value), type(value).__name__)
+        type_name = cdr.TYPE_NAMES.get(type(value), "")
         known, _ = self._channels.get(topic, (type_name, 0))
         try:
+            if not type_name:
+                raise RecordingError(f"a {type(value).__name__} cannot be recorded")
             if known != type_name:
                 raise RecordingError(f"it is a {type_name}, not a {known} as before")
-            return type_name, cdr.encode(value, stamp_ns, self._frame_id)
+            frame_id = getattr(value, "frame_id", "") or self._frame_id
+            return type_name, cdr.encode(value, stamp_ns, frame_id)
         except Exception as error:
             if not self._unsuited[topic]:
                 logger.warning("recording: %s is left out: %s", topic, error)

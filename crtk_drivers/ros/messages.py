@@ -1,13 +1,12 @@
 """The core's values and ROS messages: the only place where one becomes the other.
 
-Outgoing messages are re-used: `fill` sets every field of a message that exists. Each number passes
-through `float`, because the generated C code reads the memory of whatever object lies in a field: an int
-or a numpy scalar in a float64 field is published as another number, without an error.
+What is sent again and again never is a ROS message: `crtk_drivers.recording.cdr` makes its bytes. Each number
+that is put into one passes through `float`, because the generated C code reads the memory of whatever object
+lies in a field: an int or a numpy scalar in a float64 field is published as another number, without an error.
 """
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -16,12 +15,12 @@ from builtin_interfaces.msg import Time
 from crtk_msgs.msg import CartesianServo as CartesianServoMessage
 from crtk_msgs.msg import JointServo as JointServoMessage
 from crtk_msgs.msg import OperatingState as OperatingStateMessage
-from crtk_msgs.msg import SetpointMode, StringStamped
+from crtk_msgs.msg import StringStamped
 from crtk_msgs.srv import QueryForwardKinematics, QueryInverseKinematics
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from sensor_msgs.msg import JointState as JointStateMessage
-from std_msgs.msg import Bool, Empty, Float64, Float64MultiArray, MultiArrayDimension
+from std_msgs.msg import Bool, Empty, Float64, Float64MultiArray
 
 from crtk_drivers.commands import Payload
 from crtk_drivers.samples import (
@@ -29,7 +28,6 @@ from crtk_drivers.samples import (
     Flag,
     JointServo,
     JointState,
-    Matrix,
     Number,
     Numbers,
     Pose,
@@ -90,103 +88,6 @@ def set_pose(message: PoseMessage, pose: Pose) -> None:
     """Fill a geometry_msgs/Pose."""
     _set_xyz(message.position, pose.position)
     _set_quaternion(message.orientation, pose.orientation)
-
-
-def _fill_joints(message: JointStateMessage, value: JointState) -> None:
-    message.name = list(value.name)
-    message.position = array("d", value.position.tolist())
-    message.velocity = array("d", value.velocity.tolist())
-    message.effort = array("d", value.effort.tolist())
-
-
-def _fill_pose(message: PoseStamped, value: Pose) -> None:
-    set_pose(message.pose, value)
-
-
-def _fill_twist(message: TwistStamped, value: Twist) -> None:
-    _set_xyz(message.twist.linear, value.linear)
-    _set_xyz(message.twist.angular, value.angular)
-
-
-def _fill_wrench(message: WrenchStamped, value: Wrench) -> None:
-    _set_xyz(message.wrench.force, value.force)
-    _set_xyz(message.wrench.torque, value.torque)
-
-
-def _fill_matrix(message: Float64MultiArray, value: Matrix) -> None:
-    rows, columns = value.values.shape
-    message.layout.dim = [
-        MultiArrayDimension(label="rows", size=int(rows), stride=int(rows * columns)),
-        MultiArrayDimension(label="columns", size=int(columns), stride=int(columns)),
-    ]
-    message.data = array("d", value.values.ravel().tolist())
-
-
-def _fill_number(message: Float64, value: Number) -> None:
-    message.data = float(value.value)
-
-
-def _fill_flag(message: Bool, value: Flag) -> None:
-    message.data = bool(value.value)
-
-
-def _fill_numbers(message: Float64MultiArray, value: Numbers) -> None:
-    message.data = array("d", value.values)
-
-
-def _fill_text(message: StringStamped, value: Text) -> None:
-    message.string = str(value.value)
-
-
-def _mode(number: int) -> SetpointMode:
-    return SetpointMode(value=int(number))
-
-
-def _fill_joint_servo(message: JointServoMessage, value: JointServo) -> None:
-    message.name = list(value.name)
-    message.position = array("d", value.position.tolist())
-    message.velocity = array("d", value.velocity.tolist())
-    message.effort = array("d", value.effort.tolist())
-    message.mode = [_mode(number) for number in value.modes]
-
-
-def _fill_cartesian_servo(message: CartesianServoMessage, value: CartesianServo) -> None:
-    _set_xyz(message.task_frame.translation, value.task.position)
-    _set_quaternion(message.task_frame.rotation, value.task.orientation)
-    set_pose(message.pose, value.pose)
-    _set_xyz(message.twist.linear, value.twist.linear)
-    _set_xyz(message.twist.angular, value.twist.angular)
-    _set_xyz(message.wrench.force, value.wrench.force)
-    _set_xyz(message.wrench.torque, value.wrench.torque)
-    message.axis_mode = [_mode(number) for number in value.modes]
-
-
-_FILL: Mapping[type, Callable[[Any, Any], None]] = MappingProxyType(
-    {
-        JointState: _fill_joints,
-        Pose: _fill_pose,
-        Twist: _fill_twist,
-        Wrench: _fill_wrench,
-        Matrix: _fill_matrix,
-        Number: _fill_number,
-        Flag: _fill_flag,
-        Numbers: _fill_numbers,
-        Text: _fill_text,
-        JointServo: _fill_joint_servo,
-        CartesianServo: _fill_cartesian_servo,
-    }
-)
-
-
-def fill(message: Any, value: Value) -> None:
-    """Write a value's numbers and names into a message of its payload; the header stays as it is."""
-    _FILL[type(value)](message, value)
-
-
-def fill_transform(message: TransformStamped, pose: Pose) -> None:
-    """Write a pose into a transform; header and child frame stay as they are."""
-    _set_xyz(message.transform.translation, pose.position)
-    _set_quaternion(message.transform.rotation, pose.orientation)
 
 
 def fill_status(message: OperatingStateMessage, status: Status, nanoseconds: int) -> None:

@@ -17,8 +17,8 @@ from dataclasses import replace
 from crtk_msgs.msg import OperatingState as OperatingStateMessage
 from rclpy.node import Node
 
+from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
-from crtk_drivers.ros.messages import fill_status
 from crtk_drivers.ros.publishing import Job, PublishingThread
 from crtk_drivers.samples import Stamp
 from crtk_drivers.state import Status
@@ -37,7 +37,6 @@ class StatusTopic:
             node, OperatingStateMessage, "operating_state", qos.OPERATING_STATE
         )
         self.job: Job = thread.job("operating_state", self._publish)
-        self._message = OperatingStateMessage()
         self._lock = threading.Lock()
         self._pending: deque[tuple[Status, int]] = deque()
         self._told = status
@@ -88,8 +87,7 @@ class StatusTopic:
 
     def _send(self, status: Status, stamp_ns: int) -> None:
         self._told = status
-        fill_status(self._message, status, self.next_stamp(stamp_ns))
-        self.publisher.publish(self._message)
+        self.publisher.publish(cdr.encode(status, self.next_stamp(stamp_ns)))
 
 
 def _is_second_pulse(untold: list[Status]) -> bool:

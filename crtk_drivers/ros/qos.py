@@ -92,8 +92,12 @@ def subscription(
     topic: str,
     receive: Callable[[Any], None],
     profile: QoSProfile,
+    raw: bool = False,
 ) -> Subscription:
-    """Create a subscription that parameters can override, and that says whom it cannot hear."""
+    """Create a subscription that parameters can override, and that says whom it cannot hear.
+
+    With `raw`, `receive` gets the message's bytes.
+    """
     unheard = _OnceTold(
         f"a publisher on {topic} offers another %s than is needed, and is not heard; "
         "let it publish reliably"
@@ -103,6 +107,7 @@ def subscription(
         topic,
         receive,
         copy(profile),
+        raw=raw,
         qos_overriding_options=_overriding(node, topic, "subscription"),
         event_callbacks=SubscriptionEventCallbacks(
             incompatible_qos=unheard, use_default_callbacks=False

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from crtk_drivers.device import READINGS, Reading
 from crtk_drivers.engine import Engine
+from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
-from crtk_drivers.ros.messages import TYPES, fill, set_stamp
+from crtk_drivers.ros.messages import TYPES
 from crtk_drivers.ros.names import Frames
 from crtk_drivers.ros.publishing import PublishingThread
 from crtk_drivers.samples import Value
@@ -28,7 +28,6 @@ RATE = 50.0
 class _Topic:
     reading: Reading
     publisher: Publisher
-    message: Any
     told: Value | None = None
 
 
@@ -43,7 +42,6 @@ class ReadingTopics:
             f"{READINGS}/{name}": _Topic(
                 reading,
                 qos.publisher(node, TYPES[reading.payload], f"{READINGS}/{name}", qos.LATCHED),
-                TYPES[reading.payload](),
             )
             for name, reading in engine.readings.items()
         }
@@ -60,10 +58,6 @@ class ReadingTopics:
             value = topic.reading.tell()
             if value is None or value == topic.told:
                 continue
-            fill(topic.message, value)
-            header = getattr(topic.message, "header", None)
-            if header is not None:
-                set_stamp(header.stamp, time.time_ns())
-                header.frame_id = self._frames.outgoing(getattr(value, "frame_id", ""))
-            topic.publisher.publish(topic.message)
+            frame_id = self._frames.outgoing(getattr(value, "frame_id", ""))
+            topic.publisher.publish(cdr.encode(value, time.time_ns(), frame_id))
             topic.told = value

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
 from rclpy.waitable import NumberOfEntities, Waitable
@@ -178,7 +177,7 @@ class Senders:
 
 
 class AttributedSubscription(Waitable):  # type: ignore[misc]  # rclpy has no types
-    """Reads a subscription in the executor's stead, and hands over each message with its sender.
+    """Reads a subscription in the executor's stead, and hands over each message, as bytes, with its sender.
 
     Args:
         node: that the subscription was made by, before an executor has it.
@@ -191,12 +190,11 @@ class AttributedSubscription(Waitable):  # type: ignore[misc]  # rclpy has no ty
         self,
         node: UnlockedNode,
         subscription: Subscription,
-        receive: Callable[[Any, Sender], None],
+        receive: Callable[[bytes, Sender], None],
         senders: Senders,
     ) -> None:
         super().__init__(subscription.callback_group)
         self._handle = subscription.handle
-        self._type = subscription.msg_type
         self._topic = subscription.topic_name
         self._receive = receive
         self._senders = senders
@@ -250,7 +248,7 @@ class AttributedSubscription(Waitable):  # type: ignore[misc]  # rclpy has no ty
     async def execute(self, nothing: None) -> None:
         """See rclpy. `take_data` has done it."""
 
-    def _taken(self) -> tuple[Any, Sender] | None:
+    def _taken(self) -> tuple[bytes, Sender] | None:
         info, wire = self._info, self._message
         with self._handle:
             failed = _take(self._handle.pointer, ctypes.byref(wire), ctypes.byref(info), None)
@@ -260,4 +258,4 @@ class AttributedSubscription(Waitable):  # type: ignore[misc]  # rclpy has no ty
                 return None
             raise RuntimeError(f"DDS did not hand over a message: {text}")
         data = ctypes.string_at(wire.buffer, wire.length)
-        return deserialize_message(data, self._type), self._senders.of(self._topic, bytes(info.gid))
+        return data, self._senders.of(self._topic, bytes(info.gid))

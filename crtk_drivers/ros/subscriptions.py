@@ -1,14 +1,17 @@
 """Subscriptions: one for each command and input that the device offers, and for none besides.
 
-A callback converts, hands over to the engine, which checks everything, and returns; it never waits and
-touches no bus. What is refused is counted and told by the engine; nothing raises into the executor.
+A message is read from its bytes, and no ROS object is made of it. A callback reads, hands over to the
+engine, which checks everything, and returns; it never waits and touches no bus. What is refused is counted
+and told by the engine; nothing raises into the executor.
 """
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 from rclpy.subscription import Subscription
@@ -16,17 +19,24 @@ from rclpy.subscription import Subscription
 from crtk_drivers.commands import Command, Direction, Payload
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
-from crtk_drivers.ros.messages import TYPES, stamp_ns, value_of
+from crtk_drivers.ros.manifest import type_name
+from crtk_drivers.ros.messages import TYPES
 from crtk_drivers.ros.names import Frames
 from crtk_drivers.ros.senders import AttributedSubscription, Sender, Senders
 from crtk_drivers.ros.unlocked import UnlockedNode
-from crtk_drivers.samples import Value
+from crtk_drivers.samples import CartesianServo, Pose, Text, Twist, Value, Wrench
+from crtk_drivers.state import Status
 from crtk_drivers.status.throttle import Throttle
 
 logger = logging.getLogger(__name__)
 
 FAILURE_INTERVAL = 2.0
+
+_TYPE_NAMES: Mapping[Payload, str] = MappingProxyType(
+    {payload: name for payload, kind in TYPES.items() if (name := type_name(kind)) in cdr.READABLE}
+)
 
 
 class CommandTopics:
@@ -61,55 +71,54 @@ class CommandTopics:
             AttributedSubscription(node, subscription, receive, self.senders)
             self.subscriptions[name] = subscription
         for name, taken in engine.inputs.items():
-            receive = self._guarded(name, self._taking(name))
+            receive = self._guarded(name, self._taking(name, taken.payload))
             self.subscriptions[name] = qos.subscription(
-                node, TYPES[taken.payload], name, receive, qos.NEWEST
+                node, TYPES[taken.payload], name, receive, qos.NEWEST, raw=True
             )
 
-    def _taking(self, name: str) -> Callable[[Any], None]:
-        def take(message: Any) -> None:
+    def _taking(self, name: str, payload: Payload) -> Callable[[bytes], None]:
+        def take(data: bytes) -> None:
             self._admit(name)
-            self._engine.give(name, self._value(name, message))
+            self._engine.give(name, self._read(name, payload, data)[0])
 
         return take
 
-    def _handler(self, name: str, command: Command) -> Callable[[Any, Sender], None]:
-        if command.payload is Payload.TEXT:
+    def _handler(self, name: str, command: Command) -> Callable[[bytes, Sender], None]:
+        payload = command.payload
+        if payload is Payload.TEXT:
             return self._state_command
-        if command.payload is Payload.EMPTY:
-            return lambda message, sender: self._submit(name, sender)
-        return lambda message, sender: self._submit_value(name, message, sender)
+        if payload is Payload.EMPTY:
+            return lambda data, sender: self._submit(name, sender)
+        return lambda data, sender: self._submit_value(name, payload, data, sender)
 
-    def _state_command(self, message: Any, sender: Sender) -> None:
-        self._admit("state_command", message.string)
-        self._engine.state_command(message.string, stamp_ns(message.header.stamp))
+    def _state_command(self, data: bytes, sender: Sender) -> None:
+        value, stamp = self._read("state_command", Payload.TEXT, data)
+        assert isinstance(value, Text)
+        self._admit("state_command", value.value)
+        self._engine.state_command(value.value, stamp)
 
     def _submit(self, name: str, sender: Sender) -> None:
         self._admit(name)
         self._engine.submit(name, client=sender)
 
-    def _submit_value(self, name: str, message: Any, sender: Sender) -> None:
+    def _submit_value(self, name: str, payload: Payload, data: bytes, sender: Sender) -> None:
         self._admit(name)
-        header = getattr(message, "header", None)
-        stamp = 0 if header is None else stamp_ns(header.stamp)
-        self._engine.submit(name, self._value(name, message, stamp), stamp, sender)
+        value, stamp = self._read(name, payload, data)
+        self._engine.submit(name, value, stamp, sender)
 
-    def _value(self, name: str, message: Any, stamp: int = 0) -> Value:
-        header = getattr(message, "header", None)
-        frame_id = "" if header is None else self._frames.incoming(header.frame_id)
+    def _read(self, name: str, payload: Payload, data: bytes) -> tuple[Value, int]:
+        """Return the value of a message, in the device's own frame, and its stamp."""
         try:
-            return value_of(message, frame_id)
+            found = cdr.decode(_TYPE_NAMES[payload], data)
         except ValueError as error:
-            refusal = CommandRefused(
-                name,
-                Reason.WRONG_SIZE,
-                str(error),
-                where=self._engine.where,
-                remedy="Let each vector be empty, or as long as the others.",
-                stamp_ns=stamp,
-            )
+            refusal = _refused(name, data, error, self._engine.where)
             self._engine.report_refusal(refusal)
             raise refusal from error
+        value = found.value
+        assert not isinstance(value, Status)  # no command and no input is one
+        if isinstance(value, Pose | Twist | Wrench | CartesianServo):
+            value = replace(value, frame_id=self._frames.incoming(value.frame_id))
+        return value, found.stamp_ns
 
     def _guarded(self, name: str, handle: Callable[..., None]) -> Callable[..., None]:
         def receive(*message: Any) -> None:
@@ -122,6 +131,19 @@ class CommandTopics:
                     logger.exception("%s: %s failed", self._engine.where, name)
 
         return receive
+
+
+def _refused(name: str, data: bytes, error: ValueError, where: str) -> CommandRefused:
+    if isinstance(error, cdr.Malformed):
+        remedy = (
+            "Does its publisher have the same definition of the type? A bag or a bridge may not."
+        )
+        return CommandRefused(name, Reason.WRONG_TYPE, str(error), where=where, remedy=remedy)
+    remedy = "Let each vector be empty, or as long as the others."
+    stamp = cdr.stamp_of(data)
+    return CommandRefused(
+        name, Reason.WRONG_SIZE, str(error), where=where, remedy=remedy, stamp_ns=stamp
+    )
 
 
 def _unread(message: Any) -> None:

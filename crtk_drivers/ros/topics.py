@@ -11,20 +11,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from types import MappingProxyType
 
-from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from tf2_msgs.msg import TFMessage
 
 from crtk_drivers.commands import Command, Direction, Level, Payload
 from crtk_drivers.engine import Engine
+from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
-from crtk_drivers.ros.messages import TYPES, fill, fill_transform, set_stamp
+from crtk_drivers.ros.messages import TYPES
 from crtk_drivers.ros.names import Frames
 from crtk_drivers.ros.publishing import Job, PublishingThread
-from crtk_drivers.samples import JointState, Pose, Stamp, Value
+from crtk_drivers.samples import JointState, Pose, Stamp, Twist, Value, Wrench, vector
 
 LATCHED = (Level.GOAL, Level.SETTING)
 """What is told once, and again to those who come later."""
@@ -38,41 +38,45 @@ COHERENCE_TRIES = 3
 Values = Mapping[str, tuple[Value, Stamp] | None]
 
 
+_NOT_KNOWN: Mapping[Payload, Value] = MappingProxyType(
+    {
+        Payload.JOINT_STATE: JointState(),
+        Payload.POSE: Pose(vector((0.0, 0.0, 0.0)), vector((0.0, 0.0, 0.0, 1.0))),
+        Payload.TWIST: Twist(vector((0.0, 0.0, 0.0)), vector((0.0, 0.0, 0.0))),
+        Payload.WRENCH: Wrench(vector((0.0, 0.0, 0.0)), vector((0.0, 0.0, 0.0))),
+    }
+)
+"""What is published with stamp 0 before a value is known, as ROS makes it. Of other payloads nothing is."""
+
+
 @dataclass(slots=True)
 class _Topic:
-    """One publisher, with the message that it sends again and again."""
+    """One publisher, with the value that it sent last."""
 
     name: str
     publisher: Publisher
-    message: Any
-    has_header: bool
+    sent: Value | None
     frame: str | None
 
     def send(self, value: Value | None, stamp: Stamp | None, frames: Frames) -> None:
         if value is not None:
-            fill(self.message, value)
-        if self.has_header:
-            header = self.message.header
-            set_stamp(header.stamp, 0 if stamp is None else stamp.wall_ns)
-            if self.frame is not None:
-                header.frame_id = frames.outgoing(getattr(value, "frame_id", "") or self.frame)
-        elif value is None:
-            return  # a matrix cannot be marked as invalid
-        self.publisher.publish(self.message)
+            self.sent = value
+        elif self.sent is None:
+            return
+        frame_id = ""
+        if self.frame is not None:
+            frame_id = frames.outgoing(getattr(value, "frame_id", "") or self.frame)
+        stamp_ns = 0 if stamp is None else stamp.wall_ns
+        self.publisher.publish(cdr.encode(self.sent, stamp_ns, frame_id))
 
 
 def _topic(node: Node, engine: Engine, name: str, command: Command) -> _Topic:
     publisher = qos.publisher(node, TYPES[command.payload], name, qos.of_feedback(command))
-    message = TYPES[command.payload]()
-    if command.payload is Payload.JOINT_STATE and "/" not in name:
-        fill(message, JointState(name=engine.capabilities.joints))
-    return _Topic(
-        name,
-        publisher,
-        message,
-        hasattr(message, "header"),
-        _frame(command, engine) if command.payload in IN_A_FRAME else None,
-    )
+    unknown = _NOT_KNOWN.get(command.payload)
+    if isinstance(unknown, JointState) and "/" not in name:
+        unknown = JointState(name=engine.capabilities.joints)
+    frame = _frame(command, engine) if command.payload in IN_A_FRAME else None
+    return _Topic(name, publisher, unknown, frame)
 
 
 def _frame(command: Command, engine: Engine) -> str:
@@ -179,10 +183,8 @@ class Transforms:
         self._publisher: Publisher | None = None
         if "measured_cp" in engine.commands:
             self._publisher = qos.publisher(node, TFMessage, "/tf", qos.TF)
-        self._transform = TransformStamped()
-        self._transform.header.frame_id = frames.outgoing(engine.capabilities.base_frame)
-        self._transform.child_frame_id = frames.outgoing(engine.capabilities.tool_frame)
-        self._message = TFMessage(transforms=[self._transform])
+        outgoing, capabilities = frames.outgoing, engine.capabilities
+        self._frames = outgoing(capabilities.base_frame), outgoing(capabilities.tool_frame)
         self._last_ns = 0
 
     def _publish(self) -> None:
@@ -195,6 +197,4 @@ class Transforms:
         pose, stamp = found
         assert isinstance(pose, Pose)
         self._last_ns = stamp.wall_ns
-        set_stamp(self._transform.header.stamp, stamp.wall_ns)
-        fill_transform(self._transform, pose)
-        self._publisher.publish(self._message)
+        self._publisher.publish(cdr.encode_transform(pose, stamp.wall_ns, *self._frames))

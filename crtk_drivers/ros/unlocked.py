@@ -1,8 +1,9 @@
 """A node whose publishers let go of Python's global lock while they are inside DDS.
 
 rclpy's own `publish` keeps the lock. A DDS writer can block for a third of a second, and then every thread
-of the process stands still, the I/O threads first. Here a message is serialised with the lock held, which
-touches no writer, and handed to rcl by ctypes, which releases the lock for the time of the call.
+of the process stands still, the I/O threads first. Here a message is bytes already, or is serialised with the
+lock held, which touches no writer, and is handed to rcl by ctypes, which releases the lock for the time of
+the call.
 """
 
 from __future__ import annotations
@@ -54,15 +55,16 @@ class UnlockedPublisher(Publisher):  # type: ignore[misc]  # rclpy has no types
     """A publisher that does not stop other threads. Made by `UnlockedNode`."""
 
     def publish(self, msg: Any) -> None:
-        """Send a message.
+        """Send a message, or what is one already, as bytes of CDR.
 
         Raises:
             RuntimeError: DDS refused it, with its reason.
         """
-        data = serialize_message(msg)
+        data = msg if isinstance(msg, bytes) else serialize_message(msg)
         wire = _SerializedMessage(data, len(data), len(data))
-        with self.handle:
-            failed = _publish(self.handle.pointer, ctypes.byref(wire), None)
+        handle = self.handle
+        with handle:
+            failed = _publish(handle.pointer, wire, None)
         if failed:
             raise RuntimeError(f"DDS did not take a message: {rcl_error()}")
 
