@@ -51,7 +51,7 @@ def record() -> None:
             reached.add(name)
             milestones.add((MILESTONES.index(name), when or time.monotonic()))
 
-    def sampled(sample: Sample, maker: SampleMaker, state: StateSample) -> None:
+    def sampled(sample: Sample, maker: SampleMaker, state: StateSample, *_: object) -> None:
         reach("sample")
         samples.add((state.timestamp, state.received, sample.stamp.wall_ns))
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from itertools import accumulate
 from types import MappingProxyType
 
 import numpy as np
@@ -52,6 +53,13 @@ def frozen(array: Array) -> Vector:
     """Return an array of one dimension, which nobody else has, made read-only: `vector` without a copy."""
     array.setflags(write=False)
     return array
+
+
+def parts(numbers: Sequence[float], *sizes: int) -> list[Vector]:
+    """Return `numbers` cut into vectors of `sizes`: what is read together costs one conversion."""
+    whole = vector(numbers)
+    ends = accumulate(sizes)
+    return [whole[end - size : end] for size, end in zip(sizes, ends, strict=True)]
 
 
 def _freeze(value: object, *fields: str) -> None:

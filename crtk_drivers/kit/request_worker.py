@@ -69,14 +69,13 @@ class RequestWorker(Generic[Request, Reply]):
 
     def take_replies(self) -> list[Reply]:
         """Return the replies that have come since the last time. Does not wait."""
-        try:
-            os.eventfd_read(self.wake_fd)
-        except BlockingIOError:
+        if self._replies.empty():  # and so is the descriptor, which counts them
             return []
-        replies = []
-        while not self._replies.empty():
-            replies.append(self._replies.get())
-        return replies
+        try:
+            count = os.eventfd_read(self.wake_fd)
+        except BlockingIOError:  # it is about to be told
+            return []
+        return [self._replies.get() for _ in range(count)]
 
     def _run(self) -> None:
         while (queued := self._requests.get()) is not None and not self._stopped:

@@ -8,10 +8,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from crtk_driver_ur.frames import BASE_FRAME, IDENTITY, Transform, compose, inverse, pose_of
+from crtk_driver_ur.frames import BASE_FRAME, IDENTITY, Transform, compose, inverse
 from crtk_driver_ur.models import JOINT_NAMES
 from crtk_driver_ur.rtde.stream import StateSample
-from crtk_drivers.samples import EMPTY, JointState, Sample, Stamp, Twist, Value, Wrench, vector
+from crtk_drivers.samples import JointState, Pose, Sample, Stamp, Twist, Value, Wrench, parts
 
 Vector3: TypeAlias = tuple[float, float, float]
 
@@ -46,23 +46,7 @@ class SampleMaker:
         wall = time.time_ns() - int((time.monotonic() - made) * 1e9)
         torque = state.actual_current_as_torque
         shift = self._shift_to_tool(state)
-        values: dict[str, Value] = {
-            "measured_js": JointState(
-                vector(state.actual_q),
-                vector(state.actual_qd),
-                EMPTY if torque is None else vector(torque),
-                JOINT_NAMES,
-            ),
-            "setpoint_js": JointState(
-                vector(state.target_q),
-                vector(state.target_qd),
-                vector(state.target_moment),
-                JOINT_NAMES,
-            ),
-            "setpoint_cp": pose_of(_shifted(state.target_TCP_pose, shift)),
-        }
-        tool = _shifted(state.actual_TCP_pose, shift)
-        values["measured_cp"] = pose_of(tool)
+        tool, goal = _shifted(state.actual_TCP_pose, shift), _shifted(state.target_TCP_pose, shift)
         speed, force = state.actual_TCP_speed, state.actual_TCP_force
         linear, angular, forces, torques = speed[:3], speed[3:], force[:3], force[3:]
         if shift is not None:
@@ -70,8 +54,23 @@ class SampleMaker:
             arm = (tool.x - x, tool.y - y, tool.z - z)
             linear = _plus_cross(linear, angular, arm)
             torques = _plus_cross(torques, forces, arm)
-        values["measured_cv"] = Twist(vector(linear), vector(angular), BASE_FRAME)
-        values["measured_cf"] = Wrench(vector(forces), vector(torques), BASE_FRAME)
+        numbers = (
+            *(*state.actual_q, *state.actual_qd, *(torque or ())),
+            *(*state.target_q, *state.target_qd, *state.target_moment),
+            *(*tool.position, *tool.quaternion(), *linear, *angular, *forces, *torques),
+            *(*goal.position, *goal.quaternion()),
+        )
+        q, qd, effort, *setpoint, at, turned, v, w, f, t, to_at, to_turned = parts(
+            numbers, 6, 6, 6 if torque else 0, 6, 6, 6, 3, 4, 3, 3, 3, 3, 3, 4
+        )
+        values: dict[str, Value] = {
+            "measured_js": JointState(q, qd, effort, JOINT_NAMES),
+            "setpoint_js": JointState(*setpoint, JOINT_NAMES),
+            "measured_cp": Pose(at, turned, BASE_FRAME),
+            "setpoint_cp": Pose(to_at, to_turned, BASE_FRAME),
+            "measured_cv": Twist(v, w, BASE_FRAME),
+            "measured_cf": Wrench(f, t, BASE_FRAME),
+        }
         return Sample(Stamp(wall, made), values)
 
     @property

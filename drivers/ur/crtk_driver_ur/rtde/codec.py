@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import struct
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from operator import itemgetter
@@ -46,6 +46,8 @@ LARGEST_NUMBER = 1e12
 """Of any output, in SI units: what is larger was damaged on its way."""
 
 Value: TypeAlias = float | int | bool | tuple[float, ...] | tuple[int, ...]
+Flat: TypeAlias = tuple[float, ...]
+"""The numbers of a package one after the other, vectors not yet put together."""
 
 
 class PackageType(IntEnum):
@@ -86,7 +88,7 @@ class Recipe:
     names: tuple[str, ...]
     types: tuple[str, ...]
     layout: struct.Struct = field(init=False, repr=False, compare=False)
-    _group: itemgetter[Any] = field(init=False, repr=False, compare=False)
+    _places: tuple[int | slice, ...] = field(init=False, repr=False, compare=False)
     _reals: tuple[tuple[str, int], ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -106,19 +108,27 @@ class Recipe:
                 reals += [(name, position + i) for i in range(count)]
             places.append(position if count == 1 else slice(position, position + count))
             position += count
-        # A second getter argument makes the result a tuple even for a single variable.
         object.__setattr__(self, "_reals", tuple(reals))
         object.__setattr__(self, "layout", struct.Struct(layout))
-        object.__setattr__(self, "_group", itemgetter(*places, slice(0, 0)))
+        object.__setattr__(self, "_places", tuple(places))
 
     def unpack(self, payload: bytes) -> tuple[Value, ...]:
         """Return one value per variable: a number, or a tuple of numbers for a vector."""
-        values: tuple[Value, ...] = self._group(self.layout.unpack(payload))
-        return values[:-1]
+        return self.grouping(self.names)(self.layout.unpack(payload))
 
-    def nonsense(self, payload: bytes) -> str:
-        """Return the name of the first variable that is not finite, or impossibly large; empty if none is."""
-        flat = self.layout.unpack(payload)
+    def grouping(self, names: Sequence[str]) -> Callable[[Flat], tuple[Any, ...]]:
+        """Return what makes of a package's numbers one value per name; None of one that is not in it."""
+        places = dict(zip(self.names, self._places, strict=True))
+        # The place behind the last is None, and one more makes a tuple of a single value, too.
+        group = itemgetter(*(places.get(name, -1) for name in names), -1)
+        return lambda flat: group((*flat, None))[:-1]
+
+    def nonsense(self, flat: Flat) -> str:
+        """Return the name of the first variable that is not finite, or impossibly large; empty if none is.
+
+        Args:
+            flat: the numbers of a package, as `layout` reads them.
+        """
         # This is done with each package: the sum finds what is not finite, which comparisons do not.
         if min(flat) > -LARGEST_NUMBER and max(flat) < LARGEST_NUMBER and math.isfinite(sum(flat)):
             return ""
@@ -184,6 +194,10 @@ class DataPackage(NamedTuple):
     def values(self) -> tuple[Value, ...]:
         """Return one value per variable of the recipe."""
         return self.recipe.unpack(self.payload)
+
+    def flat(self) -> Flat:
+        """Return the numbers one after the other."""
+        return self.recipe.layout.unpack(self.payload)
 
 
 class TextMessage(NamedTuple):

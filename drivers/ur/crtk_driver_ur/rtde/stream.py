@@ -16,12 +16,13 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeAlias, TypeVar, cast
+from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
 
 from crtk_driver_ur.rtde import codec
 from crtk_driver_ur.rtde.codec import (
     ControllerVersion,
     DataPackage,
+    Flat,
     Malformed,
     Message,
     Recipe,
@@ -30,7 +31,6 @@ from crtk_driver_ur.rtde.codec import (
     SetupReply,
     StateReply,
     TextMessage,
-    Value,
     VersionReply,
 )
 from crtk_driver_ur.rtde.variables import IN_USE, NOT_FOUND, OPTIONAL_OUTPUTS, OUTPUTS
@@ -154,7 +154,7 @@ class StateSample(NamedTuple):
         return None if None in upper else cast(tuple[int, int, int, int, int, int], upper)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class StreamCounters:
     """What happened on one connection so far, in packages."""
 
@@ -210,6 +210,7 @@ class RtdeStream:
         self._decoder = RtdeDecoder()
         self._recipe: Recipe | None = None
         self._missing: tuple[str, ...] = ()
+        self._group: Callable[[Flat], tuple[Any, ...]]
         self._controller_version = ControllerVersion(0, 0, 0, 0)
         self._frequency = 0.0
         self._early: list[DataPackage] = []
@@ -246,7 +247,7 @@ class RtdeStream:
     @property
     def counters(self) -> StreamCounters:
         """What happened so far."""
-        return self._counters
+        return replace(self._counters)
 
     def open(self, deadline: float) -> None:
         """Connect, agree on version and variables, and start the stream.
@@ -413,6 +414,7 @@ class RtdeStream:
                     remedy="Report it with the version of the controller's software.",
                 )
         self._recipe = Recipe(reply.recipe_id or 0, names, reply.types)
+        self._group = self._recipe.grouping(tuple(OUTPUTS))
         self._decoder.add_recipe(self._recipe)
 
     def _ask_for_outputs(
@@ -492,13 +494,13 @@ class RtdeStream:
             else:
                 self._malformed_row = 0
                 if isinstance(message, TextMessage):
-                    self._counters = replace(self._counters, texts=self._counters.texts + 1)
+                    self._counters.texts += 1
                     level = _LOG_LEVELS.get(message.level, logging.WARNING)
                     _log.log(level, "%s: %s: %s", self._where, message.source, message.message)
         return [message for message in messages if not isinstance(message, Malformed)]
 
     def _count_malformed(self, message: Malformed) -> None:
-        self._counters = replace(self._counters, malformed=self._counters.malformed + 1)
+        self._counters.malformed += 1
         self._malformed_row += 1
         if self._malformed_row >= MALFORMED_IN_A_ROW:
             raise ProtocolError(
@@ -510,7 +512,7 @@ class RtdeStream:
 
     def _count_nonsense(self, name: str) -> None:
         """Note a package that is no sample; whoever waits for samples sees that there are none."""
-        self._counters = replace(self._counters, malformed=self._counters.malformed + 1)
+        self._counters.malformed += 1
         if name != self.nonsense:
             self.nonsense = name
             _log.warning("%s: %s is not a finite number; samples are dropped", self._where, name)
@@ -533,33 +535,24 @@ class RtdeStream:
 
     def _sample(self, package: DataPackage, count: int) -> StateSample | None:
         received = self._clock()
-        values: tuple[Value | None, ...] = package.values()
-        if self._missing:
-            known = iter(values)
-            values = tuple(None if name in self._missing else next(known) for name in OUTPUTS)
-        if name := package.recipe.nonsense(package.payload):
+        flat = package.flat()
+        if name := package.recipe.nonsense(flat):
             self._count_nonsense(name)
             return None
-        timestamp = cast(float, values[0])
+        values = self._group(flat)
+        timestamp: float = values[0]
         last, self._timestamp = self._timestamp, timestamp
         steps = count if last is None else round((timestamp - last) * self._frequency)
-        old = self._counters
+        counters = self._counters
+        counters.received += count
         if steps == 0:
-            self._counters = replace(
-                old, received=old.received + count, repeated=old.repeated + count
-            )
+            counters.repeated += count
             return None
         self.nonsense = ""
         restarted = steps < 0
         lost = 0 if restarted else max(0, steps - count)
-        self._counters = StreamCounters(
-            old.received + count,
-            old.skipped + count - 1,
-            old.lost + lost,
-            old.gaps + (lost > 0),
-            old.repeated,
-            old.restarts + restarted,
-            old.malformed,
-            old.texts,
-        )
-        return StateSample(received, lost, count - 1, restarted, *values)  # type: ignore[arg-type]
+        counters.skipped += count - 1
+        counters.lost += lost
+        counters.gaps += lost > 0
+        counters.restarts += restarted
+        return StateSample(received, lost, count - 1, restarted, *values)
