@@ -1,8 +1,8 @@
 """UR at 500 Hz, nobody listening: the driver's I/O thread beside a loop that only reads and decodes.
 
-Both run in a process of this bench against the same simulator, alternately: the driver ENABLED and idle, in plain
-Python; and a thread that reads and decodes the state packages (`rtde.stream`) and does nothing else with them.
-CPU is that of the one thread, as the scheduler counts it.
+Both run in this process against the same simulator, alternately: the driver ENABLED and idle, in plain
+Python; and a thread that reads and decodes the state packages (`rtde.stream`) and does nothing else with
+them. CPU is that of the one thread, as the scheduler counts it.
 """
 
 from __future__ import annotations

@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import accumulate
 from types import MappingProxyType
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import override
 
 from crtk_drivers.commands import Kind, Payload
 
@@ -298,13 +300,51 @@ VALUE_TYPES: Mapping[Payload, type[Value]] = MappingProxyType(
 """What each payload is in Python."""
 
 
+Source = TypeVar("Source")
+
+
+class OnDemand(Mapping[str, Value], Generic[Source]):
+    """Values of a sample of which each is made when it is first asked for: what nobody reads costs nothing.
+
+    Args:
+        makers: make each value from `source`; in whatever thread asks, in two perhaps.
+        source: what was read, not changed any more; its numbers have been found to be finite.
+    """
+
+    __slots__ = ("_made", "_makers", "_source")
+
+    def __init__(self, makers: Mapping[str, Callable[[Source], Value]], source: Source) -> None:
+        self._makers = makers
+        self._source = source
+        self._made: dict[str, Value] = {}
+
+    @override
+    def __getitem__(self, name: str) -> Value:
+        made = self._made.get(name)
+        if made is None:
+            made = self._made[name] = self._makers[name](self._source)
+        return made
+
+    @override
+    def __contains__(self, name: object) -> bool:
+        return name in self._makers
+
+    @override
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._makers)
+
+    @override
+    def __len__(self) -> int:
+        return len(self._makers)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
     """One reading of a device: everything in it was acquired at the same instant.
 
     `values` is keyed by CRTK name, with a sub-namespace where there is one: ``measured_js``,
-    ``measured_cp``, ``local/measured_cp``. A device that makes its own trajectories adds the
-    ``setpoint_js`` that it is following.
+    ``measured_cp``, ``local/measured_cp``; a dict, or `OnDemand`. A device that makes its own trajectories
+    adds the ``setpoint_js`` that it is following.
     """
 
     stamp: Stamp
@@ -313,6 +353,8 @@ class Sample:
     @property
     def not_finite(self) -> str:
         """Name the first number that is none, as ``measured_js position[2] is nan``; empty if all are."""
+        if isinstance(self.values, OnDemand):
+            return ""
         for name, value in self.values.items():
             for part in _MEASURED_PARTS.get(type(value), ()):
                 numbers = getattr(value, part).tolist()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import IntEnum, IntFlag
+from functools import lru_cache
 from types import MappingProxyType
 
 from crtk_driver_ur.rtde.stream import StateSample
@@ -223,6 +224,7 @@ PROGRAM_PAUSED = Condition(
 )
 
 
+@lru_cache(64)
 def condition_of(
     robot_mode: int,
     safety_mode: int,

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
 
-from crtk_driver_ur.frames import BASE_FRAME, IDENTITY, Transform, compose, inverse
+from crtk_driver_ur.frames import BASE_FRAME, IDENTITY, Transform, compose, inverse, pose_of
 from crtk_driver_ur.models import JOINT_NAMES
 from crtk_driver_ur.rtde.stream import StateSample
-from crtk_drivers.samples import JointState, Pose, Sample, Stamp, Twist, Value, Wrench, parts
+from crtk_drivers.samples import (
+    JointState,
+    OnDemand,
+    Pose,
+    Sample,
+    Stamp,
+    Twist,
+    Value,
+    Wrench,
+    parts,
+)
 
 Vector3: TypeAlias = tuple[float, float, float]
 
@@ -19,6 +30,88 @@ TOOL_FRAME = "tool0"
 
 SAME_TOOL = 1e-4
 """m and rad by which a tool may differ from what the controller makes of it."""
+
+
+class _Reading:
+    """What the values of a sample are made from.
+
+    Args:
+        state: of the controller.
+        shift: from its tool point to ours; None if they are one.
+    """
+
+    __slots__ = ("shift", "state")
+
+    def __init__(self, state: StateSample, shift: Transform | None) -> None:
+        self.state = state
+        self.shift = shift
+
+    def shifted(self, pose: Sequence[float]) -> Transform:
+        """Return the pose of our tool point where `pose` is the controller's."""
+        transform = Transform.from_pose_vector(pose)
+        return transform if self.shift is None else compose(transform, self.shift)
+
+    @property
+    def arm(self) -> Vector3 | None:
+        """The way from the controller's tool point to ours, base axes; None if they are one."""
+        if self.shift is None:
+            return None
+        x, y, z = self.state.actual_TCP_pose[:3]
+        tool = self.shifted(self.state.actual_TCP_pose)
+        return tool.x - x, tool.y - y, tool.z - z
+
+
+def _measured_js(reading: _Reading) -> JointState:
+    state = reading.state
+    torque = state.actual_current_as_torque or ()
+    numbers = (*state.actual_q, *state.actual_qd, *torque)
+    position, velocity, effort = parts(numbers, 6, 6, len(torque))
+    return JointState(position, velocity, effort, JOINT_NAMES)
+
+
+def _setpoint_js(reading: _Reading) -> JointState:
+    state = reading.state
+    numbers = (*state.target_q, *state.target_qd, *state.target_moment)
+    position, velocity, effort = parts(numbers, 6, 6, 6)
+    return JointState(position, velocity, effort, JOINT_NAMES)
+
+
+def _measured_cp(reading: _Reading) -> Pose:
+    return pose_of(reading.shifted(reading.state.actual_TCP_pose))
+
+
+def _setpoint_cp(reading: _Reading) -> Pose:
+    return pose_of(reading.shifted(reading.state.target_TCP_pose))
+
+
+def _measured_cv(reading: _Reading) -> Twist:
+    speed, arm = reading.state.actual_TCP_speed, reading.arm
+    linear, angular = speed[:3], speed[3:]
+    if arm is not None:
+        linear = _plus_cross(linear, angular, arm)
+    v, w = parts((*linear, *angular), 3, 3)
+    return Twist(v, w, BASE_FRAME)
+
+
+def _measured_cf(reading: _Reading) -> Wrench:
+    wrench, arm = reading.state.actual_TCP_force, reading.arm
+    force, torque = wrench[:3], wrench[3:]
+    if arm is not None:
+        torque = _plus_cross(torque, force, arm)
+    f, t = parts((*force, *torque), 3, 3)
+    return Wrench(f, t, BASE_FRAME)
+
+
+_MAKERS: Mapping[str, Callable[[_Reading], Value]] = MappingProxyType(
+    {
+        "measured_js": _measured_js,
+        "measured_cp": _measured_cp,
+        "measured_cv": _measured_cv,
+        "measured_cf": _measured_cf,
+        "setpoint_js": _setpoint_js,
+        "setpoint_cp": _setpoint_cp,
+    }
+)
 
 
 class SampleMaker:
@@ -44,34 +137,8 @@ class SampleMaker:
         """
         made = state.received - late
         wall = time.time_ns() - int((time.monotonic() - made) * 1e9)
-        torque = state.actual_current_as_torque
-        shift = self._shift_to_tool(state)
-        tool, goal = _shifted(state.actual_TCP_pose, shift), _shifted(state.target_TCP_pose, shift)
-        speed, force = state.actual_TCP_speed, state.actual_TCP_force
-        linear, angular, forces, torques = speed[:3], speed[3:], force[:3], force[3:]
-        if shift is not None:
-            x, y, z = state.actual_TCP_pose[:3]
-            arm = (tool.x - x, tool.y - y, tool.z - z)
-            linear = _plus_cross(linear, angular, arm)
-            torques = _plus_cross(torques, forces, arm)
-        numbers = (
-            *(*state.actual_q, *state.actual_qd, *(torque or ())),
-            *(*state.target_q, *state.target_qd, *state.target_moment),
-            *(*tool.position, *tool.quaternion(), *linear, *angular, *forces, *torques),
-            *(*goal.position, *goal.quaternion()),
-        )
-        q, qd, effort, *setpoint, at, turned, v, w, f, t, to_at, to_turned = parts(
-            numbers, 6, 6, 6 if torque else 0, 6, 6, 6, 3, 4, 3, 3, 3, 3, 3, 4
-        )
-        values: dict[str, Value] = {
-            "measured_js": JointState(q, qd, effort, JOINT_NAMES),
-            "setpoint_js": JointState(*setpoint, JOINT_NAMES),
-            "measured_cp": Pose(at, turned, BASE_FRAME),
-            "setpoint_cp": Pose(to_at, to_turned, BASE_FRAME),
-            "measured_cv": Twist(v, w, BASE_FRAME),
-            "measured_cf": Wrench(f, t, BASE_FRAME),
-        }
-        return Sample(Stamp(wall, made), values)
+        reading = _Reading(state, self._shift_to_tool(state))
+        return Sample(Stamp(wall, made), OnDemand(_MAKERS, reading))
 
     @property
     def has_tool_of_controller(self) -> bool:
@@ -89,11 +156,6 @@ class SampleMaker:
             same = np.allclose(reported, self._tool, atol=1e-12)
             self._shift = None if same else shift
         return self._shift
-
-
-def _shifted(pose: tuple[float, ...], shift: Transform | None) -> Transform:
-    transform = Transform.from_pose_vector(pose)
-    return transform if shift is None else compose(transform, shift)
 
 
 def _plus_cross(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> Vector3:
