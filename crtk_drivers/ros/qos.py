@@ -15,7 +15,11 @@ from collections.abc import Callable
 from copy import copy
 from typing import Any
 
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.event_handler import (
+    PublisherEventCallbacks,
+    SubscriptionEventCallbacks,
+    UnsupportedEventTypeError,
+)
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -69,21 +73,37 @@ def of_feedback(command: Command) -> QoSProfile:
 _POLICY_NAMES = {kind.value: kind.name.lower() for kind in QoSPolicyKind}
 
 
-def publisher(node: UnlockedNode, kind: type, topic: str, profile: QoSProfile) -> Publisher:
-    """Create a publisher that parameters can override, and that says whom it cannot serve."""
+def publisher(
+    node: UnlockedNode,
+    kind: type,
+    topic: str,
+    profile: QoSProfile,
+    matched: Callable[[Any], None] | None = None,
+) -> Publisher:
+    """Create a publisher that parameters can override, and that says whom it cannot serve.
+
+    `matched` is called by the executor when a subscriber comes or goes, if the middleware tells that.
+    """
     unserved = _OnceTold(
         f"a subscriber of {topic} asks for another %s than is published, and gets nothing; "
         "let it ask for reliable and volatile"
     )
-    return node.create_publisher(
-        kind,
-        topic,
-        copy(profile),  # rclpy writes the overrides into it
-        qos_overriding_options=_overriding(node, topic, "publisher"),
-        event_callbacks=PublisherEventCallbacks(
-            incompatible_qos=unserved, use_default_callbacks=False
-        ),
-    )
+
+    def create(**events: Any) -> Publisher:
+        return node.create_publisher(
+            kind,
+            topic,
+            copy(profile),  # rclpy writes the overrides into it
+            qos_overriding_options=_overriding(node, topic, "publisher"),
+            event_callbacks=PublisherEventCallbacks(
+                incompatible_qos=unserved, use_default_callbacks=False, **events
+            ),
+        )
+
+    try:
+        return create(matched=matched)
+    except UnsupportedEventTypeError:
+        return create()
 
 
 def subscription(

@@ -9,7 +9,7 @@ subscriber within one period.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -32,6 +32,9 @@ LATCHED = (Level.GOAL, Level.SETTING)
 IN_A_FRAME = (Payload.JOINT_STATE, Payload.POSE, Payload.TWIST, Payload.WRENCH)
 """What names a frame. Of joints it is the one of `measured_cp`, as CRTK asks: the base frame."""
 
+AUDIENCE_RATE = 4.0
+"""Hz at which it is looked for subscribers, besides when DDS tells of one: some middleware does not."""
+
 COHERENCE_TRIES = 3
 """A new sample may arrive while the values are collected; then they are collected again."""
 
@@ -49,7 +52,7 @@ _NOT_KNOWN: Mapping[Payload, Value] = MappingProxyType(
 """What is published with stamp 0 before a value is known, as ROS makes it. Of other payloads nothing is."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Topic:
     """One publisher, with the value that it sent last."""
 
@@ -70,8 +73,15 @@ class _Topic:
         self.publisher.publish(cdr.encode(self.sent, stamp_ns, frame_id))
 
 
-def _topic(node: Node, engine: Engine, name: str, command: Command) -> _Topic:
-    publisher = qos.publisher(node, TYPES[command.payload], name, qos.of_feedback(command))
+def _topic(
+    node: Node,
+    engine: Engine,
+    name: str,
+    command: Command,
+    matched: Callable[[object], None] | None = None,
+) -> _Topic:
+    profile = qos.of_feedback(command)
+    publisher = qos.publisher(node, TYPES[command.payload], name, profile, matched)
     unknown = _NOT_KNOWN.get(command.payload)
     if isinstance(unknown, JointState) and "/" not in name:
         unknown = JointState(name=engine.capabilities.joints)
@@ -107,13 +117,16 @@ class FeedbackTopics:
         self._engine = engine
         self._frames = frames
         self._joints = engine.capabilities.joints
+        audience = thread.job("audience", self._look, AUDIENCE_RATE)
         self._topics = [
-            _topic(node, engine, name, command)
+            _topic(node, engine, name, command, lambda _: audience.ask())
             for name, command in engine.commands.items()
             if command.direction is Direction.PUBLISHED
             and command.level not in (Level.STATE, *LATCHED)
         ]
-        self.job: Job = thread.job("feedback", self._publish)
+        self._heard: list[_Topic] = []
+        self._rate = 0.0
+        self._job = thread.job("feedback", self._publish)
 
     @property
     def publishers(self) -> dict[str, Publisher]:
@@ -122,15 +135,25 @@ class FeedbackTopics:
 
     def set_rate(self, rate: float) -> None:
         """Publish `rate` times a second; at the device's own rate, each sample once and at once."""
-        follows = math.isclose(rate, self._engine.capabilities.rate, rel_tol=0.01)
-        self.job.follows = follows
-        self._engine.on_sample = self.job.ask if follows else None
-        self.job.set_rate(rate)
+        self._rate = rate
+        self._pace()
+
+    def _look(self) -> None:
+        """See who listens; where nobody does, nothing is done for a sample."""
+        heard = [topic for topic in self._topics if topic.publisher.get_subscription_count() > 0]
+        if heard != self._heard:
+            self._heard = heard
+            self._pace()
+
+    def _pace(self) -> None:
+        job, is_heard = self._job, bool(self._heard)
+        job.follows = math.isclose(self._rate, self._engine.capabilities.rate, rel_tol=0.01)
+        self._engine.on_sample = job.ask if job.follows and is_heard else None
+        job.set_rate(self._rate if is_heard else 0.0)
 
     def _publish(self) -> None:
-        heard = [t for t in self._topics if t.publisher.get_subscription_count() > 0]
-        values = coherent(self._engine, [topic.name for topic in heard])
-        for topic in heard:
+        values = coherent(self._engine, [topic.name for topic in self._heard])
+        for topic in self._heard:
             found = values[topic.name]
             if found is None:
                 topic.send(None, None, self._frames)
