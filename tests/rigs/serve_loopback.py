@@ -2,8 +2,8 @@
 
 Usage: serve_loopback.py NAMESPACE [--block] [ROS arguments]
 
-It says "held" when the device has been closed. With --block its publishing thread says "blocked" at the
-first feedback, and stays there for ever, as a DDS writer can.
+It says "held" when the device has been closed. With --block its publishing thread says "blocked" when it
+first looks who listens, and stays there for ever, as a DDS writer can.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def main() -> int:
     namespace, *ros_args = sys.argv[1:]
     if "--block" in ros_args:
         ros_args.remove("--block")
-        topics.coherent = block
+        topics.FeedbackTopics._look = block  # type: ignore[method-assign]
     plugin = DevicePlugin("loopback", "says when it is held", LoopbackConfig, TalkingDevice)
     return run(Session(plugin, LoopbackConfig()), namespace, ros_args)
 
