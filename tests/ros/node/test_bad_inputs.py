@@ -7,20 +7,25 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from crtk_msgs.msg import StringStamped
 from crtk_msgs.srv import QueryForwardKinematics, QueryInverseKinematics
 from geometry_msgs.msg import PoseStamped, TwistStamped
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
 from rigs.loopback_node import Rig, rig_of, until
 
 NAN, INF = math.nan, math.inf
+
+HEADER_ONLY = bytes.fromhex("00010000 00000000 00000000 01000000 00000000")
+"""A message up to the end of its header: little-endian, stamp 0, an empty frame."""
 
 
 def joints(*position: float, **fields: Any) -> JointState:
@@ -108,6 +113,48 @@ ENABLED_CASES = [
     ("I10 long", "move_cp", pose(frame="m" * 10_000), "wrong_frame"),
     ("unreachable", "move_cp", pose(0.0, (1.0, 0.0, 0.0, 0.0)), "unreachable"),
 ]
+
+
+def raw(message: Any, change: Callable[[bytes], bytes]) -> bytes:
+    return change(serialize_message(message))
+
+
+MALFORMED_CASES = {
+    "cut off": ("servo_jp", raw(joints(0.0, 0.0, 0.0, 0.0), lambda data: data[:-9])),
+    "no more than a header": ("servo_cp", raw(pose(), lambda data: data[:28])),
+    "nothing": ("servo_jp", b""),
+    "too long": ("servo_cv", raw(twist(0.01), lambda data: data + bytes(64))),
+    "XCDR2": ("servo_jp", raw(joints(0.0), lambda data: b"\0\x07" + data[2:])),
+    "2^31 positions": ("move_jp", HEADER_ONLY + bytes(4) + (1 << 31).to_bytes(4, "little")),
+    "2^32 - 1 names": ("move_jp", HEADER_ONLY + b"\xff" * 4),
+    "a twist for a pose": ("servo_cp", serialize_message(twist(0.01))),
+    "no UTF-8": ("state_command", HEADER_ONLY + b"\3\0\0\0\xc3\x28\0"),
+}
+
+
+@pytest.mark.parametrize(("command", "data"), MALFORMED_CASES.values(), ids=list(MALFORMED_CASES))
+def test_bytes_that_are_no_such_message_are_refused(rig: Rig, command: str, data: bytes) -> None:
+    rig.client.reach("enable", "ENABLED")
+    writes, key = rig.device.writes, (command, "wrong_type")
+    before = refusals(rig).get(key, 0)
+    since = rig.client["refusals"].mark()
+    rig.client.send(command, data)
+    content = told(rig, command, "wrong_type", since)
+    assert "this is no" in content["message"]
+    assert refusals(rig)[key] == before + 1
+    assert rig.device.writes == writes
+    assert_alive(rig)
+
+
+def test_a_big_endian_command_is_carried_out(rig: Rig) -> None:
+    rig.client.reach("enable", "ENABLED")
+    position = struct.pack(">4d", 0.0, 0.03, 0.0, 0.0)
+    header = b"\0\0\0\0" + bytes(8) + struct.pack(">I", 1) + bytes(4)
+    data = header + bytes(4) + struct.pack(">I", 4) + position + bytes(8)
+    rig.client.move("move_jp", data)
+    rig.client["measured_js"].wait(
+        lambda m: abs(m.position[1] - 0.03) < 1e-3, rig.client["measured_js"].mark()
+    )
 
 
 @pytest.mark.parametrize(
