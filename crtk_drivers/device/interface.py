@@ -54,6 +54,16 @@ class Device(ABC):
         Override it where `open` may wait for longer than a second.
         """
 
+    def wake(self) -> bool:
+        """Let a `read` that waits for the hardware's clock return None at once. From any thread; never waits.
+
+        Override it where `read` can: a command is then sent when it comes, not in the next cycle.
+
+        Returns:
+            whether it does.
+        """
+        return False
+
     @abstractmethod
     def close(self) -> None:
         """Release everything. May be called twice, and after a `ConnectionLost`.

@@ -103,17 +103,21 @@ class Engine(Intake):
     def cycle(self, deadline: float) -> None:
         """Read, follow the hardware's condition, advance transition and motion. Once a period.
 
+        Where `Device.wake` ended the reading, only what a client has just asked for is done.
+
         Raises:
             DeviceError: call `lose`, close the device, and `connect` after a while.
         """
         sample = self.device.read(deadline)
         now = self._clock()
+        is_woken = sample is None and self._can_wake and now < deadline
         # What was made while this thread was stuck is old; newer ones follow.
         was_stuck, self._listened = now - self._listened > self.options.sample_timeout, now
         if sample is not None:
             made = now if was_stuck else min(sample.stamp.monotonic, now)
             self._sample_deadman.feed(made)
             sample = self._sound(sample)
+            self._motion.sample_came()
         if self._sample_deadman.expired(now):
             raise ConnectionLost(
                 f"the newest sample is {self._sample_deadman.age(now):.3f} s old",
@@ -125,11 +129,14 @@ class Engine(Intake):
                 self._motion.end(self._alarm)
                 self._alarm = ""
                 self._stopping.stop()
-            self._stopping.follow(sample, now)
-            self._requests.step(now)
-            self._end_untied(now)
-            self._motion.apply_settings()
-            self._advance(now)
+            if is_woken:
+                self._hurry(now)
+            else:
+                self._stopping.follow(sample, now)
+                self._requests.step(now)
+                self._end_untied(now)
+                self._motion.apply_settings()
+                self._advance(now)
         except DeviceFault as fault:
             self._broken(fault.statement, fault.remedy)
         except DeviceError:
@@ -138,7 +145,8 @@ class Engine(Intake):
             # The link is sound, and whoever shares it goes on.
             logger.exception("%s: unexpected error in its motion", self.where)
             self._broken(unexpected(error), REPORT)
-        self._health.cycle(now)
+        if not is_woken:
+            self._health.cycle(now)
         self._turns.turn()
         if sample is not None and self.on_sample is not None:
             self.on_sample()
@@ -270,6 +278,11 @@ class Engine(Intake):
         if reason:
             self._board.warned(f"use_gravity_compensation: {reason}; it is off")
             self._motion.use_gravity_compensation(False)
+
+    def _hurry(self, now: float) -> None:
+        """Between two samples: carry out what a client has just asked for, if that need not wait."""
+        if self.status.state is OperatingState.ENABLED and self._transitions.running is None:
+            self._motion.hurry(now)
 
     def _advance(self, now: float) -> None:
         running = self._transitions.running

@@ -112,6 +112,7 @@ class Intake:
             health=self._health,
         )
         self._stop_asked = False
+        self._can_wake = False
         self._orders = OrderMaker(context)
         self._arbiter = Arbiter(self.options, self.where)
         ends = self.options.on_client_gone == "hold", self.options.free_timeout
@@ -415,6 +416,8 @@ class Intake:
 
     def _put(self, order: Order, client: Client) -> None:
         replaced = self._arbiter.put(order, self._clock(), client)
+        if self._motion.hurries(order) and self.device.wake():
+            self._can_wake = True
         if replaced is not None:
             replaced.finish(Outcome.PREEMPTED, f"by {order.name}")
         self._waiting.replaced_by(order)

@@ -13,7 +13,7 @@ the dwell.
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 from crtk_drivers.commands import Level, find
@@ -185,12 +185,15 @@ class Arbiter:
         with self._lock:
             return self._streams(now) or self._order is not None
 
-    def take(self) -> Order | None:
-        """Return the newest order, once."""
+    def take(self, accept: Callable[[Order], bool] = lambda order: True) -> Order | None:
+        """Return the newest order, once; leave it there if it is not to be taken now."""
         if self._order is None:
             return None
         with self._lock:
-            order, self._order = self._order, None
+            order = self._order
+            if order is None or not accept(order):
+                return None
+            self._order = None
         return order
 
     def clear(self) -> Move | None:

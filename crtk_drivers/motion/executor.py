@@ -70,6 +70,7 @@ class MotionExecutor:
         self._stopping = context.stopping
         self._output = Output(context)
         self._activity: Activity | None = None
+        self._has_held = False
         self._gravity: deque[bool] = deque(maxlen=1)
         takes_poses = Mode.CARTESIAN_POSITION in self._capabilities.modes
         self._pursues = not takes_poses and self._capabilities.cartesian_limits is not None
@@ -115,7 +116,30 @@ class MotionExecutor:
             DeviceFault: a joint does not follow.
             DeviceError: writing failed.
         """
-        order = self._arbiter.take()
+        return self._step(self._arbiter.take(), now)
+
+    def sample_came(self) -> None:
+        """The hardware's next tick has begun: a setpoint may go out for it before it ends."""
+        self._output.has_sent = self._has_held = False
+
+    def hurries(self, order: Order) -> bool:
+        """Whether an order may be carried out between two samples. From any thread.
+
+        Once in each tick of the hardware, a stop, and the next setpoint of a stream that the hardware takes
+        as it is; what reckons its own setpoints keeps to the cycle.
+        """
+        if order.name == "hold":
+            return not self._has_held
+        is_next = isinstance(self._activity, DirectStream) and not self._output.has_sent
+        return is_next and order.is_stream and self._stream_class(order) is DirectStream
+
+    def hurry(self, now: float) -> None:
+        """Carry out what need not wait for the next sample, and leave the rest; see `step`."""
+        order = self._arbiter.take(self.hurries)
+        if order is not None:
+            self._step(order, now)
+
+    def _step(self, order: Order | None, now: float) -> str:
         try:
             self._output.watch(now)
             if isinstance(self._activity, Pending):
@@ -189,6 +213,7 @@ class MotionExecutor:
             return
         self._replace(None, order.name)
         if order.name == "hold":
+            self._has_held = True
             self._stopping.stop()
             self._feedback.hold()
         else:

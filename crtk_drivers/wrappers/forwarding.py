@@ -123,6 +123,10 @@ class WrappedDevice(Device):
         self.inner.abort_open()
 
     @override
+    def wake(self) -> bool:
+        return self.inner.wake()
+
+    @override
     def close(self) -> None:
         self.inner.close()
 

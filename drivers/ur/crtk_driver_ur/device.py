@@ -362,6 +362,11 @@ class UrDevice(Device):
         self._link.request_now("stop_program")
 
     @override
+    def wake(self) -> bool:
+        stream = self._stream
+        return stream is not None and stream.wake()
+
+    @override
     def read(self, deadline: float) -> Sample | None:
         if self._stream is None:
             raise ConnectionLost("not open", where=f"ur {self.address}")

@@ -6,6 +6,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 
 import pytest
@@ -315,6 +316,24 @@ def talking() -> Iterator[tuple[RtdeStream, Callable[[bytes], None]]]:
         opened("127.0.0.1", port=port) as stream,
     ):
         yield stream, send
+
+
+def test_a_receive_that_waits_is_woken_and_misses_nothing():
+    with talking() as (stream, send):
+        send(state_package(1.0))
+        next_sample(stream)
+        with ThreadPoolExecutor() as pool:
+            waiting = pool.submit(stream.receive, soon(60.0))
+            assert stream.wake()
+            assert waiting.result(LONG) is None
+        assert stream.wake()
+        assert stream.receive(soon(60.0)) is None  # the next one, where none waits
+        assert stream.wake()
+        assert stream.wake()
+        send(state_package(1.002))
+        found = stream.receive(soon()) or next_sample(stream)
+        assert (found.timestamp, found.lost, found.skipped) == (1.002, 0, 0)
+    assert not stream.wake()
 
 
 def test_lost_packages_are_counted_from_the_controllers_clock():

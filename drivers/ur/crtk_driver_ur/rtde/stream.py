@@ -280,7 +280,7 @@ class RtdeStream:
                     self._release()
 
     def receive(self, deadline: float) -> StateSample | None:
-        """Return the newest sample, or None if none arrived by the monotonic `deadline`.
+        """Return the newest sample, or None if none arrived by the monotonic `deadline`, or until `wake`.
 
         Older packages that have arrived as well are counted and dropped.
 
@@ -302,12 +302,18 @@ class RtdeStream:
                 if self._clock() >= deadline:
                     return None
 
+    def wake(self) -> bool:
+        """Let a `receive` that waits, or else the next one, return None; return whether it is open."""
+        with self._waking:
+            if self._wake < 0:
+                return False
+            os.eventfd_write(self._wake, 1)
+            return True
+
     def close(self) -> None:
         """Close the connection; a waiting `receive` ends. May be called twice, from any thread."""
         self._closing.set()
-        with self._waking:
-            if self._wake >= 0:
-                os.eventfd_write(self._wake, 1)
+        self.wake()
         with self._busy:
             self._release()
 
@@ -458,12 +464,15 @@ class RtdeStream:
                     )
 
     def _wait(self, events: int, deadline: float) -> bool:
-        """Wait for the socket until the deadline, or for `close`."""
+        """Wait for the socket until the deadline, or for `wake` or `close`; return whether it is ready."""
         peer = cast(socket.socket, self._socket)
         self._poll.modify(peer, events)
-        ready = self._poll.poll(max(0.0, deadline - self._clock()) * 1000.0)
+        ready = [file for file, _ in self._poll.poll(max(0.0, deadline - self._clock()) * 1000.0)]
         if self._closing.is_set():
             raise self._closed()
+        if self._wake in ready:
+            os.eventfd_read(self._wake)
+            ready.remove(self._wake)
         return bool(ready)
 
     def _read(self) -> list[Message]:
