@@ -1,4 +1,7 @@
-"""The peer of `bench.latency`: plain rclpy, the same six messages, stamped and sent at once."""
+"""The peer of `bench.latency` and `bench.publishing`: plain rclpy, the same six messages.
+
+They are stamped and sent at once, by UDP as the driver's.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,15 @@ import signal
 import threading
 import time
 
-import rclpy
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
+from crtk_drivers.ros.environment import share_no_memory
 
-from bench.ros_client import TOPICS
+share_no_memory()
+
+import rclpy  # noqa: E402 - the transport is chosen before
+from rclpy.node import Node  # noqa: E402
+from rclpy.signals import SignalHandlerOptions  # noqa: E402
+
+from bench.ros_client import TOPICS  # noqa: E402
 
 
 def main() -> None:

@@ -56,6 +56,12 @@ class Told:
         self._feedback = feedback
         self._cached_pose: tuple[object, object, Pose] | None = None  # of a position, by kinematics
         self._latched: dict[str, tuple[Value, Stamp]] = {}
+        self._setpoints: Mapping[str, Callable[[Sample, Stamp], tuple[Value, Stamp] | None]] = {
+            "setpoint_js": self._joint_setpoint,
+            "setpoint_cp": self._pose_setpoint,
+            "setpoint_cv": self._twist_setpoint,
+            "setpoint_cf": self._wrench_setpoint,
+        }
 
     def latch(self, values: Mapping[str, Value], stamp_ns: int = 0) -> None:
         """Keep what ``goal_*`` or the settings say from now on, with the stamp of the command, if any."""
@@ -87,16 +93,7 @@ class Told:
             stamp = Stamp(0, stamp.monotonic)
         elif self._feedback.active.stamp_ns and stamp.wall_ns:
             stamp = Stamp(self._feedback.active.stamp_ns, stamp.monotonic)
-        setpoints: dict[str, Callable[[Sample, Stamp], tuple[Value, Stamp] | None]] = {
-            "setpoint_js": lambda sample, stamp: (
-                self._named(self._feedback.joint_setpoint()),
-                stamp,
-            ),
-            "setpoint_cp": self._pose_setpoint,
-            "setpoint_cv": self._twist_setpoint,
-            "setpoint_cf": self._wrench_setpoint,
-        }
-        return setpoints[name](sample, stamp)
+        return self._setpoints[name](sample, stamp)
 
     def _in_own_base(
         self, name: str, now: float, state: OperatingState
@@ -143,6 +140,9 @@ class Told:
         if not isinstance(value, JointState) or value.name:
             return value
         return replace(value, name=self._capabilities.joints)
+
+    def _joint_setpoint(self, sample: Sample, stamp: Stamp) -> tuple[Value, Stamp]:
+        return self._named(self._feedback.joint_setpoint()), stamp
 
     def _pose_setpoint(self, sample: Sample, stamp: Stamp) -> tuple[Value, Stamp] | None:
         active = self._feedback.active
