@@ -8,6 +8,7 @@ watchdog's thread calls `alarm` when the I/O thread is late. What happens is tol
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable
 
@@ -43,6 +44,9 @@ _EXPLAINED = (OperatingState.PAUSED, OperatingState.FAULT)
 TIME_TO_DISABLE = 2.0
 """Seconds, beside those for the stop, in which a `disable` may end when the driver is closed meanwhile."""
 
+LONGEST_WAIT_FOR_A_CYCLE = 2.0
+"""Periods between two whole cycles, however often the I/O thread is woken and whatever ends its reading."""
+
 _AFTER_STREAM = {"pause": OperatingState.PAUSED, "fault": OperatingState.FAULT}
 
 
@@ -72,6 +76,8 @@ class Engine(Intake):
         self._broken_sample = ""
         self._sample_deadman = Deadman(self.options.sample_timeout)
         self._listened = 0.0
+        self._period = 1.0 / self.capabilities.rate
+        self._whole_until = -math.inf
 
     # ---------------------------------------------------------------- for the I/O thread of the bus
 
@@ -103,14 +109,15 @@ class Engine(Intake):
     def cycle(self, deadline: float) -> None:
         """Read, follow the hardware's condition, advance transition and motion. Once a period.
 
-        Where `Device.wake` ended the reading, only what a client has just asked for is done.
+        Where `Device.wake` ended the reading, only what a client has just asked for is done, unless the last
+        whole cycle was long ago.
 
         Raises:
             DeviceError: call `lose`, close the device, and `connect` after a while.
         """
         sample = self.device.read(deadline)
         now = self._clock()
-        is_woken = sample is None and self._can_wake and now < deadline
+        is_woken = sample is None and self._can_wake and now < min(deadline, self._whole_until)
         # What was made while this thread was stuck is old; newer ones follow.
         was_stuck, self._listened = now - self._listened > self.options.sample_timeout, now
         if sample is not None:
@@ -132,6 +139,7 @@ class Engine(Intake):
             if is_woken:
                 self._hurry(now)
             else:
+                self._whole_until = now + LONGEST_WAIT_FOR_A_CYCLE * self._period
                 self._stopping.follow(sample, now)
                 self._requests.step(now)
                 self._end_untied(now)
@@ -148,8 +156,9 @@ class Engine(Intake):
         if not is_woken:
             self._health.cycle(now)
         self._turns.turn()
-        if sample is not None and self.on_sample is not None:
-            self.on_sample()
+        told = self.on_sample
+        if sample is not None and told is not None:
+            told()
 
     def _sound(self, sample: Sample) -> Sample | None:
         """Keep a sample and return it; drop it, warn and return None if a number in it is not finite."""

@@ -416,11 +416,11 @@ class Intake:
 
     def _put(self, order: Order, client: Client) -> None:
         replaced = self._arbiter.put(order, self._clock(), client)
-        if self._motion.hurries(order) and self.device.wake():
-            self._can_wake = True
         if replaced is not None:
             replaced.finish(Outcome.PREEMPTED, f"by {order.name}")
         self._waiting.replaced_by(order)
+        if self._motion.hurries(order) and self.device.wake():
+            self._can_wake = True
 
     def _begin_waiting(self, waiting: Waiting) -> None:
         """Carry out the move that waited, as if it came now."""

@@ -75,7 +75,7 @@ class RequestWorker(Generic[Request, Reply]):
             count = os.eventfd_read(self.wake_fd)
         except BlockingIOError:  # it is about to be told
             return []
-        return [self._replies.get() for _ in range(count)]
+        return [self._replies.get_nowait() for _ in range(min(count, self._replies.qsize()))]
 
     def _run(self) -> None:
         while (queued := self._requests.get()) is not None and not self._stopped:

@@ -43,6 +43,9 @@ _TOLERANCE = 1.05
 _SLOWEST = 0.1
 """Seconds between two positions, at most, that are of one motion."""
 
+_MOST_OF_A_PERIOD = 0.7
+"""Periods between two setpoints below which their difference alone says too little of the speed."""
+
 _FURTHEST = 0.02
 """rad (m) that a joint is expected to go in a cycle at most; what goes further was a step."""
 
@@ -92,6 +95,7 @@ class Feedback:
         self.device = device
         self._capabilities = device.capabilities
         self.stale_after = stale_after
+        self._period = 1.0 / device.capabilities.rate
         self._fastest = vector([limit.velocity for limit in device.capabilities.limits])
         self._at_rest = vector(np.zeros(len(self._fastest)))
         self._told = self._at_rest
@@ -150,10 +154,28 @@ class Feedback:
             if _is_repeated(before, joints.position, pose):  # between two commands
                 drift, sent, interval = before.drift, before.sent, before.interval
             elif 0.0 < interval <= _SLOWEST:
-                drift = _drift(mode, before, joints.position, pose, interval)
+                drift, interval = self._mean_drift(mode, joints.position, pose, interval)
         self.active = Active(
             mode, joints, pose, point.acceleration, twist, wrench, drift, stamp_ns, sent, interval
         )
+
+    def _mean_drift(
+        self, mode: Mode, position: Vector, pose: Vector, interval: float
+    ) -> tuple[Vector, float]:
+        """Return how fast a stream of positions or poses (7,) moves, and over how many seconds that is.
+
+        Setpoints may go out close behind each other, one late and the next early: what they say together
+        with the step before them counts.
+        """
+        before = self.active
+        is_short = interval < _MOST_OF_A_PERIOD * self._period
+        drift = _drift(mode, before, position, pose, interval)
+        if not is_short or not drift.size:
+            return drift, interval
+        if not before.drift.size:
+            return vector(drift * (interval / self._period)), self._period
+        whole = before.interval + interval
+        return vector((before.drift * before.interval + drift * interval) / whole), whole
 
     def stream_ended(self) -> None:
         """No more commands come: the last setpoint stays in force."""
@@ -253,7 +275,8 @@ class Feedback:
         What was faster than anything may move was a step, and leads nowhere.
         """
         active, limits = self.active, self._capabilities.cartesian_limits
-        if not active.drift.size or now - active.sent >= _STREAMING * active.interval:
+        since = max(active.interval, self._period)
+        if not active.drift.size or now - active.sent >= _STREAMING * since:
             return False
         if active.mode is Mode.JOINT_POSITION:
             return bool((np.abs(active.drift) <= self._fastest * _TOLERANCE).all())

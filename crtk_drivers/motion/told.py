@@ -20,7 +20,8 @@ setpoint_cv is the twist that was sent, or that of the joint velocities; setpoin
 and interpolate_cf.
 
 While a servo stream runs, what ``setpoint_*`` say carries the stamp of the command that it came from, so that
-anyone can see which commands took effect, and when. Otherwise it is the stamp of the newest sample.
+anyone can see which commands took effect, and when; of two that went out between two samples, the second.
+Otherwise it is the stamp of the newest sample.
 """
 
 from __future__ import annotations

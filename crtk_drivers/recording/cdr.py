@@ -66,6 +66,8 @@ _NO_LAYOUT: Final = _LITTLE_ENDIAN + bytes(8)
 _TRANSFORM_STAMP = struct.Struct("<4sIiI")
 _BODY_OF_TRANSFORM: Final = 12
 """Where the frames of a transform begin: after their count and the stamp."""
+MOST_NAMES: Final = 4096
+"""Names that a message may have: who reads more is kept from everything else meanwhile."""
 _KEPT: Final = 1024
 """Frames and names of joints whose bytes are remembered."""
 
@@ -122,12 +124,13 @@ def encode_transform(pose: Pose, stamp_ns: int, frame_id: str, child: str) -> by
         raise ValueError(f"a transform cannot be a message: {error}") from error
 
 
-def decode(type_name: str, data: bytes) -> Stamped:
-    """Return what a message holds.
+def decode(type_name: str, data: bytes, *, is_exact: bool = True) -> Stamped:
+    """Return what a message holds. A stamp that is none (10^9 ns or more) is 0.
 
     Args:
         type_name: one of `READABLE`.
         data: the message, which may be anything.
+        is_exact: refuse a message that goes on behind its last field.
 
     Raises:
         Malformed: bytes that are no such message.
@@ -145,7 +148,8 @@ def decode(type_name: str, data: bytes) -> Stamped:
             value = body(fields, frame)
         else:
             raise ValueError(f"messages of type {type_name} cannot be read here")
-        fields.end()
+        if is_exact:
+            fields.end()
     except Malformed as error:
         raise Malformed(f"this is no {type_name}: {error}") from error
     return Stamped(value, stamp_ns, frame)
@@ -164,9 +168,7 @@ def stamp_of(data: bytes) -> int:
 
 
 def _text(text: str) -> bytes:
-    raw = text.encode("utf-8", "backslashreplace")
-    if b"\0" in raw:
-        raise ValueError(f"{text[:40]!r} has a zero in it, which no text of a message can have")
+    raw = text.encode("utf-8", "backslashreplace").replace(b"\0", b"\\0")
     return _COUNT.pack(len(raw) + 1) + raw + b"\0"
 
 
@@ -197,7 +199,7 @@ def _frame_and_names(frame_id: str, names: tuple[str, ...]) -> bytes:
 
 
 def _joints(value: JointState | JointServo, frame_id: str) -> bytes:
-    parts = [_frame_and_names(frame_id, value.name)]
+    parts = [_frame_and_names(frame_id, tuple(value.name))]
     size = _BODY_OF_TEXT + len(parts[0])
     for numbers in (value.position, value.velocity, value.effort):
         count = numbers.size
@@ -266,7 +268,7 @@ def _matrix(value: Matrix) -> bytes:
 
 def _sequence(at: int, numbers: Sequence[float]) -> bytes:
     """Return numbers with their count, which is at `at`."""
-    padding = _padding(at + 4, 8) if numbers else b""
+    padding = _padding(at + 4, 8) if len(numbers) else b""
     return _COUNT.pack(len(numbers)) + padding + struct.pack(f"<{len(numbers)}d", *numbers)
 
 
@@ -326,23 +328,37 @@ class _Fields:
 
     def stamp(self) -> int:
         seconds, nanoseconds = struct.unpack(self._order + "iI", self._take(8, 4))
-        return int(seconds * _SECOND + nanoseconds)
+        return int(seconds * _SECOND + nanoseconds) if nanoseconds < _SECOND else 0
 
     def count(self) -> int:
         (count,) = struct.unpack(self._order + "I", self._take(4, 4))
         return int(count)
 
     def text(self) -> str:
-        raw = bytes(self._take(self.count()))
-        if not raw.endswith(b"\0") or raw.find(b"\0") != len(raw) - 1:
-            raise Malformed("a text does not end with its one zero")
+        raw = bytes(self._take(self.count())).removesuffix(b"\0")  # which some writers leave out
+        if b"\0" in raw:
+            raise Malformed("a text has a zero in it")
         try:
-            return raw[:-1].decode()
+            return raw.decode()
         except UnicodeDecodeError as error:
             raise Malformed(f"a text is not UTF-8: {error.reason}") from error
 
     def texts(self) -> tuple[str, ...]:
-        return tuple(self.text() for _ in range(self.count()))
+        return tuple(self.text() for _ in range(self._few("names")))
+
+    def _few(self, what: str) -> int:
+        count = self.count()
+        if count > MOST_NAMES:
+            raise Malformed(f"{count} {what} are more than {MOST_NAMES}")
+        return count
+
+    def layout(self) -> None:
+        """Pass over the layout of a Float64MultiArray."""
+        for _ in range(self._few("dimensions")):
+            self.text()  # its label; size and stride follow
+            self.count()
+            self.count()
+        self.count()  # data_offset
 
     def numbers(self, count: int) -> Vector:
         if not count:
@@ -420,11 +436,7 @@ def _flag_of(fields: _Fields) -> Flag:
 
 
 def _numbers_of(fields: _Fields) -> Numbers:
-    for _ in range(fields.count()):
-        fields.text()  # of a dimension; its size and its stride follow
-        fields.count()
-        fields.count()
-    fields.count()  # data_offset
+    fields.layout()
     return Numbers(tuple(fields.sequence().tolist()))
 
 

@@ -117,8 +117,14 @@ class PublishingThread:
             self._wakes.get(timeout=min(max(0.0, due - time.monotonic()), LONGEST_WAIT))
 
     def _run(self, job: Job) -> None:
+        self.attempt(job.name, job.run)
+
+    def attempt(self, name: str, publish: Callable[[], None]) -> bool:
+        """Publish something; return whether that went well, and tell now and then if not. In this thread."""
         try:
-            job.run()
+            publish()
         except Exception:
-            if self._failures.passes(job, time.monotonic()):
-                logger.exception("publishing %s failed; it will be tried again", job.name)
+            if self._failures.passes(name, time.monotonic()):
+                logger.exception("publishing %s failed; it will be tried again", name)
+            return False
+        return True

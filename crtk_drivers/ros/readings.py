@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import partial
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -38,6 +39,7 @@ class ReadingTopics:
         self, node: Node, thread: PublishingThread, engine: Engine, frames: Frames
     ) -> None:
         self._frames = frames
+        self._thread = thread
         self._topics = {
             f"{READINGS}/{name}": _Topic(
                 reading,
@@ -54,10 +56,14 @@ class ReadingTopics:
         return {name: topic.publisher for name, topic in self._topics.items()}
 
     def _publish(self) -> None:
-        for topic in self._topics.values():
+        for name, topic in self._topics.items():
             value = topic.reading.tell()
             if value is None or value == topic.told:
                 continue
             frame_id = self._frames.outgoing(getattr(value, "frame_id", ""))
-            topic.publisher.publish(cdr.encode(value, time.time_ns(), frame_id))
-            topic.told = value
+            if self._thread.attempt(name, partial(self._send, topic, value, frame_id)):
+                topic.told = value
+
+    @staticmethod
+    def _send(topic: _Topic, value: Value, frame_id: str) -> None:
+        topic.publisher.publish(cdr.encode(value, time.time_ns(), frame_id))

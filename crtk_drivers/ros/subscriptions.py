@@ -92,7 +92,8 @@ class CommandTopics:
         return lambda data, sender: self._submit_value(name, payload, data, sender)
 
     def _state_command(self, data: bytes, sender: Sender) -> None:
-        value, stamp = self._read("state_command", Payload.TEXT, data)
+        # A stop is not refused for what stands behind it.
+        value, stamp = self._read("state_command", Payload.TEXT, data, is_exact=False)
         assert isinstance(value, Text)
         self._admit("state_command", value.value)
         self._engine.state_command(value.value, stamp)
@@ -106,10 +107,12 @@ class CommandTopics:
         value, stamp = self._read(name, payload, data)
         self._engine.submit(name, value, stamp, sender)
 
-    def _read(self, name: str, payload: Payload, data: bytes) -> tuple[Value, int]:
+    def _read(
+        self, name: str, payload: Payload, data: bytes, is_exact: bool = True
+    ) -> tuple[Value, int]:
         """Return the value of a message, in the device's own frame, and its stamp."""
         try:
-            found = cdr.decode(_TYPE_NAMES[payload], data)
+            found = cdr.decode(_TYPE_NAMES[payload], data, is_exact=is_exact)
         except ValueError as error:
             refusal = _refused(name, data, error, self._engine.where)
             self._engine.report_refusal(refusal)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 
 from rclpy.node import Node
@@ -117,7 +118,8 @@ class FeedbackTopics:
         self._engine = engine
         self._frames = frames
         self._joints = engine.capabilities.joints
-        audience = thread.job("audience", self._look, AUDIENCE_RATE)
+        self._thread = thread
+        self._audience = audience = thread.job("audience", self._look, AUDIENCE_RATE)
         self._topics = [
             _topic(node, engine, name, command, lambda _: audience.ask())
             for name, command in engine.commands.items()
@@ -125,7 +127,7 @@ class FeedbackTopics:
             and command.level not in (Level.STATE, *LATCHED)
         ]
         self._heard: list[_Topic] = []
-        self._rate = 0.0
+        self._rate = self._paced = 0.0
         self._job = thread.job("feedback", self._publish)
 
     @property
@@ -136,29 +138,30 @@ class FeedbackTopics:
     def set_rate(self, rate: float) -> None:
         """Publish `rate` times a second; at the device's own rate, each sample once and at once."""
         self._rate = rate
-        self._pace()
+        self._audience.ask()
 
     def _look(self) -> None:
         """See who listens; where nobody does, nothing is done for a sample."""
         heard = [topic for topic in self._topics if topic.publisher.get_subscription_count() > 0]
-        if heard != self._heard:
-            self._heard = heard
-            self._pace()
-
-    def _pace(self) -> None:
-        job, is_heard = self._job, bool(self._heard)
-        job.follows = math.isclose(self._rate, self._engine.capabilities.rate, rel_tol=0.01)
-        self._engine.on_sample = job.ask if job.follows and is_heard else None
-        job.set_rate(self._rate if is_heard else 0.0)
+        rate = self._rate if heard else 0.0
+        if (heard, rate) == (self._heard, self._paced):
+            return
+        self._heard, self._paced = heard, rate
+        job = self._job
+        job.follows = math.isclose(rate, self._engine.capabilities.rate, rel_tol=0.01)
+        self._engine.on_sample = job.ask if job.follows else None
+        job.set_rate(rate)
 
     def _publish(self) -> None:
         values = coherent(self._engine, [topic.name for topic in self._heard])
         for topic in self._heard:
-            found = values[topic.name]
-            if found is None:
-                topic.send(None, None, self._frames)
-            else:
-                topic.send(self._named(topic.name, found[0]), found[1], self._frames)
+            self._thread.attempt(topic.name, partial(self._send, topic, values[topic.name]))
+
+    def _send(self, topic: _Topic, found: tuple[Value, Stamp] | None) -> None:
+        if found is None:
+            topic.send(None, None, self._frames)
+        else:
+            topic.send(self._named(topic.name, found[0]), found[1], self._frames)
 
     def _named(self, name: str, value: Value) -> Value:
         if isinstance(value, JointState) and not value.name and "/" not in name:
@@ -179,6 +182,7 @@ class LatchedTopics:
             for name, command in engine.commands.items()
             if command.level in LATCHED and command.direction is Direction.PUBLISHED
         ]
+        self._thread = thread
         self.job: Job = thread.job("latched", self._publish)
         self._published: dict[str, Value] = {}
 
@@ -190,9 +194,10 @@ class LatchedTopics:
     def _publish(self) -> None:
         for topic in self._topics:
             found = self._engine.latched(topic.name)
-            if found is not None and self._published.get(topic.name) is not found[0]:
+            if found is None or self._published.get(topic.name) is found[0]:
+                continue
+            if self._thread.attempt(topic.name, partial(topic.send, *found, self._frames)):
                 self._published[topic.name] = found[0]
-                topic.send(*found, self._frames)
 
 
 class Transforms:

@@ -355,7 +355,9 @@ class UrDevice(Device):
         with suppress(ConnectionLost):
             while time.monotonic() < deadline:
                 state = stream.receive(deadline)
-                if state is None or state.runtime_state in PAUSED_PROGRAM:
+                if state is None:
+                    continue
+                if state.runtime_state in PAUSED_PROGRAM:
                     break
                 if state.runtime_state in STANDING_PROGRAM:
                     return

@@ -146,6 +146,24 @@ def test_bytes_that_are_no_such_message_are_refused(rig: Rig, command: str, data
     assert_alive(rig)
 
 
+def test_a_state_command_is_carried_out_whatever_stands_behind_it(rig: Rig) -> None:
+    rig.client.reach("enable", "ENABLED")
+    since = rig.client["operating_state"].mark()
+    rig.client.send("state_command", serialize_message(StringStamped(string="disable")) + bytes(64))
+    rig.client["operating_state"].wait(lambda m: m.state == "DISABLED", since)
+
+
+def test_a_stamp_that_is_none_silences_nothing(rig: Rig) -> None:
+    rig.client.reach("enable", "ENABLED")
+    message = joints(0.0, 0.0, 0.0, 0.0)
+    message.header.stamp.sec, message.header.stamp.nanosec = 2**31 - 1, 2**32 - 1
+    rig.client.send("servo_jp", message)
+    until(lambda: rig.session.engine.health().stream == "servo_jp", "the command is carried out")
+    for name in ("setpoint_js", "setpoint_cp", "measured_js"):
+        inbox = rig.client[name]
+        inbox.wait(since=inbox.mark() + 3)
+
+
 def test_a_big_endian_command_is_carried_out(rig: Rig) -> None:
     rig.client.reach("enable", "ENABLED")
     position = struct.pack(">4d", 0.0, 0.03, 0.0, 0.0)
