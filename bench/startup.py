@@ -21,8 +21,9 @@ SETTLE = 1.0
 
 _LABELS = {
     "interpreter": "Python started",
-    "imports": "modules imported",
+    "imports": "the command imported",
     "simulator": "simulator ready, device made",
+    "opened": "ROS loaded beside that",
     "node": "ROS node made",
     "connected": "connected to the controller",
     "sample": "first sample",

@@ -19,7 +19,7 @@ from rich.console import Console
 
 import crtk_drivers
 from crtk_drivers import plugins
-from crtk_drivers.cli import config_reference, main
+from crtk_drivers.cli import config_reference, device_command, main
 from crtk_drivers.cli.app import app, split_arguments
 from crtk_drivers.cli.list_command import short_names
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
@@ -29,7 +29,7 @@ from crtk_drivers.cli.terminal import OUT
 from crtk_drivers.config import from_values
 from crtk_drivers.config.keys import setting_names
 from crtk_drivers.device import Note, Severity
-from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors import ConfigError, ConnectionFailed
 from crtk_drivers.ros.names import ANOTHER_DRIVER
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.health import Health
@@ -583,3 +583,42 @@ def test_logs_as_text() -> None:
         r"\d\d:\d\d:\d\d warning no \[markup\] here, and no wrapping of a long line\n",
         out.getvalue(),
     )
+
+
+class Opening:
+    """A launch whose session is opened while rclpy is loaded."""
+
+    def __init__(self, error: Exception | None = None) -> None:
+        self.error = error
+        self.is_closed = False
+
+    def open(self) -> Any:
+        if self.error is not None:
+            raise self.error
+        return self
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+def test_an_interrupt_while_ros_is_loaded_closes_what_was_opened_beside_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupt(name: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(device_command, "import_module", interrupt)
+    launch: Any = Opening()
+    with pytest.raises(KeyboardInterrupt):
+        device_command.opened(launch)
+    assert launch.is_closed
+    failing: Any = Opening(ConnectionFailed("in use"))
+    with pytest.raises(KeyboardInterrupt):
+        device_command.opened(failing)
+
+
+def test_what_cannot_be_opened_beside_ros_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(device_command, "import_module", lambda name: None)
+    launch: Any = Opening(ConnectionFailed("in use"))
+    with pytest.raises(ConnectionFailed, match="in use"):
+        device_command.opened(launch)
