@@ -45,10 +45,19 @@ class Installed(NamedTuple):
     processor: float
 
 
+OURS = frozenset(
+    {"AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "UV_PROJECT_ENVIRONMENT", "VIRTUAL_ENV"}
+)
+"""Variables of this process's own environment: with them its libraries would be found instead."""
+
+
 def fresh(folder: Path) -> Mapping[str, str]:
-    """Return an environment without caches, and without the environment of this process."""
-    own = {"PYTHONPATH", "VIRTUAL_ENV", "UV_PROJECT_ENVIRONMENT"}
-    kept = {name: value for name, value in os.environ.items() if name not in own}
+    """Return the variables of a shell, without caches."""
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in OURS and not name.startswith("_ROS_WHEELS")
+    }
     return {**kept, "UV_CACHE_DIR": str(folder / "cache"), "UV_NO_PROGRESS": "1"}
 
 
