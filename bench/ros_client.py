@@ -69,7 +69,8 @@ class Client:
             now, stamp = time.time_ns(), message.header.stamp
             if not self._quiet:
                 add((number, stamp.sec * 1_000_000_000 + stamp.nanosec, now))
-            self._unheard.discard(topic)
+            if stamp.sec:  # else it is marked as invalid: the device is not connected yet
+                self._unheard.discard(topic)
             if joints:
                 self._joints = message.position
 

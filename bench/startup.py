@@ -101,7 +101,6 @@ def main() -> None:
         rows,
         [
             "The phases are of runs of their own, with a note of the time at each milestone.",
-            "A message may be heard before the device is connected: it is marked as invalid then.",
         ],
     )
 
