@@ -2,8 +2,8 @@
 
 cycles        monotonic time at the end of each I/O cycle
 samples       controller's time stamp, monotonic and wall time (ns) at which it was received
-milestones    monotonic time of: imports done, simulator and device made, node made, connected, first
-              sample; the first column is the number of the milestone
+milestones    monotonic time of: command imported, simulator runs, device made and ROS loaded, node made,
+              connected, first sample; the first column is the number of the milestone
 """
 
 from __future__ import annotations
@@ -15,17 +15,10 @@ START = time.monotonic()
 from collections.abc import Callable  # noqa: E402 - the first line is measured
 from typing import Any  # noqa: E402
 
-import crtk_drivers.session  # noqa: E402
 from bench.recording import Recording  # noqa: E402
-from crtk_driver_ur.rtde.stream import StateSample  # noqa: E402
-from crtk_driver_ur.samples import SampleMaker  # noqa: E402
-from crtk_drivers.cli import main  # noqa: E402
-from crtk_drivers.engine import Engine  # noqa: E402
-from crtk_drivers.ros import serving  # noqa: E402
-from crtk_drivers.samples import Sample  # noqa: E402
-from crtk_drivers.status.health import HealthRecorder  # noqa: E402
+from crtk_drivers.cli import device_command, launch, main  # noqa: E402
 
-MILESTONES = ("interpreter", "imports", "simulator", "node", "connected", "sample")
+MILESTONES = ("interpreter", "imports", "simulator", "opened", "node", "connected", "sample")
 
 
 def after(owner: Any, name: str, note: Callable[..., None]) -> None:
@@ -51,17 +44,26 @@ def record() -> None:
             reached.add(name)
             milestones.add((MILESTONES.index(name), when or time.monotonic()))
 
-    def sampled(sample: Sample, maker: SampleMaker, state: StateSample, *_: object) -> None:
+    def sampled(sample: Any, maker: Any, state: Any, *_: Any) -> None:
         reach("sample")
         samples.add((state.timestamp, state.received, sample.stamp.wall_ns))
 
+    def opened(session: Any, *_: Any) -> None:
+        from crtk_driver_ur.samples import SampleMaker
+        from crtk_drivers.engine import Engine
+        from crtk_drivers.ros import serving
+        from crtk_drivers.status.health import HealthRecorder
+
+        reach("opened")
+        after(serving.Serving, "__init__", lambda *_: reach("node"))
+        after(Engine, "connect", lambda *_: reach("connected"))
+        after(HealthRecorder, "cycle", lambda _, recorder, now: cycles.add((now,)))
+        after(SampleMaker, "make", sampled)
+
     reach("interpreter", START)
     reach("imports")
-    after(crtk_drivers.session, "open_session", lambda *_: reach("simulator"))
-    after(serving.Serving, "__init__", lambda *_: reach("node"))
-    after(Engine, "connect", lambda *_: reach("connected"))
-    after(HealthRecorder, "cycle", lambda _, recorder, now: cycles.add((now,)))
-    after(SampleMaker, "make", sampled)
+    after(launch.Launch, "open", lambda *_: reach("simulator"))
+    after(device_command, "opened", opened)
 
 
 if __name__ == "__main__":

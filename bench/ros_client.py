@@ -24,6 +24,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from bench.recording import Recording
+from crtk_drivers.ros import environment
 
 TOPICS = {
     "measured_js": JointState,
@@ -68,7 +69,8 @@ class Client:
             now, stamp = time.time_ns(), message.header.stamp
             if not self._quiet:
                 add((number, stamp.sec * 1_000_000_000 + stamp.nanosec, now))
-            self._unheard.discard(topic)
+            if stamp.sec:  # else it is marked as invalid: the device is not connected yet
+                self._unheard.discard(topic)
             if joints:
                 self._joints = message.position
 
@@ -132,6 +134,7 @@ def main() -> None:
     parser.add_argument("--quiet", action="store_true", help="record nothing")
     parser.add_argument("--servo", type=float, default=0.0, metavar="HZ")
     options = parser.parse_args()
+    environment.share_no_memory()  # as our own clients do
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     client = Client(options.namespace, options.name, options.topics, options.quiet)
     signal.signal(signal.SIGTERM, lambda *_: client.stopped.set())

@@ -27,6 +27,7 @@ Send one value for each of shoulder_pan_joint, ...`
 
 from __future__ import annotations
 
+import os
 from enum import StrEnum
 
 from typing_extensions import override
@@ -114,8 +115,15 @@ class MissingExtra(CrtkError, ImportError):
     ) -> None:
         super().__init__(
             f"{library} is not installed{because and ', and '}{because}",
-            remedy=remedy or f"Install it with: pip install '{owner}[{extra}]'",
+            remedy=remedy or f"Install it with: {_installation(owner, extra)}",
         )
+
+
+def _installation(owner: str, extra: str) -> str:
+    """Return the command that brings an extra: that of uv in a process which `uv run` has started."""
+    if owner == "crtk-drivers" and "UV_RUN_RECURSION_DEPTH" in os.environ:
+        return f"uv run --extra {extra} crtk-driver ..."
+    return f"pip install '{owner}[{extra}]'"
 
 
 class DeviceError(CrtkError):

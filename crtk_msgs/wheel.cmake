@@ -27,8 +27,24 @@ function(drop_missing_include_directories)
 endfunction()
 cmake_language(DEFER CALL drop_missing_include_directories)
 
-# Python needs the C type support only: a third of the build time of C and C++ together.
-# Call it between find_package and rosidl_generate_interfaces.
+# Python needs the C type support only: a third of the build time of C and C++ together. Fast DDS needs that of
+# introspection too, to tell others of the types. Call it between find_package and rosidl_generate_interfaces.
 macro(skip_cpp_generators)
   list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_cpp:")
 endmacro()
+
+# Each generated source includes the same headers, which takes longer to read than the rest to compile: one
+# translation unit a library. Descriptions stay apart, since they share names. Call it after
+# rosidl_generate_interfaces.
+function(compile_at_once)
+  get_property(targets DIRECTORY PROPERTY BUILDSYSTEM_TARGETS)
+  foreach(target IN LISTS targets)
+    get_target_property(type ${target} TYPE)
+    if(type MATCHES "^(SHARED|STATIC|MODULE)_LIBRARY$")
+      set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 0)
+      get_target_property(sources ${target} SOURCES)
+      list(FILTER sources INCLUDE REGEX "__description\\.c$")
+      set_source_files_properties(${sources} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
+    endif()
+  endforeach()
+endfunction()

@@ -11,44 +11,29 @@ import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from crtk_drivers import plugins
-from crtk_drivers.cli.bench_command import bench_app
-from crtk_drivers.cli.check_command import CheckGroup
-from crtk_drivers.cli.client_commands import PANEL
-from crtk_drivers.cli.client_commands import add_to as add_client_commands
-from crtk_drivers.cli.conform_command import add_to as add_conform
-from crtk_drivers.cli.device_command import build as build_device
-from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup
-from crtk_drivers.cli.list_command import list_plugins, list_simulators
-from crtk_drivers.cli.new_command import Kind, write_plugin
+from crtk_drivers.cli.own_commands import OWN_COMMANDS, OwnGroup
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
-from crtk_drivers.cli.policy_command import PolicyGroup
-from crtk_drivers.cli.schema_command import print_schema
-from crtk_drivers.cli.sim_command import SimGroup
 from crtk_drivers.cli.terminal import print_error
-from crtk_drivers.cli.up_command import (
-    LabFile,
-    SimOption,
-    bring_up,
-    check_lab,
-    make_units,
-    write_lab,
-)
 from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra, PluginError
 
 _USAGE_ERRORS = (ConfigError, PluginError, MissingExtra)
-_TOOLS = "Tools"
 
 
-class DeviceGroup(PluginGroup):
-    """One command for each device, beside the tools."""
+def _build(plugin: Any, panel: str) -> Any:
+    from crtk_drivers.cli.device_command import build
 
-    source = Source(plugins.devices, build_device, plugins.device, "Devices")
+    return build(plugin, panel)
+
+
+class DeviceGroup(PluginGroup, OwnGroup):
+    """One command for each device, beside our own."""
+
+    source = Source(plugins.devices, _build, plugins.device, "Devices")
 
 
 @dataclass(frozen=True)
@@ -69,10 +54,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"]},
 )
-sim_app = typer.Typer(cls=SimGroup, no_args_is_help=True, rich_markup_mode="rich")
-policy_app = typer.Typer(cls=PolicyGroup, no_args_is_help=True, rich_markup_mode="rich")
-check_app = typer.Typer(cls=CheckGroup, no_args_is_help=True, rich_markup_mode="rich")
-lab_app = typer.Typer(cls=HelpfulGroup, no_args_is_help=True, rich_markup_mode="rich")
 
 
 def _show_version(wanted: bool) -> None:
@@ -88,12 +69,6 @@ def _show_version(wanted: bool) -> None:
 def _allow_only(names: str | None) -> None:
     if names is not None:
         os.environ[plugins.ONLY] = names
-
-
-def _tools() -> tuple[str, ...]:
-    names = [command.name for command in app.registered_commands]
-    names += [group.name for group in app.registered_groups]
-    return tuple(name for name in names if name is not None)
 
 
 @app.callback(
@@ -121,153 +96,12 @@ def _root(
     ] = False,
 ) -> None:
     """Bring robots, servos, drives and sensors up as CRTK devices, on ROS 2, with or without hardware."""
-    if context.obj.ros_args and context.invoked_subcommand in _tools():
+    if context.obj.ros_args and context.invoked_subcommand in OWN_COMMANDS:
         raise ConfigError(
             "is for running a device",
             where="--ros-args",
             remedy=f"Leave it out: `{context.invoked_subcommand}` starts no node.",
         )
-
-
-@app.command("list", rich_help_panel=_TOOLS, cls=HelpfulCommand)
-def _list(
-    name: Annotated[str | None, typer.Argument(help="Show all that is known of one.")] = None,
-) -> None:
-    """List the devices and simulators, and whether they can be used."""
-    raise typer.Exit(list_plugins(name))
-
-
-@app.command("schema", rich_help_panel=_TOOLS, cls=HelpfulCommand)
-def _schema(
-    name: Annotated[str, typer.Argument(help="Of the device.")],
-    markdown: Annotated[bool, typer.Option("--markdown", help="As tables for people.")] = False,
-) -> None:
-    """Print the JSON schema of a device's configuration."""
-    print_schema(name, markdown)
-
-
-@app.command("new", rich_help_panel=_TOOLS, cls=HelpfulCommand)
-def _new(
-    kind: Annotated[
-        Kind, typer.Argument(help=f"What it is like: {', '.join(Kind)}.", show_default=False)
-    ],
-    name: Annotated[
-        str,
-        typer.Argument(
-            help="Of the device: small letters, digits, underscores. `crtk-driver NAME` runs it.",
-            show_default=False,
-        ),
-    ],
-    directory: Annotated[
-        Path,
-        typer.Option(
-            "--directory", "-C", exists=True, file_okay=False, help="Where its folder is made."
-        ),
-    ] = Path(),
-) -> None:
-    """Write a plugin for a device of your own: driver, simulator and tests to start from, which pass.
-
-    A folder crtk-driver-NAME is made; nothing is overwritten. For example: crtk-driver new sensor my_scale
-    """
-    raise typer.Exit(write_plugin(kind, name, directory, _tools()))
-
-
-@sim_app.callback()
-def _sim() -> None:
-    """Run a simulator alone, for any client."""
-
-
-@sim_app.command("list", rich_help_panel=_TOOLS, cls=HelpfulCommand)
-def _sim_list() -> None:
-    """List the simulators."""
-    list_simulators()
-
-
-@policy_app.callback()
-def _policy() -> None:
-    """Print who may command a device, and who may listen, as an SROS2 policy."""
-
-
-@check_app.callback()
-def _check() -> None:
-    """Check that a device, or its simulator, is ready to run."""
-
-
-@app.command("up", rich_help_panel=_TOOLS, cls=HelpfulCommand)
-def _up(
-    lab: LabFile,
-    devices: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[DEVICE]...", help="Only these, and no programs."),
-    ] = None,
-    sim: SimOption = False,
-    logs: Annotated[
-        Path | None,
-        typer.Option(
-            "--logs", metavar="DIR", help="For logs. [dim]\\[default: logs/NAME-TIME][/dim]"
-        ),
-    ] = None,
-    log_level: Annotated[
-        str, typer.Option("--log-level", help="Least severe records that are shown.")
-    ] = "info",
-    systemd: Annotated[
-        str | None,
-        typer.Option(
-            "--systemd",
-            metavar="DIR",
-            help="Start nothing: write units of systemd into this folder; - prints them.",
-        ),
-    ] = None,
-) -> None:
-    """Bring up all devices of a lab, one process each, until Ctrl-C.
-
-    They start in order, each once what carries it measures; one that ends is started again, DISABLED.
-    Ctrl-C stops programs first, then the devices.
-    """
-    only = tuple(devices or ())
-    if systemd is not None:
-        raise typer.Exit(make_units(lab, only, sim, systemd))
-    raise typer.Exit(bring_up(lab, only, sim, logs, log_level))
-
-
-@lab_app.callback()
-def _lab() -> None:
-    """Write a lab file to start from, or check one."""
-
-
-@lab_app.command("new", cls=HelpfulCommand)
-def _lab_new(
-    lab: Annotated[Path, typer.Argument(metavar="LAB", help="Where.")] = Path("lab.toml"),
-    scan: Annotated[
-        bool,
-        typer.Option("--scan", help="Ask serial ports and CAN buses who is there; nothing moves."),
-    ] = False,
-    at: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--at", metavar="PLACE", help="With --scan: look only here, as /dev/ttyUSB0 or can0."
-        ),
-    ] = None,
-) -> None:
-    """Write a lab file to start from. Nothing is overwritten."""
-    if at and not scan:
-        raise ConfigError("is where --scan looks", where="--at", remedy="Add --scan.")
-    raise typer.Exit(write_lab(lab, tuple(at or ()) if scan else None))
-
-
-@lab_app.command("check", cls=HelpfulCommand)
-def _lab_check(lab: LabFile, sim: SimOption = False) -> None:
-    """Check a lab file with the settings of all its devices, and show what would be started."""
-    raise typer.Exit(check_lab(lab, sim))
-
-
-add_client_commands(app)
-app.add_typer(bench_app, name="bench", rich_help_panel=_TOOLS)
-add_conform(app, PANEL)
-app.add_typer(check_app, name="check", rich_help_panel=_TOOLS)
-app.add_typer(lab_app, name="lab", rich_help_panel=_TOOLS)
-app.add_typer(policy_app, name="policy", rich_help_panel=_TOOLS)
-app.add_typer(sim_app, name="sim", rich_help_panel=_TOOLS)
 
 
 def split_arguments(arguments: Sequence[str]) -> Invocation:

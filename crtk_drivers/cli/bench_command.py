@@ -13,8 +13,6 @@ from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup
 from crtk_drivers.cli.up_command import LabFile, SimOption
 from crtk_drivers.labs.bench.declared import Suite
 
-__all__ = ["bench_app"]
-
 
 class BenchGroup(HelpfulGroup):
     """``bench LAB`` is ``bench run LAB``."""
@@ -26,6 +24,7 @@ class BenchGroup(HelpfulGroup):
         return super().parse_args(ctx, args)
 
 
+app = typer.Typer()
 bench_app = typer.Typer(cls=BenchGroup, no_args_is_help=True, rich_markup_mode="rich")
 
 
@@ -156,3 +155,6 @@ def _bench_again(
 def _bench_schema() -> None:
     """Print the JSON schema of run.json."""
     raise typer.Exit(bench_runs.print_schema())
+
+
+app.add_typer(bench_app, name="bench")

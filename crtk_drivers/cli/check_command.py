@@ -215,3 +215,15 @@ class CheckGroup(PluginGroup):
     """One command for each device."""
 
     source = Source(plugins.devices, build, plugins.device, "Devices")
+
+
+app = typer.Typer()
+check_app = typer.Typer(cls=CheckGroup, no_args_is_help=True, rich_markup_mode="rich")
+
+
+@check_app.callback()
+def _check() -> None:
+    """Check that a device, or its simulator, is ready to run."""
+
+
+app.add_typer(check_app, name="check")

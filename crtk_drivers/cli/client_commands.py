@@ -1,4 +1,4 @@
-"""The commands that use a running CRTK device over ROS 2, whoever made it: `add_to` puts them on the app.
+"""The commands that use a running CRTK device over ROS 2, whoever made it.
 
 They are a small client on `crtk_drivers.client`, for a terminal: `ros2` is not needed.
 """
@@ -11,6 +11,7 @@ from typing import Annotated, Final
 import typer
 
 from crtk_drivers.cli.help_pages import HelpfulCommand
+from crtk_drivers.cli.own_commands import OWN_COMMANDS
 from crtk_drivers.cli.reaching import (
     FIND_TIMEOUT,
     Namespace,
@@ -24,46 +25,15 @@ from crtk_drivers.cli.terminal import ERR, OUT, plain
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.state import StateCommand
 
-PANEL: Final = "Use a device that runs, of any maker"
 _NUMBERS: Final = {"ignore_unknown_options": True}
 """So that ``-1.3`` is a value; what begins with two dashes is refused by `_no_options`."""
 
-_STATE_COMMANDS: Final = (
-    (StateCommand.ENABLE, "Power a device up, so that it accepts motion commands."),
-    (StateCommand.DISABLE, "Power a device down."),
-    (StateCommand.HOME, "Find the reference positions. It may move; Ctrl-C holds it."),
-    (StateCommand.UNHOME, "Forget the reference positions."),
-    (StateCommand.PAUSE, "Stop a device, with its power on."),
-    (StateCommand.RESUME, "Go on after a pause."),
-)
-_STOPS: Final = (
-    ("hold", "Stop a device, in any state, and stay there."),
-    ("free", "Let a device go, so that it can be moved by hand."),
-)
+app = typer.Typer()
 
 Child = Annotated[
     str,
     typer.Option("--child", metavar="NAME", help="A part of the device: jaw, gripper."),
 ]
-
-
-def add_to(app: typer.Typer) -> None:
-    """Put the commands on an app."""
-    app.command("state", cls=HelpfulCommand, rich_help_panel=PANEL)(_state)
-    for command, summary in _STATE_COMMANDS:
-        app.command(
-            command.value,
-            cls=HelpfulCommand,
-            rich_help_panel=PANEL,
-            help=_help(command.value, summary),
-        )(_state_command(command))
-    for name, summary in _STOPS:
-        app.command(name, cls=HelpfulCommand, rich_help_panel=PANEL, help=_help(name, summary))(
-            _plain_command(name)
-        )
-    app.command("move", cls=HelpfulCommand, rich_help_panel=PANEL, context_settings=_NUMBERS)(_move)
-    app.command("echo", cls=HelpfulCommand, rich_help_panel=PANEL)(_echo)
-    app.command("call", cls=HelpfulCommand, rich_help_panel=PANEL, context_settings=_NUMBERS)(_call)
 
 
 def _no_options(values: list[str] | None) -> list[str]:
@@ -74,10 +44,11 @@ def _no_options(values: list[str] | None) -> list[str]:
     return values or []
 
 
-def _help(name: str, summary: str) -> str:
-    return f"{summary}\n\nExample:\n\n    crtk-driver {name} /ur5"
+def _help(name: str) -> str:
+    return f"{OWN_COMMANDS[name].summary}\n\nExample:\n\n    crtk-driver {name} /ur5"
 
 
+@app.command("state", cls=HelpfulCommand)
 def _state(
     namespace: Annotated[
         str,
@@ -130,6 +101,13 @@ def _plain_command(name: str) -> Callable[..., None]:
     return run
 
 
+for _each in StateCommand:
+    app.command(_each.value, cls=HelpfulCommand, help=_help(_each.value))(_state_command(_each))
+for _name in ("hold", "free"):
+    app.command(_name, cls=HelpfulCommand, help=_help(_name))(_plain_command(_name))
+
+
+@app.command("move", cls=HelpfulCommand, context_settings=_NUMBERS)
 def _move(
     namespace: Namespace,
     values: Annotated[
@@ -166,6 +144,7 @@ def _move(
         raise typer.Exit(move(device, values, pose=pose, relative=relative, degrees=degrees))
 
 
+@app.command("echo", cls=HelpfulCommand)
 def _echo(
     namespace: Namespace,
     topic: Annotated[
@@ -197,6 +176,7 @@ def _echo(
         raise typer.Exit(echo(device, topic, once, rate, timeout))
 
 
+@app.command("call", cls=HelpfulCommand, context_settings=_NUMBERS)
 def _call(
     namespace: Namespace,
     service: Annotated[

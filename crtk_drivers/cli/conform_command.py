@@ -40,11 +40,10 @@ _STYLES: Final = {
 }
 
 
-def add_to(app: typer.Typer, panel: str) -> None:
-    """Put the command on an app."""
-    app.command("conform", cls=HelpfulCommand, rich_help_panel=panel)(_conform)
+app = typer.Typer()
 
 
+@app.command("conform", cls=HelpfulCommand)
 def _conform(
     namespace: Annotated[
         str, typer.Argument(metavar="NAMESPACE", help="Of the device: /ur5.", show_default=False)

@@ -7,12 +7,15 @@ import os
 import signal
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from crtk_drivers.cli.felt_on_ros import felt_on_ros
-from crtk_drivers.cli.launch import launch_of, launch_options
+from crtk_drivers.cli.launch import Launch, launch_of, launch_options
 from crtk_drivers.cli.log_setup import LEVELS, LogFormat, set_up_logging
 from crtk_drivers.cli.status_line import StatusLine
 from crtk_drivers.cli.terminal import ERR, plain, program, sentence
@@ -27,12 +30,16 @@ from crtk_drivers.cli.typed_options import (
     setting_options,
 )
 from crtk_drivers.config import load
+from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs.reports import REPORT_FD, Reporter
 from crtk_drivers.plugins import DevicePlugin, RunningSim, Tool
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace
 from crtk_drivers.state import Status
 from crtk_drivers.status.health import Health
+
+if TYPE_CHECKING:
+    from crtk_drivers.session import Session
 
 logger = logging.getLogger(__name__)
 
@@ -128,9 +135,9 @@ def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequenc
     environment.check()
     reach = environment.reach()
     environment.share_no_memory()
-    from crtk_drivers.ros import serving  # rclpy is loaded here and no earlier
+    session = opened(launch)
+    from crtk_drivers.ros import serving
 
-    session = launch.open()
     if log_format is LogFormat.TEXT:
         _tell_page(session.sim)
     engine = session.engine
@@ -173,6 +180,19 @@ def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequenc
             served=served,
             idle=idle,
         )
+
+
+def opened(launch: Launch) -> Session:
+    """Open it, and load rclpy meanwhile: a simulator takes as long, in a process of its own."""
+    with ThreadPoolExecutor(1) as pool:
+        opening = pool.submit(launch.open)
+        try:
+            import_module("crtk_drivers.ros.serving")
+        except BaseException:
+            with suppress(CrtkError):
+                opening.result().close()
+            raise
+        return opening.result()
 
 
 def _reporter(read: Callable[[], tuple[Status, Health]]) -> Reporter | None:

@@ -7,6 +7,7 @@ of its own. Commands and groups get these pages by their class, `HelpfulCommand`
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 from rich.padding import Padding
@@ -24,6 +25,14 @@ _NARROWEST: Final = 24
 """Columns that a description needs to stand beside a name."""
 
 Rows = list[tuple[Text, Text]]
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A command as the page of its group lists it: a summary, which is markup, and the heading above it."""
+
+    summary: str
+    panel: str
 
 
 class _StableNames:
@@ -45,6 +54,13 @@ class HelpfulCommand(_StableNames, TyperCommand):
 
 class HelpfulGroup(_StableNames, TyperGroup):
     """A group of commands with such a page."""
+
+    def listed(self, ctx: Any, name: str) -> Listed | None:
+        """Return how the command `name` is listed; None if it is not."""
+        command: Any = self.get_command(ctx, name)
+        if command is None or command.hidden:
+            return None
+        return Listed((command.help or "").split("\n\n")[0], _panel(command))
 
     @override
     def format_help(self, ctx: Any, formatter: Any) -> None:
@@ -101,14 +117,13 @@ def _sections(command: Any, ctx: Any) -> Mapping[str, Rows]:
         heading = _panel(param) or ("Arguments" if argument else "Options")
         names = Text(_metavar(param), "cyan") if argument else _option_names(param)
         sections.setdefault(heading, []).append((names, _description(param)))
-    if isinstance(command, TyperGroup):
+    if isinstance(command, HelpfulGroup):
         for name in command.list_commands(ctx):
-            below: Any = command.get_command(ctx, name)
-            if below is None or below.hidden:
-                continue
-            summary = Text.from_markup(" ".join((below.help or "").split("\n\n")[0].split()))
-            heading = _panel(below) or "Commands"
-            sections.setdefault(heading, []).append((Text(name, "cyan"), summary))
+            told = command.listed(ctx, name)
+            if told is not None:
+                summary = Text.from_markup(" ".join(told.summary.split()))
+                row = Text(name, "cyan"), summary
+                sections.setdefault(told.panel or "Commands", []).append(row)
     return sections
 
 

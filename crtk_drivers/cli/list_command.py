@@ -4,17 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from itertools import groupby
+from typing import Annotated
 
+import typer
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from crtk_drivers import plugins
+from crtk_drivers.cli.help_pages import HelpfulCommand
 from crtk_drivers.cli.terminal import OUT, sentence
-from crtk_drivers.commands import Command, Level
+from crtk_drivers.commands import Command, Level, find, is_name
 from crtk_drivers.plugins import PluginEntry
 
+app = typer.Typer()
+
 _KINDS = {plugins.DEVICES: "device", plugins.SIMS: "simulator", plugins.PAGES: "page"}
+
+
+@app.command("list", cls=HelpfulCommand)
+def _list(
+    name: Annotated[str | None, typer.Argument(help="Show all that is known of one.")] = None,
+) -> None:
+    """List the devices and simulators, and whether they can be used."""
+    raise typer.Exit(list_plugins(name))
 
 
 def list_plugins(name: str | None) -> int:
@@ -58,17 +71,16 @@ def _print_group(title: str, entries: Mapping[str, PluginEntry]) -> None:
 
 def _summary(entry: PluginEntry) -> RenderableType:
     lines = Text.assemble(_status(entry), (f"  {_package(entry)}", "dim"))
-    if entry.error:
+    told = entry.description
+    if told is None:
         return lines.append_text(_trouble(entry))
     if _is_device(entry):
-        sim = entry.plugin.sim
-        lines.append(f"  simulator: {sim}" if sim else "  no simulator", "dim")
-    lines.append(f"\n{sentence(entry.plugin.summary)}")
+        lines.append(f"  simulator: {told.sim}" if told.sim else "  no simulator", "dim")
+    lines.append(f"\n{sentence(told.summary)}")
     if entry.missing:
         lines.append(f"\n{entry.missing}", "yellow")
-    if _is_device(entry):
-        lines.append(f"\n{short_names(plugins.commands_of(entry.name))}", "dim")
-    return lines
+    commands = {name: find(name) for name in told.commands.split() if is_name(name)}
+    return lines.append(f"\n{short_names(commands)}", "dim") if commands else lines
 
 
 def _trouble(entry: PluginEntry) -> Text:
@@ -87,8 +99,11 @@ def _package(entry: PluginEntry) -> str:
 
 
 def _status(entry: PluginEntry) -> Text:
+    """Say what is known of it: that one is ok only where it was imported."""
     if entry.missing:
         return Text("needs extra", "yellow")
+    if entry.is_described and not entry.is_loaded:
+        return Text("installed", "green")
     return Text("broken", "bold red") if entry.error else Text("ok", "green")
 
 
@@ -123,9 +138,10 @@ def _joined(level: Level, names: Iterable[str]) -> str:
 
 def _describe(entry: PluginEntry) -> None:
     kind = _KINDS[entry.entry_point.group]
+    error = entry.error  # which imports it
     heading = Text.assemble((entry.name, "bold cyan"), f"  {kind}  ", _status(entry))
     OUT.print(heading.append(f"  {_package(entry)}  {entry.entry_point.value}", "dim"))
-    if entry.error:
+    if error:
         OUT.print(Text(f"\n{entry.traceback}"), soft_wrap=True)
         return
     OUT.print(f"{sentence(entry.plugin.summary)}\n")

@@ -12,11 +12,17 @@ from collections.abc import Iterator
 from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
+
+import typer
 
 from crtk_drivers import plugins
+from crtk_drivers.cli.help_pages import HelpfulCommand
+from crtk_drivers.cli.own_commands import OWN_COMMANDS
 from crtk_drivers.cli.terminal import OUT
 from crtk_drivers.errors import ConfigError
+
+app = typer.Typer()
 
 TEMPLATES: Final = Path(__file__).with_name("templates")
 
@@ -34,19 +40,44 @@ class Kind(StrEnum):
     GRIPPER = "gripper"
 
 
-def write_plugin(kind: Kind, name: str, parent: Path, commands: tuple[str, ...] = ()) -> int:
+@app.command("new", cls=HelpfulCommand)
+def _new(
+    kind: Annotated[
+        Kind, typer.Argument(help=f"What it is like: {', '.join(Kind)}.", show_default=False)
+    ],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="Of the device: small letters, digits, underscores. `crtk-driver NAME` runs it.",
+            show_default=False,
+        ),
+    ],
+    directory: Annotated[
+        Path,
+        typer.Option(
+            "--directory", "-C", exists=True, file_okay=False, help="Where its folder is made."
+        ),
+    ] = Path(),
+) -> None:
+    """Write a plugin for a device of your own: driver, simulator and tests to start from, which pass.
+
+    A folder crtk-driver-NAME is made; nothing is overwritten. For example: crtk-driver new sensor my_scale
+    """
+    raise typer.Exit(write_plugin(kind, name, directory))
+
+
+def write_plugin(kind: Kind, name: str, parent: Path) -> int:
     """Write a plugin into a new folder of `parent`, and say what to do next.
 
     Args:
         kind: which template.
         name: of the device, as in ``crtk-driver <name>``.
         parent: an existing folder.
-        commands: names that ``crtk-driver`` has for itself.
 
     Raises:
         ConfigError: the name cannot be used or is taken, or the folder is there; nothing is written.
     """
-    check_name(name, commands)
+    check_name(name)
     folder = parent / f"crtk-driver-{name.replace('_', '-')}"
     if folder.exists():
         raise ConfigError(
@@ -88,7 +119,7 @@ def _renamed(text: str, kind: Kind, name: str) -> str:
     )
 
 
-def check_name(name: str, commands: tuple[str, ...] = ()) -> None:
+def check_name(name: str) -> None:
     """Make sure that a device may be called so.
 
     Raises:
@@ -109,7 +140,7 @@ def check_name(name: str, commands: tuple[str, ...] = ()) -> None:
         raise ConfigError(
             wrong, where=repr(name), remedy=f"Call it {plain}." if usable else "Choose another."
         )
-    taken = _taken_by(name, commands)
+    taken = _taken_by(name)
     if taken:
         raise ConfigError(
             f"is taken: {taken}",
@@ -118,9 +149,9 @@ def check_name(name: str, commands: tuple[str, ...] = ()) -> None:
         )
 
 
-def _taken_by(name: str, commands: tuple[str, ...]) -> str:
+def _taken_by(name: str) -> str:
     """Return who has a name already; empty: nobody."""
-    if name in commands:
+    if name in OWN_COMMANDS:
         return f"`crtk-driver {name}` is a command"
     for what, entries in (("device", plugins.devices()), ("simulator", plugins.sims())):
         for entry in entries.values():

@@ -1,7 +1,8 @@
 """A group of commands with one for each plugin, made when it is asked for.
 
-``crtk-driver ur`` imports the plugin ``ur`` and no other; only a list of commands imports them all. A
-plugin that cannot be loaded is still there, says so in the list, and raises its error when it is used.
+``crtk-driver ur`` imports the plugin ``ur`` and no other; a list of commands imports those that are not
+described beside their entry points. A plugin that cannot be loaded is still there, says so in the list, and
+raises its error when it is used.
 """
 
 from __future__ import annotations
@@ -14,9 +15,8 @@ from typing import Any, ClassVar
 import typer
 from typing_extensions import override
 
-from crtk_drivers.cli.help_pages import HelpfulGroup
-from crtk_drivers.cli.terminal import plain
-from crtk_drivers.cli.typed_options import make_command
+from crtk_drivers.cli.help_pages import HelpfulGroup, Listed
+from crtk_drivers.cli.terminal import plain, sentence
 from crtk_drivers.plugins import PluginEntry
 
 
@@ -48,6 +48,10 @@ class PluginGroup(HelpfulGroup):
     def _plugins(self) -> Mapping[str, PluginEntry]:
         return self.source.find()
 
+    @cached_property
+    def _made(self) -> dict[str, Any]:
+        return {}
+
     @override
     def list_commands(self, ctx: typer.Context) -> list[str]:  # type: ignore[override]
         """Return the plugins, then the other commands."""
@@ -62,11 +66,19 @@ class PluginGroup(HelpfulGroup):
         if own is not None:
             return own
         entry = self._plugins.get(self.source.former.get(cmd_name, cmd_name))
-        if entry is None:
-            return None
-        if entry.error is not None:
-            return self._placeholder(entry)
-        return self.source.build(entry.plugin, self.source.panel)
+        if entry is not None and cmd_name not in self._made:
+            self._made[cmd_name] = self._command(entry)
+        return self._made.get(cmd_name)
+
+    @override
+    def listed(self, ctx: Any, name: str) -> Listed | None:
+        """Return how the command is listed: of a plugin with what is told of it, which may import nothing."""
+        entry = self._plugins.get(name)
+        if entry is None or name in super().list_commands(ctx):
+            return super().listed(ctx, name)
+        told = entry.description
+        summary = sentence(told.summary) if told is not None else _BROKEN
+        return Listed(_needs_extra(entry) or summary, self.source.panel)
 
     @override
     def resolve_command(self, ctx: typer.Context, args: list[str]) -> Any:  # type: ignore[override]
@@ -76,18 +88,24 @@ class PluginGroup(HelpfulGroup):
             self.source.refuse(name)
         return super().resolve_command(ctx, args)
 
+    def _command(self, entry: PluginEntry) -> Any:
+        if entry.error is None:
+            return self.source.build(entry.plugin, self.source.panel)
+        return self._placeholder(entry)
+
     def _placeholder(self, entry: PluginEntry) -> Any:
+        from crtk_drivers.cli.typed_options import make_command
+
         def run(**_: Any) -> int:
             assert entry.plugin is None  # raises
             return 1
 
-        text = "broken, see [bold]crtk-driver list[/bold]"
-        if entry.missing:
-            text = f"needs an extra: {plain(str(entry.missing))}"
-        return make_command(
-            entry.name,
-            run,
-            [],
-            help=f"[red]{text}[/red]",
-            panel=self.source.panel,
-        )
+        help_text = _needs_extra(entry) or _BROKEN
+        return make_command(entry.name, run, [], help=help_text, panel=self.source.panel)
+
+
+_BROKEN = "[red]broken, see [bold]crtk-driver list[/bold][/red]"
+
+
+def _needs_extra(entry: PluginEntry) -> str:
+    return f"[red]needs an extra: {plain(str(entry.missing))}[/red]" if entry.missing else ""

@@ -54,3 +54,15 @@ class PolicyGroup(PluginGroup):
     """One command for each device."""
 
     source = Source(plugins.devices, build, plugins.device, "Devices")
+
+
+app = typer.Typer()
+policy_app = typer.Typer(cls=PolicyGroup, no_args_is_help=True, rich_markup_mode="rich")
+
+
+@policy_app.callback()
+def _policy() -> None:
+    """Print who may command a device, and who may listen, as an SROS2 policy."""
+
+
+app.add_typer(policy_app, name="policy")

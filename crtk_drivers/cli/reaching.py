@@ -6,15 +6,17 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
 from crtk_drivers.cli.terminal import ERR, plain
-from crtk_drivers.client import RemoteDevice, connect
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.ros import environment
+
+if TYPE_CHECKING:
+    from crtk_drivers.client import RemoteDevice
 
 Namespace = Annotated[
     str,
@@ -58,6 +60,8 @@ def reached(namespace: str, timeout: float, child: str = "") -> Iterator[RemoteD
         MissingExtra, ConfigError: ROS 2 cannot be used here, or that is no namespace.
         ConnectionFailed: there is none; says which there are.
     """
+    from crtk_drivers.client import connect  # not needed to show a help
+
     prepare()
     with ERR.status(f"looking for {plain(namespace)} ..."):
         device = connect(namespace, timeout=timeout)

@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import json
+from typing import Annotated
 
 import typer
 
 from crtk_drivers import plugins
 from crtk_drivers.cli.config_reference import device_tables
+from crtk_drivers.cli.help_pages import HelpfulCommand
 from crtk_drivers.cli.terminal import OUT
 from crtk_drivers.config import with_node
+
+app = typer.Typer()
+
+
+@app.command("schema", cls=HelpfulCommand)
+def _schema(
+    name: Annotated[str, typer.Argument(help="Of the device.")],
+    markdown: Annotated[bool, typer.Option("--markdown", help="As tables for people.")] = False,
+) -> None:
+    """Print the JSON schema of a device's configuration."""
+    print_schema(name, markdown)
 
 
 def print_schema(name: str, markdown: bool) -> None:

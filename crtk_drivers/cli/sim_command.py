@@ -10,6 +10,8 @@ import typer
 from rich.table import Table
 
 from crtk_drivers import plugins
+from crtk_drivers.cli.help_pages import HelpfulCommand
+from crtk_drivers.cli.list_command import list_simulators
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import ERR, plain, sentence
 from crtk_drivers.cli.typed_options import given_settings, make_command, setting_options
@@ -78,3 +80,21 @@ class SimGroup(PluginGroup):
     """One command for each simulator."""
 
     source = Source(plugins.sims, build, plugins.simulator, "Simulators", plugins.FORMER)
+
+
+app = typer.Typer()
+sim_app = typer.Typer(cls=SimGroup, no_args_is_help=True, rich_markup_mode="rich")
+
+
+@sim_app.callback()
+def _sim() -> None:
+    """Run a simulator alone, for any client."""
+
+
+@sim_app.command("list", rich_help_panel="Tools", cls=HelpfulCommand)
+def _sim_list() -> None:
+    """List the simulators."""
+    list_simulators()
+
+
+app.add_typer(sim_app, name="sim")

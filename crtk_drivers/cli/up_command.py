@@ -17,6 +17,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup
 from crtk_drivers.cli.lab_scan import scanned_lab
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
 from crtk_drivers.cli.status_line import LIVE_PERIOD, STATE_STYLES
@@ -47,6 +48,80 @@ _PHASES: Final = {
     Phase.STOPPING: "yellow",
     Phase.ENDED: "dim",
 }
+
+app = typer.Typer()
+lab_app = typer.Typer(cls=HelpfulGroup, no_args_is_help=True, rich_markup_mode="rich")
+
+
+@app.command("up", cls=HelpfulCommand)
+def _up(
+    lab: LabFile,
+    devices: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[DEVICE]...", help="Only these, and no programs."),
+    ] = None,
+    sim: SimOption = False,
+    logs: Annotated[
+        Path | None,
+        typer.Option(
+            "--logs", metavar="DIR", help="For logs. [dim]\\[default: logs/NAME-TIME][/dim]"
+        ),
+    ] = None,
+    log_level: Annotated[
+        str, typer.Option("--log-level", help="Least severe records that are shown.")
+    ] = "info",
+    systemd: Annotated[
+        str | None,
+        typer.Option(
+            "--systemd",
+            metavar="DIR",
+            help="Start nothing: write units of systemd into this folder; - prints them.",
+        ),
+    ] = None,
+) -> None:
+    """Bring up all devices of a lab, one process each, until Ctrl-C.
+
+    They start in order, each once what carries it measures; one that ends is started again, DISABLED.
+    Ctrl-C stops programs first, then the devices.
+    """
+    only = tuple(devices or ())
+    if systemd is not None:
+        raise typer.Exit(make_units(lab, only, sim, systemd))
+    raise typer.Exit(bring_up(lab, only, sim, logs, log_level))
+
+
+@lab_app.callback()
+def _lab() -> None:
+    """Write a lab file to start from, or check one."""
+
+
+@lab_app.command("new", cls=HelpfulCommand)
+def _lab_new(
+    lab: Annotated[Path, typer.Argument(metavar="LAB", help="Where.")] = Path("lab.toml"),
+    scan: Annotated[
+        bool,
+        typer.Option("--scan", help="Ask serial ports and CAN buses who is there; nothing moves."),
+    ] = False,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--at", metavar="PLACE", help="With --scan: look only here, as /dev/ttyUSB0 or can0."
+        ),
+    ] = None,
+) -> None:
+    """Write a lab file to start from. Nothing is overwritten."""
+    if at and not scan:
+        raise ConfigError("is where --scan looks", where="--at", remedy="Add --scan.")
+    raise typer.Exit(write_lab(lab, tuple(at or ()) if scan else None))
+
+
+@lab_app.command("check", cls=HelpfulCommand)
+def _lab_check(lab: LabFile, sim: SimOption = False) -> None:
+    """Check a lab file with the settings of all its devices, and show what would be started."""
+    raise typer.Exit(check_lab(lab, sim))
+
+
+app.add_typer(lab_app, name="lab")
 
 
 def bring_up(

@@ -1,6 +1,9 @@
 """Devices, simulators and pages of any package: what it says of them, and where they are found."""
 
-from crtk_drivers.plugins.declared import DevicePlugin, LinkAccess, NetworkLink, Tool, required
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from crtk_drivers.plugins.description import Description
 from crtk_drivers.plugins.entries import (
     DEVICES,
     FORMER,
@@ -10,6 +13,7 @@ from crtk_drivers.plugins.entries import (
     SIMS,
     PluginEntry,
     commands_of,
+    described,
     device,
     devices,
     page,
@@ -17,8 +21,11 @@ from crtk_drivers.plugins.entries import (
     sims,
     simulator,
 )
-from crtk_drivers.plugins.finder import Finder, FoundDevice
-from crtk_drivers.plugins.sim_plugin import RunningSim, SimControl, SimPlugin
+
+if TYPE_CHECKING:
+    from crtk_drivers.plugins.declared import DevicePlugin, LinkAccess, NetworkLink, Tool, required
+    from crtk_drivers.plugins.finder import Finder, FoundDevice
+    from crtk_drivers.plugins.sim_plugin import RunningSim, SimControl, SimPlugin
 
 __all__ = [
     "DEVICES",
@@ -27,6 +34,7 @@ __all__ = [
     "OWN_DISTRIBUTION",
     "PAGES",
     "SIMS",
+    "Description",
     "DevicePlugin",
     "Finder",
     "FoundDevice",
@@ -38,6 +46,7 @@ __all__ = [
     "SimPlugin",
     "Tool",
     "commands_of",
+    "described",
     "device",
     "devices",
     "page",
@@ -46,3 +55,23 @@ __all__ = [
     "sims",
     "simulator",
 ]
+
+# Imported when first used: to list plugins needs none of it.
+_MODULES = {
+    "DevicePlugin": "declared",
+    "Finder": "finder",
+    "FoundDevice": "finder",
+    "LinkAccess": "declared",
+    "NetworkLink": "declared",
+    "RunningSim": "sim_plugin",
+    "SimControl": "sim_plugin",
+    "SimPlugin": "sim_plugin",
+    "Tool": "declared",
+    "required": "declared",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -9,8 +9,9 @@
     [project.entry-points."crtk_drivers.pages"]
     web = "crtk_sim_backends.page.device:PAGE"  # a `crtk_drivers.plugins.page_plugin.PagePlugin`
 
-Finding imports nothing; a plugin is imported when it is asked for. One that cannot be loaded,
-whatever it does, is an entry with an `error` and leaves the others alone. The environment variable
+Finding imports nothing, nor does a `description` that is written beside the entry point; a plugin is imported
+when it is asked for. One that cannot be loaded, whatever it does, is an entry with an `error` and leaves the
+others alone. The environment variable
 ``CRTK_DRIVERS_ONLY`` (a list with commas) is an allow-list: no other plugin is ever imported.
 """
 
@@ -20,21 +21,22 @@ import difflib
 import os
 import re
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from importlib.metadata import Distribution, EntryPoint, PackageNotFoundError, distribution
 from importlib.metadata import entry_points as installed_entry_points
 from types import MappingProxyType
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-from crtk_drivers.commands import Command
-from crtk_drivers.config import DeviceConfig, from_values, load
-from crtk_drivers.device.offered import offered
 from crtk_drivers.errors import MissingExtra, PluginError
-from crtk_drivers.plugins.declared import DevicePlugin
-from crtk_drivers.plugins.page_plugin import PagePlugin
-from crtk_drivers.plugins.sim_plugin import SimPlugin
+from crtk_drivers.plugins.description import Description, description_of
+
+if TYPE_CHECKING:
+    from crtk_drivers.commands import Command
+    from crtk_drivers.plugins.declared import DevicePlugin
+    from crtk_drivers.plugins.page_plugin import PagePlugin
+    from crtk_drivers.plugins.sim_plugin import SimPlugin
 
 DEVICES: Final = "crtk_drivers.devices"
 SIMS: Final = "crtk_drivers.sims"
@@ -87,6 +89,11 @@ class PluginEntry:
         return plugin, None
 
     @property
+    def is_loaded(self) -> bool:
+        """Whether it was imported by this entry, with success or without."""
+        return "_loaded" in vars(self)
+
+    @property
     def error(self) -> BaseException | None:
         """Why it cannot be used; None if it can."""
         return self._loaded[1]
@@ -117,13 +124,29 @@ class PluginEntry:
             ) from error
         return plugin
 
+    @cached_property
+    def _written(self) -> Description | None:
+        return None if self.conflict else description_of(self.entry_point)
+
+    @property
+    def is_described(self) -> bool:
+        """Whether its `description` is written beside its entry point, so that nothing is imported for it."""
+        return self._written is not None
+
+    @cached_property
+    def description(self) -> Description | None:
+        """What is told of it: what is written, else what it says itself; None if it cannot be loaded."""
+        if self._written is not None:
+            return self._written
+        plugin, error = self._loaded
+        return None if error else described(plugin)
+
     @property
     def missing(self) -> MissingExtra | None:
         """What keeps it from running: a library of its extra, imported at once or only when used."""
-        plugin, error = self._loaded
-        if isinstance(error, MissingExtra):
-            return error
-        dist, extra = self.entry_point.dist, getattr(plugin, "extra", "")
+        if self.description is None:
+            return self.error if isinstance(self.error, MissingExtra) else None
+        dist, extra = self.entry_point.dist, self.description.extra
         packages = ", ".join(_not_installed(dist, extra)) if dist and extra else ""
         return MissingExtra(packages, extra, dist.name) if dist and packages else None
 
@@ -207,11 +230,13 @@ def _entries(group: str) -> Mapping[str, PluginEntry]:
     return MappingProxyType(entries)
 
 
-def _rivals(name: str, points: Iterable[EntryPoint]) -> dict[str, PluginEntry]:
+def _rivals(name: str, points: Sequence[EntryPoint]) -> dict[str, PluginEntry]:
     """Settle who has a name: ours keeps it; of strangers nobody has it, as none has a better claim.
 
     The losers are listed as ``name@distribution``.
     """
+    if len(points) == 1:
+        return {name: PluginEntry(points[0])}
     rivals = sorted({(_dist_name(point), point.value): point for point in points}.items())
     if len(rivals) == 1:
         return {name: PluginEntry(rivals[0][1])}
@@ -232,6 +257,9 @@ def _dist_name(point: EntryPoint) -> str:
 
 
 def _check_device(plugin: Any, name: str) -> None:
+    from crtk_drivers.config import DeviceConfig
+    from crtk_drivers.plugins.declared import DevicePlugin
+
     if not isinstance(plugin, DevicePlugin):
         raise TypeError(f"a DevicePlugin is needed, not {type(plugin).__name__}")
     if plugin.name != name:
@@ -241,6 +269,8 @@ def _check_device(plugin: Any, name: str) -> None:
 
 
 def _check_sim(plugin: Any, name: str) -> None:
+    from crtk_drivers.plugins.sim_plugin import SimPlugin
+
     if not isinstance(plugin, SimPlugin):
         lacks = [
             part for part in ("name", "summary", "Config", "spawn") if not hasattr(plugin, part)
@@ -251,6 +281,8 @@ def _check_sim(plugin: Any, name: str) -> None:
 
 
 def _check_page(plugin: Any, name: str) -> None:
+    from crtk_drivers.plugins.page_plugin import PagePlugin
+
     if not isinstance(plugin, PagePlugin):
         lacks = [part for part in ("name", "summary", "serve") if not hasattr(plugin, part)]
         raise TypeError(f"it is no page: it lacks {', '.join(lacks)}")
@@ -268,6 +300,7 @@ _CHECKS: Mapping[str, Callable[[Any, str], None]] = {
 _EXTRA_REQUIREMENT = re.compile(r"^([A-Za-z0-9._-]+).*;.*extra\s*==\s*['\"]([^'\"]+)['\"]")
 
 
+@lru_cache(maxsize=16)
 def _extras(dist: Distribution) -> list[tuple[str, str]]:
     """Return (package, extra) of what the metadata of a distribution lists as optional."""
     matches = map(_EXTRA_REQUIREMENT.match, dist.requires or ())
@@ -306,11 +339,24 @@ def commands_of(name: str) -> Mapping[str, Command]:
     A plugin that is broken, or whose configuration has required keys, offers none that are known here.
     """
     entry = devices().get(name)
-    if entry is None or entry.error is not None:
-        return MappingProxyType({})
+    return MappingProxyType({}) if entry is None or entry.error else _offered(entry.plugin)
+
+
+def _offered(plugin: DevicePlugin) -> Mapping[str, Command]:
+    from crtk_drivers.config import from_values, load
+    from crtk_drivers.device.offered import offered
+
     try:
-        plugin: DevicePlugin = entry.plugin
         config: Any = load(plugin.config, from_values(plugin.typical))
         return offered(plugin.make(config))
     except Exception:  # of a stranger's `create`; whoever asks for the device is told
         return MappingProxyType({})
+
+
+def described(plugin: Any) -> Description:
+    """Return what a plugin, be it a device, a simulator or a page, says of itself."""
+    from crtk_drivers.plugins.declared import DevicePlugin
+
+    if not isinstance(plugin, DevicePlugin):
+        return Description(plugin.summary)
+    return Description(plugin.summary, plugin.extra, plugin.sim or "", " ".join(_offered(plugin)))

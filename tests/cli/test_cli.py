@@ -19,16 +19,17 @@ from rich.console import Console
 
 import crtk_drivers
 from crtk_drivers import plugins
-from crtk_drivers.cli import config_reference, main
+from crtk_drivers.cli import config_reference, device_command, main
 from crtk_drivers.cli.app import app, split_arguments
 from crtk_drivers.cli.list_command import short_names
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
+from crtk_drivers.cli.own_commands import OWN_COMMANDS
 from crtk_drivers.cli.status_line import StatusLine, status_text
 from crtk_drivers.cli.terminal import OUT
 from crtk_drivers.config import from_values
 from crtk_drivers.config.keys import setting_names
 from crtk_drivers.device import Note, Severity
-from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors import ConfigError, ConnectionFailed
 from crtk_drivers.ros.names import ANOTHER_DRIVER
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.health import Health
@@ -183,12 +184,15 @@ def test_every_key_under_a_heading_exists() -> None:
 def test_list(capsys: Capture) -> None:
     assert main(["list"]) == 0
     text = capsys.readouterr().out
-    assert re.search(r"loopback +ok +crtk-drivers 9\.8 +no simulator", text)
+    assert re.search(r"loopback +installed +crtk-drivers 9\.8 +no simulator", text)
+    assert re.search(r"tooled +ok +crtk-drivers 9\.8 +no simulator", text), (
+        "not described: imported"
+    )
     assert "servo_jp/jr/jv" in text
     assert re.search(r"bad +broken", text)
     assert "No module named 'no_such_module'" in text
-    assert re.search(r"Simulators\s+ur +ok", text)
-    assert re.search(r"Pages for the browser\s+web +ok", text)
+    assert re.search(r"Simulators\s+ur +installed", text)
+    assert re.search(r"Pages for the browser\s+web +installed", text)
 
 
 def test_list_of_one_shows_commands_or_the_traceback(capsys: Capture) -> None:
@@ -361,6 +365,30 @@ def test_check_of_a_device_that_does_not_answer(capsys: Capture) -> None:
     captured = capsys.readouterr()
     assert re.search(r"reachable +failed", captured.out)
     assert "not ready: 1 of" in captured.out
+
+
+def test_our_commands_are_listed_as_their_own_pages_begin() -> None:
+    root = click_app()
+    for name, listed in OWN_COMMANDS.items():
+        page = " ".join(root.get_command(None, name).help.split("\n\n")[0].split())
+        assert page == listed.summary, name
+
+
+HEAVY = {"numpy", "rclpy", "crtk_drivers.config", "crtk_driver_ur", "crtk_sim_backends"}
+
+
+@pytest.mark.parametrize("command", ["--help", "list"])
+def test_lists_import_neither_plugins_nor_their_libraries(command: str) -> None:
+    code = f"""
+import sys
+from crtk_drivers.cli import main
+assert main([{command!r}]) == 0
+print(sorted(set(sys.modules) & {HEAVY}))
+"""
+    environment = {**os.environ, plugins.ONLY: "loopback,ur,web"}
+    out = subprocess.check_output([sys.executable, "-c", code], text=True, env=environment)
+    assert "Universal Robots" in out
+    assert out.endswith("\n[]\n")
 
 
 def test_importing_the_package_brings_neither_ros_nor_the_command_line() -> None:
@@ -555,3 +583,42 @@ def test_logs_as_text() -> None:
         r"\d\d:\d\d:\d\d warning no \[markup\] here, and no wrapping of a long line\n",
         out.getvalue(),
     )
+
+
+class Opening:
+    """A launch whose session is opened while rclpy is loaded."""
+
+    def __init__(self, error: Exception | None = None) -> None:
+        self.error = error
+        self.is_closed = False
+
+    def open(self) -> Any:
+        if self.error is not None:
+            raise self.error
+        return self
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+def test_an_interrupt_while_ros_is_loaded_closes_what_was_opened_beside_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupt(name: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(device_command, "import_module", interrupt)
+    launch: Any = Opening()
+    with pytest.raises(KeyboardInterrupt):
+        device_command.opened(launch)
+    assert launch.is_closed
+    failing: Any = Opening(ConnectionFailed("in use"))
+    with pytest.raises(KeyboardInterrupt):
+        device_command.opened(failing)
+
+
+def test_what_cannot_be_opened_beside_ros_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(device_command, "import_module", lambda name: None)
+    launch: Any = Opening(ConnectionFailed("in use"))
+    with pytest.raises(ConnectionFailed, match="in use"):
+        device_command.opened(launch)

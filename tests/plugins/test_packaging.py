@@ -3,6 +3,7 @@
 import importlib
 import pkgutil
 import platform
+import re
 import sys
 import tomllib
 from pathlib import Path
@@ -15,7 +16,8 @@ from crtk_driver_ur.config import UrConfig
 from crtk_drivers.errors import MissingExtra
 
 ROOT = Path(__file__).parents[2]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+PROJECT = PYPROJECT["project"]
 PACKAGES = ("crtk_drivers", "crtk_driver_ur", "crtk_driver_virtual", "crtk_sim_backends")
 
 
@@ -91,3 +93,21 @@ def test_where_ur_rtde_has_no_wheels_it_is_left_out_and_the_driver_says_so(
     ) is not wheels
     assert ("Use control: native" in caught.value.remedy) is not wheels
     assert "pip install 'crtk-drivers[ur]'" in caught.value.remedy
+
+
+def test_uv_run_alone_brings_what_a_user_needs_and_the_second_command_what_tests() -> None:
+    """The README's two commands, each in an environment that it makes."""
+    groups, defaults = PYPROJECT["dependency-groups"], PYPROJECT["tool"]["uv"]["default-groups"]
+    extras = [needed for group in defaults for needed in groups[group]]
+    assert extras == ["crtk-drivers[drivers]", "crtk-drivers[ros]"]
+    (second,) = re.findall(r"uv run --group (\w+) pytest\n", (ROOT / "README.md").read_text())
+    named = {Requirement(each).name for each in groups[second]}
+    assert {"pytest", "mypy", "ruff", "import-linter"} <= named
+    assert "crtk-drivers[kinematics]" in groups[second]
+
+
+def test_an_extra_is_brought_by_what_started_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "pip install 'crtk-drivers[kinematics]'" in str(MissingExtra("pin", "kinematics"))
+    monkeypatch.setenv("UV_RUN_RECURSION_DEPTH", "1")
+    assert "uv run --extra kinematics crtk-driver" in str(MissingExtra("pin", "kinematics"))
+    assert "pip install 'acme-arm[arm]'" in str(MissingExtra("lib", "arm", "acme-arm"))

@@ -15,7 +15,7 @@ import pytest
 import yaml
 from geometry_msgs.msg import TwistStamped
 
-from crtk_drivers.cli import reaching
+from crtk_drivers import client
 from crtk_drivers.cli.echo_command import as_yaml
 from crtk_drivers.client import RemoteDevice
 from crtk_drivers.device import Condition
@@ -57,7 +57,7 @@ class Kept(RemoteDevice):
 def run(run_far: Run, far: Far, monkeypatch: pytest.MonkeyPatch) -> Run:
     """As `run_far`, with the client that is connected already."""
     device = Kept(far.arm._space)
-    monkeypatch.setattr(reaching, "connect", lambda namespace, timeout: device)
+    monkeypatch.setattr(client, "connect", lambda namespace, timeout: device)
     return run_far
 
 
