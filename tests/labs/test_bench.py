@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import multiprocessing
 import os
 import re
 import signal
@@ -12,35 +11,42 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from html import escape
+from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from typing_extensions import override
 
 from crtk_drivers import plugins
 from crtk_drivers.config import BoxConfig
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import load_lab
-from crtk_drivers.labs.bench import host, report
+from crtk_drivers.labs.bench import conductor, host, report
+from crtk_drivers.labs.bench import run as run_module
 from crtk_drivers.labs.bench.allowed import BenchOptions, lacking, unguarded
 from crtk_drivers.labs.bench.calls import About, Glance, HostOrder
 from crtk_drivers.labs.bench.catalogue import TESTS, chosen
 from crtk_drivers.labs.bench.declared import Safety, Suite
+from crtk_drivers.labs.bench.door import Door, DoorClosed
+from crtk_drivers.labs.bench.locks import alone
+from crtk_drivers.labs.bench.messages import RunOrder
 from crtk_drivers.labs.bench.results import Run, read_run, write_run
 from crtk_drivers.labs.bench.run import judged_again, run_bench
-from crtk_drivers.labs.bench.watch import judged
+from crtk_drivers.labs.bench.watch import Watch, judged
 from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.samples import JointState, Pose, Stamp, vector
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.stop_request import StopRequest
 from crtk_drivers.testing.loopback import LoopbackDevice
-from rigs.processes import children_of
+from rigs.processes import children_of, has_ended, process_of
 
 ABOUT = About(
     name="arm",
@@ -200,12 +206,11 @@ def test_stopped_in_a_motion_it_holds_and_keeps_what_it_had(bench: Bench, tmp_pa
     assert "stopped by the watch: the run was stopped" in log
 
 
+@pytest.mark.usefixtures("cold_bench")
 def test_when_the_conductor_dies_the_results_so_far_are_kept(bench: Bench) -> None:
     def progress(device: str, test: str, verdict: Verdict | None, reason: str) -> None:
         if test == "M2" and verdict is None:
-            (conductor,) = multiprocessing.active_children()
-            assert conductor.pid is not None
-            os.kill(conductor.pid, signal.SIGKILL)
+            os.kill(process_of("labs.bench.conductor"), signal.SIGKILL)
 
     run = bench(GANTRY, "T3", "M2", progress=progress)
     assert (run.complete, run.ended_by) == (False, "the conductor's process died")
@@ -213,30 +218,29 @@ def test_when_the_conductor_dies_the_results_so_far_are_kept(bench: Bench) -> No
     assert verdicts == {"T3": Verdict.PASS, "M2": Verdict.SKIPPED}
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(120)
-def test_of_a_driver_that_hangs_in_motion_the_power_is_taken(bench: Bench, tmp_path: Path) -> None:
-    """It can be neither held nor disabled: nobody knows whether it stands."""
-    off = tmp_path / "off"
-    lab = f'{GANTRY}power_off = ["touch", "{off}"]\n'
+@pytest.mark.usefixtures("cold_bench")
+def test_of_a_driver_that_hangs_in_motion_the_power_is_taken_at_once(
+    bench: Bench, tmp_path: Path
+) -> None:
+    """It can be neither held nor disabled: nobody knows whether it stands. It goes on when that is done."""
+    off, recording = tmp_path / "off", tmp_path / "runs" / "run" / "data" / "gantry-sines.mcap"
 
-    def progress(device: str, test: str, verdict: Verdict | None, reason: str) -> None:
-        if test == "M5" and verdict is None:
-            (driver,) = (pid for pid in children_of(os.getpid()) if hosts(pid))
-            threading.Timer(1.0, os.kill, (driver, signal.SIGSTOP)).start()
+    def hang() -> None:
+        wait_until(lambda: recording.exists() and recording.stat().st_size > 100_000)
+        driver = process_of("labs.bench.host")
+        os.kill(driver, signal.SIGSTOP)
+        try:
+            wait_until(off.exists)
+        finally:
+            os.kill(driver, signal.SIGCONT)
 
-    run = bench(lab, "M2", "M5", progress=progress)
-    assert off.exists()
-    verdicts = {test.id: test.verdict for _, test in run.tests}
-    assert Verdict.PASS not in (verdicts["M5"], verdicts["M2"])
-
-
-def hosts(pid: int) -> bool:
-    """Whether a process is that of a driver under test."""
-    try:
-        return b"labs.bench.host" in Path(f"/proc/{pid}/cmdline").read_bytes()
-    except OSError:
-        return False
+    hanging = threading.Thread(target=hang)
+    hanging.start()
+    run = bench(f'{GANTRY}power_off = ["mkdir", "{off}"]\n', "M5")
+    hanging.join()
+    ((_, test),) = run.tests
+    assert test.verdict is Verdict.INCONCLUSIVE
+    assert "no answer in 2 s" in test.reason
 
 
 def test_a_driver_to_which_no_bench_comes_ends(
@@ -258,6 +262,21 @@ def test_what_real_devices_must_pass_comes_before_they_go_far(tmp_path: Path) ->
     assert unguarded(far, arm, {"S9", "M1", "S8", "S1"}) == ""
     assert unguarded(near, arm, {"M2"}) == ""
     assert unguarded(far, load_lab(path, sim=True).devices["arm"], {"S9"}) == ""
+
+
+def test_the_watch_tells_of_what_does_not_answer_as_it_is_to_be_held() -> None:
+    class Closed(Door):
+        def __init__(self) -> None:
+            """It leads nowhere."""
+
+        @override
+        def call(self, name: str, *arguments: Any, within: float = 0.0) -> Any:
+            raise DoorClosed(f"{name}: no answer")
+
+    lost: list[str] = []
+    watch = Watch(Closed(), ABOUT, None, StopRequest(), partial(lost.append, "arm"))
+    watch.trip("it moves at 9.00")
+    assert lost == ["arm"]
 
 
 def seen(**values: Any) -> Glance:
@@ -300,22 +319,96 @@ def wait_until(test: Callable[[], object], seconds: float = 40.0) -> None:
         time.sleep(0.02)
 
 
-def test_when_whoever_started_it_is_gone_it_holds_and_everything_ends(tmp_path: Path) -> None:
-    (tmp_path / "lab.toml").write_text(GANTRY)
+@contextmanager
+def in_motion(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """``crtk-driver bench`` with a gantry that is moved; it is killed within, or at the end."""
+    (folder / "lab.toml").write_text(GANTRY)
     command = [sys.executable, "-m", "crtk_drivers.cli", "bench", "lab.toml", "--only", "M2"]
-    parent = subprocess.Popen([*command, "--out", "run"], cwd=tmp_path)
+    parent = subprocess.Popen([*command, "--out", "run"], cwd=folder)
     try:
-        recording = tmp_path / "run" / "data" / "gantry-approaches.mcap"
+        recording = folder / "run" / "data" / "gantry-approaches.mcap"
         wait_until(lambda: recording.exists() and recording.stat().st_size > 100_000)
-        children = children_of(parent.pid)
-        assert len(children) >= 2, "a conductor and a driver"
+        yield parent
     finally:
         parent.kill()
         parent.wait()
-    wait_until(lambda: not any(Path(f"/proc/{child}").exists() for child in children))
+
+
+def wait_for_the_end_of(*processes: int) -> None:
+    wait_until(lambda: not any(Path(f"/proc/{each}").exists() for each in processes))
+
+
+def test_when_whoever_started_it_is_gone_it_holds_and_everything_ends(tmp_path: Path) -> None:
+    with in_motion(tmp_path) as parent:
+        children = children_of(parent.pid)
+        assert len(children) == 2, "a conductor and a driver"
+    wait_for_the_end_of(*children)
     log = (tmp_path / "run" / "log.txt").read_text()
     assert "stopped by the watch: the run was stopped" in log
     assert not read_run(tmp_path / "run").complete
+
+
+@pytest.mark.parametrize("left", ["conductor", "host"])
+def test_what_is_left_of_a_killed_bench_keeps_others_from_its_devices(
+    left: str, tmp_path: Path
+) -> None:
+    with in_motion(tmp_path) as parent:
+        lab = load_lab(tmp_path / "lab.toml")
+        found = {
+            name: process_of(f"labs.bench.{name}", parent.pid) for name in ("conductor", "host")
+        }
+        keeper = found.pop(left)
+        os.kill(keeper, signal.SIGSTOP)
+    try:
+        for other in found.values():
+            os.kill(other, signal.SIGKILL)
+            wait_until(partial(has_ended, other))
+        gone = f"was being tested by process {parent.pid}, which is gone"
+        with pytest.raises(ConfigError, match=gone), alone(lab):
+            pass
+    finally:
+        os.kill(keeper, signal.SIGCONT)
+    wait_for_the_end_of(keeper)
+    with alone(lab):
+        pass
+
+
+class InThread:
+    """A conductor in this process, as `subprocess.Popen` has one."""
+
+    returncode: int | None = None
+
+    def __init__(self, order: RunOrder, parent: Connection) -> None:
+        self._thread = threading.Thread(target=self._run, args=(order, parent))
+        self._thread.start()
+
+    def _run(self, order: RunOrder, parent: Connection) -> None:
+        with parent:
+            conductor.conduct(order, parent)
+
+    def wait(self, timeout: float | None = None) -> int:
+        self._thread.join(timeout)
+        self.returncode = 0
+        return 0
+
+
+def test_a_device_at_which_nobody_looked_is_not_used_any_more(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def started(order: RunOrder) -> tuple[InThread, Connection]:
+        ours, theirs = Pipe()
+        return InThread(order, theirs), ours
+
+    monkeypatch.setattr(run_module, "start_conductor", started)
+    monkeypatch.setattr(conductor, "stop_signals", lambda: nullcontext(StopRequest()))
+    monkeypatch.setattr(Watch, "look", lambda _: None)
+    run = bench(GANTRY, "M1", "J2", "T3")
+    verdicts = {test.id: (test.verdict, test.reason) for _, test in run.tests}
+    for test in ("T3", "M1"):  # after what only reads it goes on
+        assert verdicts[test][0] is Verdict.INCONCLUSIVE
+        assert "the watch has not looked for" in verdicts[test][1]
+    assert verdicts["J2"][0] is Verdict.SKIPPED
+    assert verdicts["J2"][1].startswith("no more after transitions")
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
 import threading
@@ -26,7 +25,7 @@ from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.status.stop_request import StopRequest
 from crtk_drivers.testing.loopback import LoopbackDevice
 from rigs.bench_lab import ARM, FT, carried_out, measured, of_sensor, with_defects
-from rigs.processes import children_of
+from rigs.processes import process_of
 from rigs.proof_table import tell_stored
 
 BY_ID = {test.id: test for test in TESTS}
@@ -123,23 +122,14 @@ def until(test: Callable[[], object]) -> None:
         time.sleep(0.02)
 
 
-def simulator_of(text: str) -> int:
-    """Return the id of the process below the conductor whose command line has a text."""
-    (conductor,) = multiprocessing.active_children()
-    assert conductor.pid is not None
-    for child in children_of(conductor.pid):
-        if text in Path(f"/proc/{child}/cmdline").read_text():
-            return child
-    raise AssertionError(f"no process of {text}")
-
-
+@pytest.mark.usefixtures("cold_bench")
 @pytest.mark.timeout(120)
 def test_a_sensor_that_falls_silent_stops_the_arm(tmp_path: Path) -> None:
     moving = tmp_path / "run" / "data" / "ft-weighing.carrier.mcap"
 
     def kill() -> None:
         until(lambda: moving.exists() and moving.stat().st_size > 500_000)
-        os.kill(simulator_of("crtk_sim_backends.netft"), signal.SIGKILL)
+        os.kill(process_of("crtk_sim_backends.netft"), signal.SIGKILL)
 
     killer = threading.Thread(target=kill)
     killer.start()

@@ -288,12 +288,12 @@ def test_asks_for_a_service(lab):
 
 
 @contextmanager
-def hardware(folder: Path) -> Iterator[None]:
+def hardware(folder: Path, power_off: str = '["touch", "off"]') -> Iterator[None]:
     """A sensor that the lab file does not call simulated."""
     with SIM.spawn() as sim:
         ports = ", ".join(f"{name}_port = {sim.ports[name]}" for name in ("rdt", "tcp", "http"))
         (folder / "lab.toml").write_text(
-            f'[devices.ft]\nplugin = "ati-netft"\npower_off = ["touch", "off"]\n'
+            f'[devices.ft]\nplugin = "ati-netft"\npower_off = {power_off}\n'
             f'settings = {{ host = "{sim.host}", {ports} }}\n'
         )
         yield
@@ -384,6 +384,57 @@ def test_what_was_lost_in_the_midst_of_a_test_has_its_power_taken_away(
         assert session(LOST, "--may-move").returncode == 1
     assert verdicts(kept(tmp_path))["test_loses_it"][0] is Verdict.INCONCLUSIVE
     assert (tmp_path / "off").exists()
+
+
+HANGS = """
+import os, signal, time
+from pathlib import Path
+from crtk_drivers.labs.bench.bed import Process
+
+def test_hangs(lab):
+    lab.ft.enable()
+    driver = lab.ft.station.host.pid(Process.DRIVER)
+    os.kill(driver, signal.SIGSTOP)
+    try:
+        end = time.monotonic() + 40.0
+        while not Path("off").exists():
+            assert time.monotonic() < end, "its power was not taken"
+    finally:
+        os.kill(driver, signal.SIGCONT)
+"""
+
+
+def test_of_what_cannot_be_held_the_power_is_taken_at_once(
+    session: Session, tmp_path: Path
+) -> None:
+    with hardware(tmp_path, power_off='["mkdir", "off"]'):
+        said = session(HANGS, "--may-move")
+    assert said.returncode == 1, "what the watch has stopped is open"
+    found = verdicts(kept(tmp_path))["test_hangs"]
+    assert found == (Verdict.INCONCLUSIVE, "glance: no answer in 2 s")
+
+
+UNSEEN = """
+def test_is_not_seen(lab):
+    gantry = lab.gantry
+    gantry.enable()
+    gantry._watch.look = lambda: None
+    gantry.rest(2.0)
+
+def test_comes_after_that(lab):
+    lab.gantry.enable()
+"""
+
+
+def test_a_device_at_which_nobody_looked_is_not_used_any_more(
+    session: Session, tmp_path: Path
+) -> None:
+    session(UNSEEN)
+    (unseen, after) = verdicts(kept(tmp_path)).values()
+    assert unseen[0] is Verdict.INCONCLUSIVE
+    assert unseen[1].startswith("the watch has not looked for")
+    assert after[0] is Verdict.SKIPPED
+    assert after[1].startswith("gantry: no more after test_own.py::test_is_not_seen")
 
 
 ENDLESS = """

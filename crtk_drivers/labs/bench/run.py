@@ -7,13 +7,11 @@ that is another process.
 from __future__ import annotations
 
 import logging
-import multiprocessing
 import subprocess
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Final
 
@@ -23,19 +21,18 @@ from crtk_drivers.labs.bench.allowed import BenchOptions, Carrier, lacking, ungu
 from crtk_drivers.labs.bench.bounds import check_bounds
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.catalogue import ACQUISITIONS, QUANTITIES, TESTS, chosen
-from crtk_drivers.labs.bench.conductor import (
+from crtk_drivers.labs.bench.conductor import start_conductor
+from crtk_drivers.labs.bench.declared import BenchTest, Subject
+from crtk_drivers.labs.bench.folder import begun, described, make_folder
+from crtk_drivers.labs.bench.locks import alone
+from crtk_drivers.labs.bench.messages import (
     Acquired,
     Began,
     DeviceOrder,
     Lost,
     Reached,
     RunOrder,
-    ask_to_stop,
-    conduct,
 )
-from crtk_drivers.labs.bench.declared import BenchTest, Subject
-from crtk_drivers.labs.bench.folder import begun, described, make_folder
-from crtk_drivers.labs.bench.locks import alone
 from crtk_drivers.labs.bench.pressure import Pressure
 from crtk_drivers.labs.bench.recorder import read_recording
 from crtk_drivers.labs.bench.trace import Trace
@@ -66,6 +63,7 @@ class _Tested:
     about: About | None = None
     done: dict[str, results.Result] = field(default_factory=dict)
     stopped: str = ""
+    is_off: bool = False
 
     def as_carrier(self) -> Carrier:
         """Return it as what carries another one."""
@@ -94,9 +92,9 @@ def run_bench(
                 where=str(lab.path),
                 remedy=f"There is: {', '.join(lab.settings.devices)}.",
             )
-    with alone(lab):
+    with alone(lab) as locks:
         make_folder(options.out)
-        return _Bench(lab, options, tests, progress, stop).run()
+        return _Bench(lab, options, tests, progress, stop).run(locks)
 
 
 class _Bench:
@@ -120,30 +118,26 @@ class _Bench:
         suite = str(options.suite) if not options.only else f"only {', '.join(options.only)}"
         self._run = begun(lab, suite)
 
-    def run(self) -> results.Run:
+    def run(self, locks: tuple[int, ...]) -> results.Run:
         """Start the conductor, judge what it records, and return what was found."""
         results.write_run(self._run, self._options.out)
         order = RunOrder(
             tuple(_order(device, self._lab.devices) for device in self._lab.devices.values()),
             self._options.out,
             self._options.suite.thorough,
+            locks,
         )
-        context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe()
-        process = context.Process(target=conduct, args=(order, theirs), name="bench conductor")
-        process.start()
-        theirs.close()
+        process, ours = start_conductor(order)
         ended_by = "the conductor's process died"
         try:
             ended_by = self._follow(process, ours)
         finally:
             ours.close()
-            process.join(END_TIMEOUT)
-            if process.is_alive():
+            if _code_of(process) is None:
                 logger.error("the conductor did not end, and is killed")
                 process.kill()
-                process.join()
-            if process.exitcode != 0:
+                process.wait()
+            if process.returncode != 0:
                 self._power_off()
         for tested in self._tested.values():
             for test in tested.tests:
@@ -155,14 +149,13 @@ class _Bench:
         self._keep()
         return self._run
 
-    def _follow(self, process: BaseProcess, pipe: Connection) -> str:
+    def _follow(self, process: subprocess.Popen[bytes], pipe: Connection) -> str:
         """Answer the conductor until it ends; return why that was too early, or nothing."""
         asked = 0.0
         while True:
             if self._stop.is_set() and not asked:
                 asked = time.monotonic()
-                assert process.pid is not None
-                ask_to_stop(process.pid)
+                process.terminate()  # it holds and leaves everything
             if asked and time.monotonic() > asked + END_TIMEOUT:
                 process.kill()
             try:
@@ -170,10 +163,10 @@ class _Bench:
                     continue
                 message = pipe.recv()
             except (EOFError, OSError):
-                process.join(END_TIMEOUT)
+                code = _code_of(process)
                 if asked:
                     return "stopped by the operator"
-                return "" if process.exitcode == 0 else "the conductor's process died"
+                return "" if code == 0 else "the conductor's process died"
             match message:
                 case Reached():
                     pipe.send(self._reached(message))
@@ -182,8 +175,6 @@ class _Bench:
                     for test in self._judging(message.device, message.acquisition):
                         self._progress(message.device, test.id, None, test.name)
                 case Acquired():
-                    for device in message.lost:
-                        self._power_off_of(self._tested[device])
                     pipe.send(self._acquired(message))
                 case Lost():
                     self._power_off_of(self._tested[message.device])
@@ -254,7 +245,7 @@ class _Bench:
         if message.tripped or message.broken:
             moved.stopped = f"no more after {message.acquisition}: {message.trouble}"
             guarded = guarded or moved.stopped
-        if message.tripped and moved.lab.name not in message.lost:
+        if message.tripped:
             self._power_off_of(moved)
         tested.stopped = guarded
         return not guarded
@@ -302,11 +293,15 @@ class _Bench:
                 self._power_off_of(tested)
 
     def _power_off_of(self, tested: _Tested) -> None:
-        take_power(tested.lab, self._lab.path.parent)
+        if not tested.is_off:
+            tested.is_off = take_power(tested.lab, self._lab.path.parent)
 
 
-def take_power(device: LabDevice, folder: Path) -> None:
+def take_power(device: LabDevice, folder: Path) -> bool:
     """Run `power_off` of a device, if it has one and is not simulated; what goes wrong with that is logged.
+
+    Returns:
+        whether it is done.
 
     Args:
         device: of a lab.
@@ -314,12 +309,14 @@ def take_power(device: LabDevice, folder: Path) -> None:
     """
     command = device.entry.power_off
     if not command or device.sim:
-        return
+        return False
     logger.error("%s: its power is taken away: %s", device.name, " ".join(command))
     try:
         subprocess.run(command, check=True, timeout=10.0, cwd=folder)
     except (OSError, subprocess.SubprocessError) as error:
         logger.error("%s: power_off: %s", device.name, error)
+        return False
+    return True
 
 
 class Judge:
@@ -425,6 +422,14 @@ def _judge(folder: Path, name: str, bounds: Mapping[str, BoundEntry]) -> Judge |
         trouble, _, text = _subject_of(recording).read_text("utf-8").partition("\n")
         return Judge(recording, Subject.from_json(text, bounds), trouble)
     except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _code_of(conductor: subprocess.Popen[bytes]) -> int | None:
+    """Return the exit code, None if it does not end."""
+    try:
+        return conductor.wait(END_TIMEOUT)
+    except subprocess.TimeoutExpired:
         return None
 
 
