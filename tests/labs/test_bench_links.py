@@ -61,16 +61,17 @@ homing = { method = 37 }
 def test_a_drive_that_ignores_its_watchdog_fails(
     tmp_path: Path, options: str, verdict: Verdict
 ) -> None:
-    """What stops the hardware when the link is gone is of the hardware."""
-    run = bench(tmp_path, DRIVE.replace("sim = true\n", f"sim = true\n{options}"), "S6")
-    ((_, test),) = run.tests
-    assert test.verdict in (verdict, Verdict.INCONCLUSIVE), test.reason  # on a busy machine
-    ways = [one for one in test.measurements if one.id == "stop.link_lost.distance"]
-    assert {one.part.partition(":")[0] for one in ways} == {"deaf", "silent", "closed"}
+    """What stops the hardware when the driver, or the link, is gone is of the hardware."""
+    lab = DRIVE.replace("sim = true\n", f"sim = true\n{options}")
+    run = bench(tmp_path, lab, "S4", "S5", "S6")
+    found = {test.id: (test.verdict, test.reason) for _, test in run.tests}
+    open_or_so = {verdict, Verdict.INCONCLUSIVE}  # on a busy machine
+    assert {each for each, _ in found.values()} <= open_or_so, found
+    ways = [one for _, test in run.tests for one in test.measurements if "distance" in one.id]
     measured = {one.verdict for one in ways if one.value is not None}
-    if not measured:
-        pytest.skip(test.reason)  # the machine was too busy
-    assert measured == {verdict}, [(one.part, one.told) for one in ways]
+    assert measured == {verdict}, [(one.id, one.part, one.told) for one in ways]
+    cut = {one.part.partition(":")[0] for one in ways if one.id == "stop.link_lost.distance"}
+    assert cut == {"deaf", "silent", "closed"}
 
 
 @pytest.mark.slow
