@@ -406,13 +406,13 @@ def test_a_device_at_which_nobody_looked_is_not_used_any_more(
     monkeypatch.setattr(run_module, "start_conductor", started)
     monkeypatch.setattr(conductor, "stop_signals", lambda: nullcontext(StopRequest()))
     monkeypatch.setattr(Watch, "look", lambda _: None)
-    run = bench(GANTRY, "M1", "J2", "T3")
+    run = bench(GANTRY, "M1", "S8", "T3")
     verdicts = {test.id: (test.verdict, test.reason) for _, test in run.tests}
     for test in ("T3", "M1"):  # after what only reads it goes on
         assert verdicts[test][0] is Verdict.INCONCLUSIVE
         assert "the watch has not looked for" in verdicts[test][1]
-    assert verdicts["J2"][0] is Verdict.SKIPPED
-    assert verdicts["J2"][1].startswith("no more after transitions")
+    assert verdicts["S8"][0] is Verdict.SKIPPED
+    assert verdicts["S8"][1].startswith("no more after transitions")
 
 
 def test_a_real_device_is_only_read_unless_it_is_allowed(tmp_path: Path) -> None:

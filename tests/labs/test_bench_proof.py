@@ -42,7 +42,7 @@ PROOFS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("rest", {"jitter": 0.002, "age": 0.008}, ("sampling.jitter.p99", "sampling.age.p99")),
     ("rest", {"stamp_jitter": 0.004}, ("sampling.stamps.order",)),
     ("rest", {"clock_drift": 5000.0}, ("sampling.stamps.slope", "sampling.stamps.future")),
-    ("idle", {"hunting": 0.002}, ("joints.hunting.line",)),
+    ("transitions", {"hunting": 0.002}, ("joints.hunting.line",)),
     (
         "transitions",
         {"jump_on_enable": 0.01, "sag_on_disable": 0.02},
