@@ -63,8 +63,9 @@ ABOUT = About(
 )
 
 GANTRY = '[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 200 }\n'
-SKIPPED = "J5"
-"""Of a gantry, which measures no efforts."""
+CARRIED = 'on = "gantry"\n'
+SKIPPED = "F2"
+"""Of a gantry, which has no bias."""
 
 Bench = Callable[..., Run]
 
@@ -96,7 +97,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Told]:
     """A run that passed: its folder, and what was told of it."""
     path = tmp_path_factory.mktemp("bench")
     told: Told = []
-    carried_out(path, GANTRY, "T3", "M1", progress=lambda *what: told.append(what[:3]))
+    carried_out(path, GANTRY, "T3", "S8", progress=lambda *what: told.append(what[:3]))
     return path / "runs" / "run", told
 
 
@@ -134,13 +135,13 @@ def test_a_suite_holds_those_before_it() -> None:
 
 def test_a_sound_device_passes_and_everything_is_kept(run: Run, sound: tuple[Path, Told]) -> None:
     folder, told = sound
-    assert {test.id: test.verdict for _, test in run.tests} == {"T3": "PASS", "M1": "PASS"}
+    assert {test.id: test.verdict for _, test in run.tests} == {"T3": "PASS", "S8": "PASS"}
     assert run.complete
     assert told == [
         ("gantry", "T3", None),
         ("gantry", "T3", Verdict.PASS),
-        ("gantry", "M1", None),
-        ("gantry", "M1", Verdict.PASS),
+        ("gantry", "S8", None),
+        ("gantry", "S8", Verdict.PASS),
     ]
     for _, test in run.tests:
         assert (folder / test.recording).stat().st_size > 1000
@@ -152,15 +153,15 @@ def test_the_same_recording_is_judged_again_with_the_bounds_of_the_lab_file(
     run: Run, folder: Path, tmp_path: Path
 ) -> None:
     (_, (_, first)) = run.tests
-    assert (first.id, first.verdict) == ("M1", Verdict.PASS)
+    assert (first.id, first.verdict) == ("S8", Verdict.PASS)
     lab = tmp_path / "strict.toml"
-    bound = '[bounds."staying.enable.moved"]\nvalue = -1.0\nbecause = "nothing is that still"\n'
+    bound = '[bounds."staying.refusals.moved"]\nvalue = -1.0\nbecause = "nothing is that still"\n'
     lab.write_text(GANTRY + bound)
     ((_, stamps), (_, again)) = judged_again(folder, lab).tests
     assert stamps.verdict is Verdict.PASS
     assert again.verdict is Verdict.FAIL
-    (found, _) = again.measurements
-    assert found.value == first.measurements[0].value
+    (_, _, found) = again.measurements
+    assert found.value == first.measurements[2].value
     assert found.bound_from == "the lab file: nothing is that still"
 
 
@@ -186,6 +187,42 @@ def test_one_bench_at_a_time(bench: Bench, tmp_path: Path) -> None:
     assert bench(GANTRY, SKIPPED, out="third").complete, "the lock ends with the run"
 
 
+def test_simulated_devices_are_tested_at_the_same_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What one carries is tested with it, one after the other."""
+    ft = '[devices.{name}]\nplugin = "ati-netft"\nsim = true\n{more}'
+    path = tmp_path / "lab.toml"
+    other = ft.format(name="other", more="")
+    path.write_text(f"{GANTRY}{ft.format(name='ft', more=CARRIED)}{other}")
+    started: list[list[str]] = []
+    at_first: list[int] = []
+
+    def start(order: RunOrder) -> Any:
+        started.append([device.name for device in order.devices])
+        return conductor.start_conductor(order)
+
+    monkeypatch.setattr(run_module, "start_conductor", start)
+    options = BenchOptions(Suite.QUICK, ("T3",), may_move=False, out=tmp_path / "run", at_once=2)
+    run = run_bench(
+        load_lab(path), options, lambda *_: at_first.append(len(started)), StopRequest()
+    )
+    assert started == [["gantry", "ft"], ["other"]]
+    assert at_first[0] == 2, "before anything was told of the first"
+    assert {device.name: device.verdict for device in run.devices} == dict.fromkeys(
+        ("gantry", "ft", "other"), Verdict.PASS
+    )
+
+
+def test_hardware_is_not_tested_at_the_same_time_as_anything(tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text('[devices.arm]\nplugin = "ur"\nsettings = { host = "192.168.1.9" }\n')
+    options = BenchOptions(Suite.QUICK, (), may_move=True, out=tmp_path / "run", at_once=2)
+    with pytest.raises(ConfigError, match=r"one device after the other, and arm is not simulated"):
+        run_bench(load_lab(path), options, lambda *_: None, StopRequest())
+    assert not (tmp_path / "run").exists()
+
+
 def test_nothing_is_overwritten(bench: Bench, tmp_path: Path) -> None:
     (tmp_path / "runs" / "run").mkdir(parents=True)
     with pytest.raises(ConfigError, match="is there already"):
@@ -199,11 +236,11 @@ def test_stopped_in_a_motion_it_holds_and_keeps_what_it_had(bench: Bench, tmp_pa
         if test == "M2" and verdict is None:
             stop.set()
 
-    run = bench(GANTRY, "M1", "M2", stop=stop, progress=progress)
+    run = bench(GANTRY, "S8", "M2", stop=stop, progress=progress)
     assert not run.complete
     assert run.ended_by == "stopped by the operator"
     verdicts = {test.id: (test.verdict, test.reason) for _, test in run.tests}
-    assert verdicts["M1"][0] is Verdict.PASS
+    assert verdicts["S8"][0] is Verdict.PASS
     assert verdicts["M2"] == (Verdict.INCONCLUSIVE, "the run was stopped")
     assert report.exit_code(run) == 4
     log = (tmp_path / "runs" / "run" / "log.txt").read_text()
@@ -216,10 +253,10 @@ def test_when_the_conductor_dies_the_results_so_far_are_kept(bench: Bench) -> No
         if test == "M2" and verdict is None:
             os.kill(process_of("labs.bench.conductor"), signal.SIGKILL)
 
-    run = bench(GANTRY, "M1", "M2", progress=progress)
+    run = bench(GANTRY, "S8", "M2", progress=progress)
     assert (run.complete, run.ended_by) == (False, "the conductor's process died")
     verdicts = {test.id: test.verdict for _, test in run.tests}
-    assert verdicts == {"M1": Verdict.PASS, "M2": Verdict.SKIPPED}
+    assert verdicts == {"S8": Verdict.PASS, "M2": Verdict.SKIPPED}
 
 
 @pytest.mark.usefixtures("cold_bench")

@@ -41,6 +41,7 @@ SIMULATORS = ("crtk_sim_backends",)
 
 BENCH = (
     *SIMULATORS,
+    "_pytest",
     "crtk_drivers.labs.bench",
     "crtk_driver_ati_netft",
     "crtk_driver_canopen",
@@ -48,7 +49,7 @@ BENCH = (
     "crtk_driver_ur",
     "crtk_driver_virtual",
 )
-"""Those of a run of the bench."""
+"""Those of a run of the bench, and of a lab's own tests."""
 
 
 class Process:

@@ -6,12 +6,13 @@ that is another process.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import subprocess
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Final
 
@@ -70,6 +71,21 @@ class _Tested:
         return Carrier(self.lab, self.about, self.stopped)
 
 
+@dataclass
+class _Conducted:
+    """A conductor, and what it was told to do."""
+
+    process: subprocess.Popen[bytes]
+    pipe: Connection
+    order: RunOrder
+    pressure: Pressure = field(default_factory=Pressure)
+
+    def answer(self, value: object) -> None:
+        """Answer what it asked; that it is gone is seen when it is heard next."""
+        with contextlib.suppress(OSError):
+            self.pipe.send(value)
+
+
 def run_bench(
     lab: Lab, options: BenchOptions, progress: Progress, stop: StopRequest
 ) -> results.Run:
@@ -80,7 +96,7 @@ def run_bench(
 
     Raises:
         ConfigError: another bench tests one of the devices, there is no such test or device, a bound is none,
-            or the folder is there.
+            hardware would be tested at once with others, or the folder is there.
         OSError: the folder cannot be written.
     """
     tests = chosen(options.suite, options.only)
@@ -92,6 +108,13 @@ def run_bench(
                 where=str(lab.path),
                 remedy=f"There is: {', '.join(lab.settings.devices)}.",
             )
+    hardware = [device.name for device in lab.devices.values() if not device.simulated]
+    if options.at_once > 1 and hardware:
+        raise ConfigError(
+            f"hardware is tested one device after the other, and {', '.join(hardware)} is not simulated",
+            where="--at-once",
+            remedy="Leave it out, or give --sim.",
+        )
     with alone(lab) as locks:
         make_folder(options.out)
         return _Bench(lab, options, tests, progress, stop).run(locks)
@@ -111,7 +134,6 @@ class _Bench:
         self._progress = progress
         self._stop = stop
         self._began = time.monotonic()
-        self._pressure = Pressure()
         self._tested = {
             name: _Tested(device, described(device), tests) for name, device in lab.devices.items()
         }
@@ -119,26 +141,14 @@ class _Bench:
         self._run = begun(lab, suite)
 
     def run(self, locks: tuple[int, ...]) -> results.Run:
-        """Start the conductor, judge what it records, and return what was found."""
+        """Start conductors, judge what they record, and return what was found."""
         results.write_run(self._run, self._options.out)
-        order = RunOrder(
-            tuple(_order(device, self._lab.devices) for device in self._lab.devices.values()),
-            self._options.out,
-            self._options.suite.thorough,
-            locks,
-        )
-        process, ours = start_conductor(order)
-        ended_by = "the conductor's process died"
+        started: list[_Conducted] = []
         try:
-            ended_by = self._follow(process, ours)
+            ended_by = self._follow(self._orders(locks), started)
         finally:
-            ours.close()
-            if _code_of(process) is None:
-                logger.error("the conductor did not end, and is killed")
-                process.kill()
-                process.wait()
-            if process.returncode != 0:
-                self._power_off()
+            for each in started:
+                self._leave(each)
         for tested in self._tested.values():
             for test in tested.tests:
                 if test.id not in tested.done:
@@ -149,36 +159,73 @@ class _Bench:
         self._keep()
         return self._run
 
-    def _follow(self, process: subprocess.Popen[bytes], pipe: Connection) -> str:
-        """Answer the conductor until it ends; return why that was too early, or nothing."""
-        asked = 0.0
-        while True:
+    def _orders(self, locks: tuple[int, ...]) -> list[RunOrder]:
+        """Return what each conductor does: one does all, unless more than one device is tested at once."""
+        groups: dict[str, list[DeviceOrder]] = {}
+        for device in self._lab.devices.values():
+            on = device.entry.on if device.entry.on in self._lab.devices else ""
+            group = (on or device.name) if self._options.at_once > 1 else ""
+            groups.setdefault(group, []).append(_order(device, self._lab.devices))
+        thorough = self._options.suite.thorough
+        return [
+            RunOrder(tuple(devices), self._options.out, thorough, locks)
+            for devices in groups.values()
+        ]
+
+    def _follow(self, orders: list[RunOrder], started: list[_Conducted]) -> str:
+        """Start a conductor for each order, and answer them; return why they ended too early, or nothing."""
+        asked, ended_by = 0.0, ""
+        running: dict[Connection, _Conducted] = {}
+        while orders or running:
+            while orders and len(running) < self._options.at_once and not self._stop.is_set():
+                order = orders.pop(0)
+                process, pipe = start_conductor(order)
+                started.append(_Conducted(process, pipe, order))
+                running[pipe] = started[-1]
             if self._stop.is_set() and not asked:
                 asked = time.monotonic()
-                process.terminate()  # it holds and leaves everything
+                orders.clear()
+                for each in running.values():
+                    each.process.terminate()  # it holds and leaves everything
             if asked and time.monotonic() > asked + END_TIMEOUT:
-                process.kill()
-            try:
-                if not pipe.poll(POLL_PERIOD):
+                for each in running.values():
+                    each.process.kill()
+            heard = wait(list(running), POLL_PERIOD)
+            for pipe in [each for each in running if each in heard]:
+                try:
+                    message = pipe.recv()
+                except (EOFError, OSError):
+                    if _code_of(running.pop(pipe).process) != 0:
+                        ended_by = "the conductor's process died"
                     continue
-                message = pipe.recv()
-            except (EOFError, OSError):
-                code = _code_of(process)
-                if asked:
-                    return "stopped by the operator"
-                return "" if code == 0 else "the conductor's process died"
-            match message:
-                case Reached():
-                    pipe.send(self._reached(message))
-                case Began():
-                    self._pressure = Pressure()
-                    for test in self._judging(message.device, message.acquisition):
-                        self._progress(message.device, test.id, None, test.name)
-                case Acquired():
-                    pipe.send(self._acquired(message))
-                case Lost():
-                    self._power_off_of(self._tested[message.device])
-            self._keep()
+                self._answer(running[pipe], message)
+                self._keep()
+        return "stopped by the operator" if asked else ended_by
+
+    def _leave(self, conducted: _Conducted) -> None:
+        """Wait for the end of a conductor; take the power from its devices if that was none of its own."""
+        conducted.pipe.close()
+        if _code_of(conducted.process) is None:
+            logger.error("the conductor did not end, and is killed")
+            conducted.process.kill()
+            conducted.process.wait()
+        if conducted.process.returncode != 0:
+            for device in conducted.order.devices:
+                if self._tested[device.name].about is not None:
+                    self._power_off_of(self._tested[device.name])
+
+    def _answer(self, conducted: _Conducted, message: object) -> None:
+        match message:
+            case Reached():
+                conducted.answer(self._reached(message))
+            case Began():
+                conducted.pressure = Pressure()
+                for test in self._judging(message.device, message.acquisition):
+                    self._progress(message.device, test.id, None, test.name)
+            case Acquired():
+                conducted.answer(self._acquired(message, conducted.pressure.share))
+            case Lost():
+                self._power_off_of(self._tested[message.device])
 
     # ------------------------------------------------------------------------------- what it answers
 
@@ -212,7 +259,7 @@ class _Bench:
                 wanted.append(test.acquisition.name)
         return tuple(wanted)
 
-    def _acquired(self, message: Acquired) -> bool:
+    def _acquired(self, message: Acquired, waited: float) -> bool:
         """Judge a recording; return whether the device is used any further."""
         tested = self._tested[message.device]
         assert tested.about is not None
@@ -223,7 +270,7 @@ class _Bench:
             message.kept,
             tested.lab.entry.carried,
         )
-        subject = replace(subject, waited=self._pressure.share)
+        subject = replace(subject, waited=waited)
         self._keep_subject(message.recording, subject, message.trouble)
         guarded = ""
         judge = Judge(message.recording, subject, message.trouble)
@@ -286,11 +333,6 @@ class _Bench:
             results.write_run(self._run, self._options.out)
         except OSError as error:
             logger.error("%s: cannot be written: %s", self._options.out, error.strerror)
-
-    def _power_off(self) -> None:
-        for tested in self._tested.values():
-            if tested.about is not None:
-                self._power_off_of(tested)
 
     def _power_off_of(self, tested: _Tested) -> None:
         if not tested.is_off:
