@@ -201,3 +201,15 @@ def test_what_is_tried_alone_brings_the_device_to_where_it_begins(clause: str) -
     (found,) = outcome.results
     assert (outcome.ended, found.finding.verdict) == ("", Verdict.CONFORMS), found.finding
     assert device.gantry.state == "DISABLED"
+
+
+@pytest.mark.parametrize(
+    ("speed", "verdict"), [(0.25, Verdict.DIVERGES), (1.0, Verdict.UNDETERMINED)]
+)
+def test_a_move_that_is_over_before_a_stop_can_have_come_decides_nothing(
+    monkeypatch: pytest.MonkeyPatch, speed: float, verdict: Verdict
+) -> None:
+    monkeypatch.setattr(student_gantry, "SPEED", speed)
+    outcome, _ = examined(["STA-13"], "disable_goes_on")
+    (found,) = outcome.results
+    assert found.finding.verdict is verdict, found.finding
