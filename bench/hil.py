@@ -40,7 +40,7 @@ def cpu_of(pid: int) -> tuple[str, float] | None:
     seconds = (int(fields[11]) + int(fields[12])) / TICK
     if "labs.bench.host" in command:
         return "driver, with its recorder", seconds
-    if "multiprocessing.spawn" in command:
+    if "labs.bench.conductor" in command:
         return "conductor", seconds
     return None
 

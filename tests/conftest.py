@@ -25,7 +25,7 @@ from crtk_drivers.ros import environment
 from crtk_sim_backends import process
 from rigs import scheduling
 from rigs.proof_table import proof_table
-from rigs.warm_start import WarmStart
+from rigs.warm_start import SIMULATORS, WarmStart
 
 # What a shell may hold that changes how ROS 2 talks, or with whom.
 FOREIGN = (
@@ -98,7 +98,7 @@ if not HAVE_ROS:
 @pytest.fixture(scope="session", autouse=True)
 def warm_start() -> Iterator[None]:
     """Fork simulators, but for tests that use `cold_start`."""
-    server = WarmStart()
+    server = WarmStart(SIMULATORS)
     with patch.object(process, "_start", server.start):
         yield
     server.close()

@@ -70,6 +70,15 @@ def _bench_run(
             help="With --may-move: this real device may go to the ends of its space. May be repeated.",
         ),
     ] = None,
+    at_once: Annotated[
+        int,
+        typer.Option(
+            "--at-once",
+            metavar="N",
+            min=1,
+            help="Test so many simulated devices at the same time: sooner, where the machine has time.",
+        ),
+    ] = 1,
     against: Annotated[
         str,
         typer.Option(
@@ -105,6 +114,7 @@ def _bench_run(
             only=[name for name in only.split(",") if name],
             may_move=may_move,
             may_travel=may_travel or (),
+            at_once=at_once,
             against=against,
             out=out,
             inconclusive_ok=inconclusive,

@@ -52,6 +52,7 @@ def run(
     only: Sequence[str],
     may_move: bool,
     may_travel: Sequence[str],
+    at_once: int,
     against: str,
     out: Path | None,
     inconclusive_ok: bool,
@@ -66,7 +67,7 @@ def run(
     lab = load_lab(path, sim=sim, only=tuple(devices))
     folder = out or default_folder(lab)
     earlier = history.earlier_of(lab, folder.parent, against)
-    options = BenchOptions(suite, tuple(only), may_move, folder, tuple(may_travel))
+    options = BenchOptions(suite, tuple(only), may_move, folder, tuple(may_travel), at_once)
     with stop_signals() as stop, _stopped_by_ctrl_z(lab, may_move, stop), _shown() as show:
         try:
             found = run_bench(lab, options, show, stop)

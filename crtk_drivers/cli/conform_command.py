@@ -55,6 +55,12 @@ def _conform(
             help="Also command it: enable, disable, bad input, and small motions. It needs room.",
         ),
     ] = False,
+    may_home: Annotated[
+        bool,
+        typer.Option(
+            "--may-home", help="With --may-move: also home it, which moves it as it likes."
+        ),
+    ] = False,
     expect: Annotated[
         Path | None,
         typer.Option("--expect", metavar="FILE", help="Tolerances, steps, ranges: TOML or YAML."),
@@ -100,7 +106,7 @@ def _conform(
     checked_namespace(namespace, "")
     expected = load(Expectations, *([from_file(expect)] if expect is not None else []))
     prepare()
-    outcome = _examined(namespace, ids, expected, may_move, listen, timeout)
+    outcome = _examined(namespace, ids, expected, may_move, may_home, listen, timeout)
     OUT.print(_table(outcome.results))
     raise typer.Exit(_told(outcome, out))
 
@@ -110,6 +116,7 @@ def _examined(
     ids: tuple[str, ...],
     expected: Expectations,
     may_move: bool,
+    may_home: bool,
     listen: float,
     timeout: float,
 ) -> Outcome:
@@ -125,6 +132,7 @@ def _examined(
                 may_move,
                 expected,
                 lambda text: status.update(f"{plain(text)} ..."),
+                may_home,
             )
         except ConnectionFailed as error:
             print_error(error)

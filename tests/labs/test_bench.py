@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import multiprocessing
 import os
 import re
 import signal
@@ -12,35 +11,43 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from html import escape
+from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from typing_extensions import override
 
 from crtk_drivers import plugins
 from crtk_drivers.config import BoxConfig
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import load_lab
-from crtk_drivers.labs.bench import host, report
+from crtk_drivers.labs.bench import conductor, host, report
+from crtk_drivers.labs.bench import run as run_module
 from crtk_drivers.labs.bench.allowed import BenchOptions, lacking, unguarded
 from crtk_drivers.labs.bench.calls import About, Glance, HostOrder
 from crtk_drivers.labs.bench.catalogue import TESTS, chosen
 from crtk_drivers.labs.bench.declared import Safety, Suite
+from crtk_drivers.labs.bench.door import Door, DoorClosed
+from crtk_drivers.labs.bench.locks import alone
+from crtk_drivers.labs.bench.messages import RunOrder
 from crtk_drivers.labs.bench.results import Run, read_run, write_run
 from crtk_drivers.labs.bench.run import judged_again, run_bench
-from crtk_drivers.labs.bench.watch import judged
+from crtk_drivers.labs.bench.watch import Watch, judged
 from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.samples import JointState, Pose, Stamp, vector
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.stop_request import StopRequest
 from crtk_drivers.testing.loopback import LoopbackDevice
-from rigs.processes import children_of
+from rigs import stepped_bed
+from rigs.processes import children_of, has_ended, process_of
 
 ABOUT = About(
     name="arm",
@@ -56,6 +63,9 @@ ABOUT = About(
 )
 
 GANTRY = '[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 200 }\n'
+CARRIED = 'on = "gantry"\n'
+SKIPPED = "F2"
+"""Of a gantry, which has no bias."""
 
 Bench = Callable[..., Run]
 
@@ -79,12 +89,21 @@ def bench(tmp_path: Path) -> Bench:
     return partial(carried_out, tmp_path)
 
 
+Told = list[tuple[str, str, Verdict | None]]
+
+
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of a run that passed."""
+def sound(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Told]:
+    """A run that passed: its folder, and what was told of it."""
     path = tmp_path_factory.mktemp("bench")
-    carried_out(path, GANTRY, "T3", "M1")
-    return path / "runs" / "run"
+    told: Told = []
+    carried_out(path, GANTRY, "T3", "S8", progress=lambda *what: told.append(what[:3]))
+    return path / "runs" / "run", told
+
+
+@pytest.fixture
+def folder(sound: tuple[Path, Told]) -> Path:
+    return sound[0]
 
 
 @pytest.fixture
@@ -114,19 +133,16 @@ def test_a_suite_holds_those_before_it() -> None:
         chosen(Suite.QUICK, ["T99"])
 
 
-def test_a_sound_device_passes_and_everything_is_kept(bench: Bench, tmp_path: Path) -> None:
-    told: list[tuple[str, str, Verdict | None]] = []
-    run = bench(GANTRY, "T3", "M1", progress=lambda *what: told.append(what[:3]))
-    assert {test.id: test.verdict for _, test in run.tests} == {"T3": "PASS", "M1": "PASS"}
+def test_a_sound_device_passes_and_everything_is_kept(run: Run, sound: tuple[Path, Told]) -> None:
+    folder, told = sound
+    assert {test.id: test.verdict for _, test in run.tests} == {"T3": "PASS", "S8": "PASS"}
     assert run.complete
     assert told == [
         ("gantry", "T3", None),
         ("gantry", "T3", Verdict.PASS),
-        ("gantry", "M1", None),
-        ("gantry", "M1", Verdict.PASS),
+        ("gantry", "S8", None),
+        ("gantry", "S8", Verdict.PASS),
     ]
-    folder = tmp_path / "runs" / "run"
-    assert read_run(folder) == run
     for _, test in run.tests:
         assert (folder / test.recording).stat().st_size > 1000
         assert test.measurements
@@ -137,43 +153,74 @@ def test_the_same_recording_is_judged_again_with_the_bounds_of_the_lab_file(
     run: Run, folder: Path, tmp_path: Path
 ) -> None:
     (_, (_, first)) = run.tests
-    assert (first.id, first.verdict) == ("M1", Verdict.PASS)
+    assert (first.id, first.verdict) == ("S8", Verdict.PASS)
     lab = tmp_path / "strict.toml"
-    bound = '[bounds."staying.enable.moved"]\nvalue = -1.0\nbecause = "nothing is that still"\n'
+    bound = '[bounds."staying.refusals.moved"]\nvalue = -1.0\nbecause = "nothing is that still"\n'
     lab.write_text(GANTRY + bound)
     ((_, stamps), (_, again)) = judged_again(folder, lab).tests
     assert stamps.verdict is Verdict.PASS
     assert again.verdict is Verdict.FAIL
-    (found, _) = again.measurements
-    assert found.value == first.measurements[0].value
+    (_, _, found) = again.measurements
+    assert found.value == first.measurements[2].value
     assert found.bound_from == "the lab file: nothing is that still"
 
 
-def test_what_a_device_does_not_offer_is_skipped_with_the_reason(bench: Bench) -> None:
-    run = bench('[devices.ft]\nplugin = "ati-netft"\nsim = true\n', "M1", "T3")
-    tests = {test.id: test for _, test in run.tests}
+def test_one_that_is_not_reached_is_open_and_the_others_do_what_they_offer(bench: Bench) -> None:
+    gone = '[devices.gone]\nplugin = "ati-netft"\nsettings = { host = "127.0.0.254", open_timeout = 0.2 }\n'
+    run = bench(f'{gone}[devices.ft]\nplugin = "ati-netft"\nsim = true\n', "M1", "T3")
+    verdicts = {device.name: device.verdict for device in run.devices}
+    assert verdicts == {"gone": Verdict.INCONCLUSIVE, "ft": Verdict.PASS}
+    assert run.devices[0].trouble
+    tests = {test.id: test for test in run.devices[1].tests}
     assert tests["T3"].verdict is Verdict.PASS
     assert tests["M1"].verdict is Verdict.SKIPPED
     assert tests["M1"].reason == "the device does not offer measured_js"
 
 
-def test_one_that_is_not_reached_is_open_and_the_others_go_on(bench: Bench) -> None:
-    gone = '[devices.gone]\nplugin = "ati-netft"\nsettings = { host = "127.0.0.254", open_timeout = 0.2 }\n'
-    run = bench(f"{gone}{GANTRY}", "T3")
-    verdicts = {device.name: device.verdict for device in run.devices}
-    assert verdicts == {"gone": Verdict.INCONCLUSIVE, "gantry": Verdict.PASS}
-    assert run.devices[0].trouble
-
-
 def test_one_bench_at_a_time(bench: Bench, tmp_path: Path) -> None:
     def progress(device: str, test: str, verdict: Verdict | None, reason: str) -> None:
-        if verdict is None:
-            with pytest.raises(ConfigError, match=f"being tested by process {os.getpid()}"):
-                bench(GANTRY, "T3", out="second")
+        with pytest.raises(ConfigError, match=f"being tested by process {os.getpid()}"):
+            bench(GANTRY, SKIPPED, out="second")
 
-    bench(GANTRY, "T3", progress=progress)
+    assert bench(GANTRY, SKIPPED, progress=progress).verdict is Verdict.SKIPPED
     assert not (tmp_path / "runs" / "second").exists()
-    assert bench(GANTRY, "T3", out="third").complete, "the lock ends with the run"
+    assert bench(GANTRY, SKIPPED, out="third").complete, "the lock ends with the run"
+
+
+def test_simulated_devices_are_tested_at_the_same_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What one carries is tested with it, one after the other."""
+    ft = '[devices.{name}]\nplugin = "ati-netft"\nsim = true\n{more}'
+    path = tmp_path / "lab.toml"
+    other = ft.format(name="other", more="")
+    path.write_text(f"{GANTRY}{ft.format(name='ft', more=CARRIED)}{other}")
+    started: list[list[str]] = []
+    at_first: list[int] = []
+
+    def start(order: RunOrder) -> Any:
+        started.append([device.name for device in order.devices])
+        return conductor.start_conductor(order)
+
+    monkeypatch.setattr(run_module, "start_conductor", start)
+    options = BenchOptions(Suite.QUICK, ("T3",), may_move=False, out=tmp_path / "run", at_once=2)
+    run = run_bench(
+        load_lab(path), options, lambda *_: at_first.append(len(started)), StopRequest()
+    )
+    assert started == [["gantry", "ft"], ["other"]]
+    assert at_first[0] == 2, "before anything was told of the first"
+    assert {device.name: device.verdict for device in run.devices} == dict.fromkeys(
+        ("gantry", "ft", "other"), Verdict.PASS
+    )
+
+
+def test_hardware_is_not_tested_at_the_same_time_as_anything(tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text('[devices.arm]\nplugin = "ur"\nsettings = { host = "192.168.1.9" }\n')
+    options = BenchOptions(Suite.QUICK, (), may_move=True, out=tmp_path / "run", at_once=2)
+    with pytest.raises(ConfigError, match=r"one device after the other, and arm is not simulated"):
+        run_bench(load_lab(path), options, lambda *_: None, StopRequest())
+    assert not (tmp_path / "run").exists()
 
 
 def test_nothing_is_overwritten(bench: Bench, tmp_path: Path) -> None:
@@ -189,54 +236,52 @@ def test_stopped_in_a_motion_it_holds_and_keeps_what_it_had(bench: Bench, tmp_pa
         if test == "M2" and verdict is None:
             stop.set()
 
-    run = bench(GANTRY, "T3", "M2", stop=stop, progress=progress)
+    run = bench(GANTRY, "S8", "M2", stop=stop, progress=progress)
     assert not run.complete
     assert run.ended_by == "stopped by the operator"
     verdicts = {test.id: (test.verdict, test.reason) for _, test in run.tests}
-    assert verdicts["T3"][0] is Verdict.PASS
+    assert verdicts["S8"][0] is Verdict.PASS
     assert verdicts["M2"] == (Verdict.INCONCLUSIVE, "the run was stopped")
     assert report.exit_code(run) == 4
     log = (tmp_path / "runs" / "run" / "log.txt").read_text()
     assert "stopped by the watch: the run was stopped" in log
 
 
+@pytest.mark.usefixtures("cold_bench")
 def test_when_the_conductor_dies_the_results_so_far_are_kept(bench: Bench) -> None:
     def progress(device: str, test: str, verdict: Verdict | None, reason: str) -> None:
         if test == "M2" and verdict is None:
-            (conductor,) = multiprocessing.active_children()
-            assert conductor.pid is not None
-            os.kill(conductor.pid, signal.SIGKILL)
+            os.kill(process_of("labs.bench.conductor"), signal.SIGKILL)
 
-    run = bench(GANTRY, "T3", "M2", progress=progress)
+    run = bench(GANTRY, "S8", "M2", progress=progress)
     assert (run.complete, run.ended_by) == (False, "the conductor's process died")
     verdicts = {test.id: test.verdict for _, test in run.tests}
-    assert verdicts == {"T3": Verdict.PASS, "M2": Verdict.SKIPPED}
+    assert verdicts == {"S8": Verdict.PASS, "M2": Verdict.SKIPPED}
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(120)
-def test_of_a_driver_that_hangs_in_motion_the_power_is_taken(bench: Bench, tmp_path: Path) -> None:
-    """It can be neither held nor disabled: nobody knows whether it stands."""
-    off = tmp_path / "off"
-    lab = f'{GANTRY}power_off = ["touch", "{off}"]\n'
+@pytest.mark.usefixtures("cold_bench")
+def test_of_a_driver_that_hangs_in_motion_the_power_is_taken_at_once(
+    bench: Bench, tmp_path: Path
+) -> None:
+    """It can be neither held nor disabled: nobody knows whether it stands. It goes on when that is done."""
+    off, recording = tmp_path / "off", tmp_path / "runs" / "run" / "data" / "gantry-sines.mcap"
 
-    def progress(device: str, test: str, verdict: Verdict | None, reason: str) -> None:
-        if test == "M5" and verdict is None:
-            (driver,) = (pid for pid in children_of(os.getpid()) if hosts(pid))
-            threading.Timer(1.0, os.kill, (driver, signal.SIGSTOP)).start()
+    def hang() -> None:
+        wait_until(lambda: recording.exists() and recording.stat().st_size > 100_000)
+        driver = process_of("labs.bench.host")
+        os.kill(driver, signal.SIGSTOP)
+        try:
+            wait_until(off.exists)
+        finally:
+            os.kill(driver, signal.SIGCONT)
 
-    run = bench(lab, "M2", "M5", progress=progress)
-    assert off.exists()
-    verdicts = {test.id: test.verdict for _, test in run.tests}
-    assert Verdict.PASS not in (verdicts["M5"], verdicts["M2"])
-
-
-def hosts(pid: int) -> bool:
-    """Whether a process is that of a driver under test."""
-    try:
-        return b"labs.bench.host" in Path(f"/proc/{pid}/cmdline").read_bytes()
-    except OSError:
-        return False
+    hanging = threading.Thread(target=hang)
+    hanging.start()
+    run = bench(f'{GANTRY}power_off = ["mkdir", "{off}"]\n', "M5")
+    hanging.join()
+    ((_, test),) = run.tests
+    assert test.verdict is Verdict.INCONCLUSIVE
+    assert "no answer in 2 s" in test.reason
 
 
 def test_a_driver_to_which_no_bench_comes_ends(
@@ -258,6 +303,21 @@ def test_what_real_devices_must_pass_comes_before_they_go_far(tmp_path: Path) ->
     assert unguarded(far, arm, {"S9", "M1", "S8", "S1"}) == ""
     assert unguarded(near, arm, {"M2"}) == ""
     assert unguarded(far, load_lab(path, sim=True).devices["arm"], {"S9"}) == ""
+
+
+def test_the_watch_tells_of_what_does_not_answer_as_it_is_to_be_held() -> None:
+    class Closed(Door):
+        def __init__(self) -> None:
+            """It leads nowhere."""
+
+        @override
+        def call(self, name: str, *arguments: Any, within: float = 0.0) -> Any:
+            raise DoorClosed(f"{name}: no answer")
+
+    lost: list[str] = []
+    watch = Watch(Closed(), ABOUT, None, StopRequest(), partial(lost.append, "arm"))
+    watch.trip("it moves at 9.00")
+    assert lost == ["arm"]
 
 
 def seen(**values: Any) -> Glance:
@@ -300,43 +360,96 @@ def wait_until(test: Callable[[], object], seconds: float = 40.0) -> None:
         time.sleep(0.02)
 
 
-def test_when_whoever_started_it_is_gone_it_holds_and_everything_ends(tmp_path: Path) -> None:
-    (tmp_path / "lab.toml").write_text(GANTRY)
+@contextmanager
+def in_motion(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """``crtk-driver bench`` with a gantry that is moved; it is killed within, or at the end."""
+    (folder / "lab.toml").write_text(GANTRY)
     command = [sys.executable, "-m", "crtk_drivers.cli", "bench", "lab.toml", "--only", "M2"]
-    parent = subprocess.Popen([*command, "--out", "run"], cwd=tmp_path)
+    parent = subprocess.Popen([*command, "--out", "run"], cwd=folder)
     try:
-        recording = tmp_path / "run" / "data" / "gantry-approaches.mcap"
+        recording = folder / "run" / "data" / "gantry-approaches.mcap"
         wait_until(lambda: recording.exists() and recording.stat().st_size > 100_000)
-        children = children_of(parent.pid)
-        assert len(children) >= 2, "a conductor and a driver"
+        yield parent
     finally:
         parent.kill()
         parent.wait()
-    wait_until(lambda: not any(Path(f"/proc/{child}").exists() for child in children))
+
+
+def wait_for_the_end_of(*processes: int) -> None:
+    wait_until(lambda: not any(Path(f"/proc/{each}").exists() for each in processes))
+
+
+def test_when_whoever_started_it_is_gone_it_holds_and_everything_ends(tmp_path: Path) -> None:
+    with in_motion(tmp_path) as parent:
+        children = children_of(parent.pid)
+        assert len(children) == 2, "a conductor and a driver"
+    wait_for_the_end_of(*children)
     log = (tmp_path / "run" / "log.txt").read_text()
     assert "stopped by the watch: the run was stopped" in log
     assert not read_run(tmp_path / "run").complete
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(180)
-@pytest.mark.parametrize(
-    ("options", "verdict"),
-    [("", Verdict.PASS), ('sim_options = { defects = "ignores_watchdog=1" }\n', Verdict.FAIL)],
-    ids=["sound", "deaf"],
-)
-def test_a_drive_that_ignores_its_watchdog_fails(
-    bench: Bench, options: str, verdict: Verdict
+@pytest.mark.parametrize("left", ["conductor", "host"])
+def test_what_is_left_of_a_killed_bench_keeps_others_from_its_devices(
+    left: str, tmp_path: Path
 ) -> None:
-    """What stops the hardware when the driver is gone is of the hardware: S4 and S5 look at it."""
-    run = bench(f'[devices.drive]\nplugin = "canopen"\nsim = true\n{options}', "S4", "S5")
-    found = {test.id: (test.verdict, test.reason) for _, test in run.tests}
-    open_or_so = {verdict, Verdict.INCONCLUSIVE}  # on a busy machine
-    assert {each for each, _ in found.values()} <= open_or_so, found
-    ways = {
-        one.verdict for _, test in run.tests for one in test.measurements if "distance" in one.id
-    }
-    assert ways == {verdict}, found
+    with in_motion(tmp_path) as parent:
+        lab = load_lab(tmp_path / "lab.toml")
+        found = {
+            name: process_of(f"labs.bench.{name}", parent.pid) for name in ("conductor", "host")
+        }
+        keeper = found.pop(left)
+        os.kill(keeper, signal.SIGSTOP)
+    try:
+        for other in found.values():
+            os.kill(other, signal.SIGKILL)
+            wait_until(partial(has_ended, other))
+        gone = f"was being tested by process {parent.pid}, which is gone"
+        with pytest.raises(ConfigError, match=gone), alone(lab):
+            pass
+    finally:
+        os.kill(keeper, signal.SIGCONT)
+    wait_for_the_end_of(keeper)
+    with alone(lab):
+        pass
+
+
+class InThread:
+    """A conductor in this process, as `subprocess.Popen` has one."""
+
+    returncode: int | None = None
+
+    def __init__(self, order: RunOrder, parent: Connection) -> None:
+        self._thread = threading.Thread(target=self._run, args=(order, parent))
+        self._thread.start()
+
+    def _run(self, order: RunOrder, parent: Connection) -> None:
+        with parent:
+            conductor.conduct(order, parent)
+
+    def wait(self, timeout: float | None = None) -> int:
+        self._thread.join(timeout)
+        self.returncode = 0
+        return 0
+
+
+def test_a_device_at_which_nobody_looked_is_not_used_any_more(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def started(order: RunOrder) -> tuple[InThread, Connection]:
+        ours, theirs = Pipe()
+        return InThread(order, theirs), ours
+
+    monkeypatch.setattr(run_module, "start_conductor", started)
+    monkeypatch.setattr(conductor, "stop_signals", lambda: nullcontext(StopRequest()))
+    monkeypatch.setattr(Watch, "look", lambda _: None)
+    run = bench(GANTRY, "M1", "S8", "T3")
+    verdicts = {test.id: (test.verdict, test.reason) for _, test in run.tests}
+    for test in ("T3", "M1"):  # after what only reads it goes on
+        assert verdicts[test][0] is Verdict.INCONCLUSIVE
+        assert "the watch has not looked for" in verdicts[test][1]
+    assert verdicts["S8"][0] is Verdict.SKIPPED
+    assert verdicts["S8"][1].startswith("no more after transitions")
 
 
 def test_a_real_device_is_only_read_unless_it_is_allowed(tmp_path: Path) -> None:
@@ -381,14 +494,17 @@ def test_a_name_that_may_travel_is_one_of_the_lab(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
-def test_efforts_are_asked_of_those_that_measure_them(bench: Bench, tmp_path: Path) -> None:
+def test_efforts_are_asked_of_those_that_measure_them(tmp_path: Path) -> None:
     whole = (Path(__file__).parents[1] / "data" / "pan_tilt.urdf").read_text()
     urdf = tmp_path / "without_masses.urdf"
     urdf.write_text(re.sub("<inertial>.*?</inertial>", "", whole, flags=re.DOTALL))
-    run = bench(f'[devices.arm]\nplugin = "virtual"\nsettings = {{ urdf = "{urdf}" }}\n', "J5")
-    ((_, test),) = run.tests
-    assert test.verdict is Verdict.SKIPPED
-    assert test.reason == "the device does not offer measured_js.effort"
+    path = tmp_path / "lab.toml"
+    path.write_text('[devices.arm]\nplugin = "virtual"\n')
+    (test,) = chosen(Suite.FULL, ["J5"])
+    options = BenchOptions(Suite.FULL, (), False, tmp_path)
+    about = stepped_bed.about("virtual", {"urdf": str(urdf)})
+    why = lacking(test, about, load_lab(path).devices["arm"], options)
+    assert why == "the device does not offer measured_js.effort"
 
 
 def test_results_of_a_newer_version_are_refused(tmp_path: Path) -> None:

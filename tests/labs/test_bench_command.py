@@ -68,7 +68,7 @@ def full_disk() -> None:
 
 
 def test_a_disk_that_fills_up_is_told_and_passes_nothing(command: Command, tmp_path: Path) -> None:
-    found = command("lab.toml", "--only", "T3,M1", "--out", "run", preexec_fn=full_disk)
+    found = command("lab.toml", "--only", "S8", "--out", "run", preexec_fn=full_disk)
     assert found.returncode == 4, found.stderr
     assert "results cannot be written: File too large" in found.stderr
     assert "INCONCLUSIVE" in found.stderr
@@ -92,7 +92,7 @@ def test_a_run_of_a_newer_version_is_told(command: Command, tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_what_is_compared_with_the_baseline(command: Command, tmp_path: Path) -> None:
-    options = ("lab.toml", "--only", "T3")
+    options = ("lab.toml", "--only", "S8")
     assert command(*options, "--out", "runs/one").returncode == 0
     made = command("baseline", "runs/one")
     assert made.returncode == 0

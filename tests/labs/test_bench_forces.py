@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import multiprocessing
+import math
 import os
 import signal
 import threading
@@ -19,15 +19,17 @@ from crtk_drivers.labs.bench.allowed import BenchOptions, Carrier, lacking
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import Subject, Suite
-from crtk_drivers.labs.bench.recorder import read_recording
 from crtk_drivers.labs.bench.run import judged_again
 from crtk_drivers.labs.bench.trace import Trace
+from crtk_drivers.labs.carried import Carried
 from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.status.stop_request import StopRequest
 from crtk_drivers.testing.loopback import LoopbackDevice
-from rigs.bench_lab import ARM, FT, carried_out, measured, of_sensor, with_defects
-from rigs.processes import children_of
-from rigs.proof_table import tell_stored
+from crtk_sim_backends.netft.defects import TransducerDefects
+from rigs import stepped_bed
+from rigs.bench_lab import ARM, ARM_200, FT, carried_out, measured, of_sensor, with_defects
+from rigs.processes import process_of
+from rigs.proof_table import tell_proof, tell_stored
 
 BY_ID = {test.id: test for test in TESTS}
 
@@ -36,55 +38,73 @@ Tell = Callable[[str, object], None]
 
 @pytest.mark.slow
 @pytest.mark.timeout(180)
-def test_a_sound_sensor_fails_nowhere(tmp_path: Path, record_property: Tell) -> None:
-    run = carried_out(tmp_path, with_defects("noise=0.05"), "F2", "F3", "F4", "F5", "F6")
+def test_a_sound_sensor_on_an_arm_fails_nowhere(tmp_path: Path, record_property: Tell) -> None:
+    ids = ("F2", "F3", "F4", "F5", "F6", "X1", "X2")
+    run = carried_out(tmp_path, with_defects("noise=0.05"), *ids)
     tell_stored(record_property, "", [one for _, test in run.tests for one in test.measurements])
-    assert set(of_sensor(run)) == {"F2", "F3", "F4", "F5", "F6"}
+    assert set(of_sensor(run)) == {*ids}
     assert Verdict.FAIL not in {verdict for verdict, _ in of_sensor(run).values()}, of_sensor(run)
-    assert {"force.weight.mass", "force.frame.angle", "force.bias.left"} <= measured(run).keys()
+    assert measured(run).keys() >= {
+        "force.weight.mass",
+        "force.frame.angle",
+        "force.bias.left",
+        "force.saturation.told",
+        "together.motion.lag",
+    }
+    assert measured(run)["together.neighbours.states"] is Verdict.PASS
     assert measured(judged_again(tmp_path / "run", None)) == measured(run), "from both recordings"
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(180)
-@pytest.mark.parametrize(
-    ("defects", "tests", "quantities"),
-    [
-        (
-            "scale=1.1,exchanged=0+2",
-            ("F4", "F5"),
-            (
-                "force.weight.mass",
-                "force.weight.center",
-                "force.weight.residual",
-                "force.frame.angle",
-            ),
-        ),
-        ("drift=0.02", ("F2",), ("force.bias.left",)),
-    ],
-    ids=["scale and axes", "drift"],
-)
-def test_a_defect_makes_its_test_fail(
-    defects: str,
-    tests: tuple[str, ...],
-    quantities: tuple[str, ...],
-    tmp_path: Path,
-    record_property: Tell,
-) -> None:
-    run = carried_out(tmp_path, with_defects(defects), *tests)
-    stored = [one for _, test in run.tests for one in test.measurements]
-    tell_stored(record_property, defects, stored, quantities)
-    verdicts = measured(run)
-    assert {verdicts[name] for name in quantities} == {Verdict.FAIL}, (verdicts, of_sensor(run))
-
-
 @pytest.mark.timeout(90)
-def test_a_saturation_that_is_not_told_fails(tmp_path: Path) -> None:
-    run = carried_out(tmp_path, with_defects("hides_saturation=1"), "F3")
+def test_a_bias_that_drifts_and_a_saturation_that_is_not_told_fail(
+    tmp_path: Path, record_property: Tell
+) -> None:
+    defects = "drift=0.02,hides_saturation=1"
+    run = carried_out(tmp_path, with_defects(defects), "F2", "F3")
+    stored = [one for _, test in run.tests for one in test.measurements]
+    tell_stored(record_property, defects, stored, ("force.bias.left",))
+    assert measured(run)["force.bias.left"] is Verdict.FAIL, of_sensor(run)
     assert of_sensor(run)["F3"] == (
         Verdict.FAIL,
         "it did not tell within 2 s that it is saturated",
     )
+
+
+# --------------------------------------------------------------------- on an arm whose time is stepped
+
+TOOL = Carried(0.8, (0.0, 0.02, 0.06), (0.0, 0.0, math.sin(0.5), math.cos(0.5)))
+AXES = TransducerDefects(scale=1.1, exchanged=(0, 2))
+
+
+@pytest.mark.parametrize(
+    ("defects", "verdict"),
+    [(TransducerDefects(noise=0.05), Verdict.PASS), (AXES, Verdict.FAIL)],
+    ids=["sound", "scale and axes"],
+)
+def test_a_transducer_with_wrong_axes_and_scale_fails(
+    defects: TransducerDefects, verdict: Verdict, record_property: Tell
+) -> None:
+    trace, subject = stepped_bed.acquired_carried(BY_ID["F4"].acquisition, TOOL, ARM_200, defects)
+    found = [
+        one for name in ("F4", "F5") for one in BY_ID[name].analyse(trace, subject).measurements
+    ]
+    quantities = [quantity.id for name in ("F4", "F5") for quantity in BY_ID[name].quantities]
+    tell_proof(record_property, "" if defects is not AXES else "scale,exchanged", found, quantities)
+    verdicts = {one.quantity.id: one.verdict for one in found}
+    assert verdicts == dict.fromkeys(quantities, verdict)
+
+
+def test_the_arm_stays_within_its_space_and_one_that_is_too_narrow_is_told() -> None:
+    ranges = [{"lower": -0.2, "upper": 0.2}] * 6
+    narrow = ARM_200 | {"start": [0.0] * 6, "space": {"joints": ranges}}
+    trace, subject = stepped_bed.acquired_carried(BY_ID["F4"].acquisition, TOOL, narrow)
+    for name in ("F4", "F5"):
+        found = BY_ID[name].analyse(trace, subject)
+        assert found.verdict is Verdict.INCONCLUSIVE
+        assert "its space is too narrow" in found.reason, found.reason
+    joints = trace.joint_states("carrier/measured_js").position
+    assert np.abs(joints).max() < 0.21
+    assert np.ptp(joints, axis=0).max() > 0.1, "it was turned"
 
 
 SUBJECT = Subject((), (), 500.0, 0.0, 1.0, 0.1, 0.5, 0.05, 0.0)
@@ -123,23 +143,14 @@ def until(test: Callable[[], object]) -> None:
         time.sleep(0.02)
 
 
-def simulator_of(text: str) -> int:
-    """Return the id of the process below the conductor whose command line has a text."""
-    (conductor,) = multiprocessing.active_children()
-    assert conductor.pid is not None
-    for child in children_of(conductor.pid):
-        if text in Path(f"/proc/{child}/cmdline").read_text():
-            return child
-    raise AssertionError(f"no process of {text}")
-
-
+@pytest.mark.usefixtures("cold_bench")
 @pytest.mark.timeout(120)
 def test_a_sensor_that_falls_silent_stops_the_arm(tmp_path: Path) -> None:
     moving = tmp_path / "run" / "data" / "ft-weighing.carrier.mcap"
 
     def kill() -> None:
         until(lambda: moving.exists() and moving.stat().st_size > 500_000)
-        os.kill(simulator_of("crtk_sim_backends.netft"), signal.SIGKILL)
+        os.kill(process_of("crtk_sim_backends.netft"), signal.SIGKILL)
 
     killer = threading.Thread(target=kill)
     killer.start()
@@ -164,22 +175,6 @@ def test_stopped_while_it_weighs_the_arm_is_held(tmp_path: Path) -> None:
     assert (run.complete, run.ended_by) == (False, "stopped by the operator")
     assert of_sensor(run)["F4"][0] is Verdict.INCONCLUSIVE
     assert "virtual: stopped by the watch" in (tmp_path / "run" / "log.txt").read_text()
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(120)
-def test_the_arm_stays_within_its_space_and_one_that_is_too_narrow_is_told(tmp_path: Path) -> None:
-    ranges = ", ".join(["{ lower = -0.2, upper = 0.2 }"] * 6)
-    space = f"space = {{ joints = [{ranges}] }}\n"
-    start = "settings.start = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]\n"
-    run = carried_out(tmp_path, f"{ARM}{start}{space}{FT}", "F4", "F5")
-    for verdict, reason in of_sensor(run).values():
-        assert verdict is Verdict.INCONCLUSIVE
-        assert "its space is too narrow" in reason, reason
-    rows = read_recording(tmp_path / "run" / "data" / "ft-weighing.mcap")
-    joints = Trace.of(rows).joint_states("carrier/measured_js").position
-    assert np.abs(joints).max() < 0.21
-    assert np.ptp(joints, axis=0).max() > 0.1, "it was turned"
 
 
 @pytest.mark.timeout(90)

@@ -3,47 +3,47 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
+from collections.abc import Callable
 
 import pytest
 
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import Subject
 from crtk_drivers.labs.bench.trace import Row, Trace
+from crtk_drivers.labs.carried import Carried
 from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.samples import JointState, Text, vector
-from rigs.bench_lab import ARM, FT, carried_out, measured, of_sensor
+from crtk_sim_backends.netft.defects import TransducerDefects
+from rigs import stepped_bed
+from rigs.bench_lab import ARM_200
+from rigs.proof_table import tell_proof
 
 BY_ID = {test.id: test for test in TESTS}
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(120)
-def test_two_devices_in_step_and_neighbours_fail_nowhere(tmp_path: Path) -> None:
-    run = carried_out(tmp_path, ARM + FT, "X1", "X2", "F3")
-    verdicts = of_sensor(run)
-    assert Verdict.FAIL not in {verdict for verdict, _ in verdicts.values()}, verdicts
-    assert "together.motion.lag" in measured(run)
-    assert "force.saturation.told" in measured(run), "it is left as it was"
-    assert measured(run)["together.neighbours.states"] is Verdict.PASS
+X1 = BY_ID["X1"]
+TOOL = Carried(0.8, (0.0, 0.02, 0.06))
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(120)
-def test_forces_that_lag_fail(tmp_path: Path) -> None:
-    """By a filter of the driver whose delay no stamp tells: 0.11 s."""
-    run = carried_out(tmp_path, f"{ARM}{FT}settings = {{ low_pass = 2.0 }}\n", "X1")
-    assert measured(run)["together.motion.lag"] is Verdict.FAIL, of_sensor(run)
+@pytest.mark.parametrize(
+    ("behind", "verdict"), [(0, Verdict.PASS), (22, Verdict.FAIL)], ids=["in step", "0.11 s"]
+)
+def test_forces_that_lag_fail(
+    behind: int, verdict: Verdict, record_property: Callable[[str, object], None]
+) -> None:
+    """As by a filter whose delay no stamp tells."""
+    found = X1.analyse(*stepped_bed.acquired_carried(X1.acquisition, TOOL, ARM_200, behind=behind))
+    named = "forces behind the pose" if behind else ""
+    tell_proof(record_property, named, found.measurements, ("together.motion.lag",))
+    ((quantity, judged),) = [(one.quantity.id, one.verdict) for one in found.measurements]
+    assert (quantity, judged) == ("together.motion.lag", verdict)
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(120)
-def test_nothing_is_said_of_a_sensor_on_which_nothing_hangs(tmp_path: Path) -> None:
-    bare = "\n".join(line for line in FT.splitlines() if not line.startswith("tool"))
-    run = carried_out(tmp_path, f'{ARM}{bare}\nsim_options = {{ defects = "noise=0.05" }}\n', "X1")
-    verdict, reason = of_sensor(run)["X1"]
-    assert verdict is Verdict.INCONCLUSIVE
-    assert "does anything hang on it?" in reason
+def test_nothing_is_said_of_a_sensor_on_which_nothing_hangs() -> None:
+    noisy = TransducerDefects(noise=0.05)
+    found = X1.analyse(*stepped_bed.acquired_carried(X1.acquisition, Carried(), ARM_200, noisy))
+    assert found.verdict is Verdict.INCONCLUSIVE
+    assert "does anything hang on it?" in found.reason
 
 
 SUBJECT = Subject((), (), 500.0, 0.0, 1.0, 0.1, 0.5, 0.05, 0.0)

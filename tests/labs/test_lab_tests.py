@@ -1,4 +1,8 @@
-"""A lab's own tests: what pytest makes of them, what is kept, what is refused. Each session is a process."""
+"""A lab's own tests: what pytest makes of them, what is kept, what is refused. Each session is a process.
+
+Those with a lab are forked, as the processes of the bench are; those without are started, which shows what
+they import.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 from textwrap import dedent
 from typing import Any
 from xml.etree import ElementTree
@@ -17,6 +22,7 @@ from xml.etree import ElementTree
 import pytest
 
 from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.bench import programs
 from crtk_drivers.labs.bench.locks import alone
 from crtk_drivers.labs.bench.results import Run, read_run
 from crtk_drivers.labs.verdicts.judging import Verdict
@@ -29,15 +35,34 @@ GANTRY = 'name = "room"\n[devices.gantry]\nplugin = "loopback"\nsettings = { rat
 Session = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
-def command(*arguments: str, plugin: bool = True) -> list[str]:
+def options(*, plugin: bool = True) -> list[str]:
     named = ["-p", "crtk_drivers.testing.lab_tests"] if plugin else []
-    own = ["-c", "pytest.ini", "-p", "no:cacheprovider", *named]
-    return [sys.executable, "-m", "pytest", *own, *arguments]
+    return ["-c", "pytest.ini", "-p", "no:cacheprovider", *named]
+
+
+def started(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "pytest", *arguments]
+    return subprocess.run(command, capture_output=True, text=True)
+
+
+def forked(*arguments: str) -> subprocess.CompletedProcess[str]:
+    with TemporaryFile() as errors:
+        process = programs._start("pytest", arguments, subprocess.PIPE, errors.fileno(), ())
+        with process:
+            assert process.stdin is not None
+            assert process.stdout is not None
+            process.stdin.close()
+            said = process.stdout.read().decode()
+        errors.seek(0)
+        return subprocess.CompletedProcess(
+            arguments, process.returncode, said, errors.read().decode()
+        )
 
 
 @pytest.fixture
-def session(tmp_path: Path) -> Session:
+def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
     """Write tests, run them, and return what pytest printed."""
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "pytest.ini").write_text("[pytest]\naddopts = --strict-markers\n")
     (tmp_path / "lab.toml").write_text(GANTRY)
 
@@ -46,13 +71,11 @@ def session(tmp_path: Path) -> Session:
     ) -> subprocess.CompletedProcess[str]:
         (tmp_path / "test_own.py").write_text(dedent(tests))
         (tmp_path / "conftest.py").write_text(dedent(conftest))
-        named = ("--lab", "lab.toml", "--lab-out", "runs/one") if lab else ()
-        return subprocess.run(
-            command(*named, *arguments, plugin=plugin),
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-        )
+        own = options(plugin=plugin)
+        if not lab or not plugin:
+            named = ("--lab", "lab.toml", "--lab-out", "runs/one") if lab else ()
+            return started(*own, *named, *arguments)
+        return forked(*own, "--lab", "lab.toml", "--lab-out", "runs/one", *arguments)
 
     return run
 
@@ -288,12 +311,12 @@ def test_asks_for_a_service(lab):
 
 
 @contextmanager
-def hardware(folder: Path) -> Iterator[None]:
+def hardware(folder: Path, power_off: str = '["touch", "off"]') -> Iterator[None]:
     """A sensor that the lab file does not call simulated."""
     with SIM.spawn() as sim:
         ports = ", ".join(f"{name}_port = {sim.ports[name]}" for name in ("rdt", "tcp", "http"))
         (folder / "lab.toml").write_text(
-            f'[devices.ft]\nplugin = "ati-netft"\npower_off = ["touch", "off"]\n'
+            f'[devices.ft]\nplugin = "ati-netft"\npower_off = {power_off}\n'
             f'settings = {{ host = "{sim.host}", {ports} }}\n'
         )
         yield
@@ -386,6 +409,57 @@ def test_what_was_lost_in_the_midst_of_a_test_has_its_power_taken_away(
     assert (tmp_path / "off").exists()
 
 
+HANGS = """
+import os, signal, time
+from pathlib import Path
+from crtk_drivers.labs.bench.bed import Process
+
+def test_hangs(lab):
+    lab.ft.enable()
+    driver = lab.ft.station.host.pid(Process.DRIVER)
+    os.kill(driver, signal.SIGSTOP)
+    try:
+        end = time.monotonic() + 40.0
+        while not Path("off").exists():
+            assert time.monotonic() < end, "its power was not taken"
+    finally:
+        os.kill(driver, signal.SIGCONT)
+"""
+
+
+def test_of_what_cannot_be_held_the_power_is_taken_at_once(
+    session: Session, tmp_path: Path
+) -> None:
+    with hardware(tmp_path, power_off='["mkdir", "off"]'):
+        said = session(HANGS, "--may-move")
+    assert said.returncode == 1, "what the watch has stopped is open"
+    found = verdicts(kept(tmp_path))["test_hangs"]
+    assert found == (Verdict.INCONCLUSIVE, "glance: no answer in 2 s")
+
+
+UNSEEN = """
+def test_is_not_seen(lab):
+    gantry = lab.gantry
+    gantry.enable()
+    gantry._watch.look = lambda: None
+    gantry.rest(2.0)
+
+def test_comes_after_that(lab):
+    lab.gantry.enable()
+"""
+
+
+def test_a_device_at_which_nobody_looked_is_not_used_any_more(
+    session: Session, tmp_path: Path
+) -> None:
+    session(UNSEEN)
+    (unseen, after) = verdicts(kept(tmp_path)).values()
+    assert unseen[0] is Verdict.INCONCLUSIVE
+    assert unseen[1].startswith("the watch has not looked for")
+    assert after[0] is Verdict.SKIPPED
+    assert after[1].startswith("gantry: no more after test_own.py::test_is_not_seen")
+
+
 ENDLESS = """
 def test_moves_for_long(lab):
     gantry = lab.gantry
@@ -417,7 +491,10 @@ def test_ctrl_c_holds_and_keeps_what_there_was(session: Session, tmp_path: Path)
         f"from crtk_drivers.samples import JointState\n{TWO}{ENDLESS}"
     )
     process = subprocess.Popen(
-        command("--lab", "lab.toml", "--lab-out", "runs/one"),
+        [
+            *(sys.executable, "-m", "pytest", *options()),
+            *("--lab", "lab.toml", "--lab-out", "runs/one"),
+        ],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         text=True,

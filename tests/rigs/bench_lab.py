@@ -13,6 +13,8 @@ from crtk_drivers.labs.bench.run import run_bench
 from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.status.stop_request import StopRequest
 
+ARM_200 = {"rate": 200.0}
+"""Settings of the arm."""
 ARM = '[devices.arm]\nplugin = "virtual"\nsettings.rate = 200\n'
 FT = """
 [devices.ft]

@@ -12,7 +12,13 @@ from rigs.student_gantry import PLACE, RANGE, SERVO_SPEED
 
 RANGES = (JointRange(lower=-RANGE, upper=RANGE, velocity=1.5 * SERVO_SPEED),) * len(PLACE)
 QUICK: Final = Expectations(
-    wait=0.15, transition_time=2.0, move_time=5.0, flood_time=0.5, stream_stop=1.0, ranges=RANGES
+    wait=0.15,
+    transition_time=2.0,
+    home_time=2.0,
+    move_time=5.0,
+    flood_time=0.5,
+    stream_stop=1.0,
+    ranges=RANGES,
 )
 TIMED: Final = {"RAT-1", "STA-3", "QOS-3", "CLI-2"}
 """Clauses about time, which a busy machine breaks for the device."""

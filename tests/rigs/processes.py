@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 
@@ -13,3 +14,27 @@ def children_of(pid: int) -> set[int]:
         return set()
     found = {int(each) for each in own}
     return found.union(*map(children_of, found))
+
+
+def process_of(module: str, below: int | None = None) -> int:
+    """Return the id of the process that runs a module, below another one; this one if left out."""
+    found = [pid for pid in children_of(below or os.getpid()) if module in _command_of(pid)]
+    assert len(found) == 1, f"{module}: {found}"
+    return found[0]
+
+
+def has_ended(pid: int) -> bool:
+    """Whether a process has closed all its files, though nobody may have waited for it."""
+    try:
+        tasks = os.listdir(f"/proc/{pid}/task")
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return True
+    return state == "Z" and len(tasks) == 1  # its first thread may end before the others
+
+
+def _command_of(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes().decode()
+    except OSError:  # it has ended since
+        return ""

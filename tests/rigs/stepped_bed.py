@@ -1,9 +1,10 @@
-"""One acquisition of the bench over a device whose time is stepped: engine, host, bed, watch, no thread."""
+"""One acquisition of the bench over devices whose time is stepped: engine, host, bed, watch, no thread."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from operator import itemgetter
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +12,7 @@ from unittest.mock import patch
 
 from crtk_driver_virtual.defective_device import DefectiveDevice
 from crtk_drivers import plugins, samples
-from crtk_drivers.config import from_values, load
+from crtk_drivers.config import DeviceConfig, from_values, load
 from crtk_drivers.device import Device
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CrtkError
@@ -23,15 +24,20 @@ from crtk_drivers.labs.bench.door import Door, Refused
 from crtk_drivers.labs.bench.host import Host, Visitor
 from crtk_drivers.labs.bench.trace import Row, Trace
 from crtk_drivers.labs.bench.watch import Watch
+from crtk_drivers.labs.carried import Carried
 from crtk_drivers.plugins import DevicePlugin
-from crtk_drivers.samples import Stamp, Value
+from crtk_drivers.samples import Pose, Stamp, Value
 from crtk_drivers.session.opened import engine_options
 from crtk_drivers.status.stop_request import StopRequest
 from crtk_drivers.testing import loopback
+from crtk_sim_backends.netft.defects import TransducerDefects
+from rigs.carried_sensor import CarriedSensor
 from rigs.stepped_time import Steps
 
 CONNECT = 1.0
 """Seconds."""
+
+SOUND = TransducerDefects()
 
 
 class SteppedDoor(Door):
@@ -53,18 +59,51 @@ class SteppedDoor(Door):
 class Rows:
     """What is recorded, as `read_recording` returns it; in place of `crtk_drivers.recording.Recorder`."""
 
-    def __init__(self, steps: Steps) -> None:
+    def __init__(self, steps: Steps, prefix: str = "") -> None:
         self.rows: list[Row] = []
         self._steps = steps
+        self._prefix = prefix
 
     def start(self) -> None:
         """It has no thread."""
 
     def take(self, topic: str, value: Value, stamp: Stamp) -> None:
-        self.rows.append((topic, self._steps.time_ns(), stamp.wall_ns, value))
+        at = self._steps.time_ns()
+        self.rows.append((f"{self._prefix}{topic}", at, stamp.wall_ns, value))
 
     def close(self) -> Any:
         return SimpleNamespace(lost=0, error="")
+
+
+class Seat:
+    """A device in this thread that is connected: its engine, and what the bench has of it.
+
+    Args:
+        device, plugin, config: of it.
+        steps: of the time.
+        prefix: of the topics in its recording.
+    """
+
+    def __init__(
+        self, device: Device, plugin: str, config: DeviceConfig, steps: Steps, prefix: str = ""
+    ) -> None:
+        options = engine_options(config)
+        self.engine = Engine(device, plugin, options, steps.monotonic, steps.let_pass)
+        self.recorded = Rows(steps, prefix)
+        self._steps = steps
+        self._period = 1.0 / device.capabilities.rate
+        session: Any = SimpleNamespace(engine=self.engine)
+        self.door = SteppedDoor(Host(session, HostOrder(plugin, config, str(Path("door")), b"key")))
+        self.engine.wait_for = steps.wait  # type: ignore[method-assign]
+        self.engine.connect(steps.monotonic() + CONNECT)
+
+    def cycle(self) -> None:
+        self.engine.cycle(self._steps.monotonic() + self._period)
+
+    def look(self) -> Pose | None:
+        """Return the pose that it tells, None as long as it tells none."""
+        pose, stamp = self.engine.feedback("measured_cp") or (None, None)
+        return pose if isinstance(pose, Pose) and stamp is not None and stamp.wall_ns else None
 
 
 def _made(plugin: DevicePlugin, config: Any, steps: Steps) -> Device:
@@ -76,12 +115,24 @@ def _made(plugin: DevicePlugin, config: Any, steps: Steps) -> Device:
 
 
 @contextmanager
-def _stepped(steps: Steps, rows: Rows) -> Iterator[None]:
-    with (
-        steps.instead_of_time(samples, loopback, bed, host, recorder, watch),
-        patch.object(recorder, "Recorder", lambda *_, **__: rows),
-    ):
-        yield
+def _seated(
+    plugin: str, values: Mapping[str, Any], prefix: str = ""
+) -> Iterator[tuple[Seat, Steps]]:
+    """Give a device that is connected, and the steps of its time; each does a cycle of it."""
+    declared = plugins.device(plugin)
+    config: Any = load(declared.config, from_values(values))
+    steps = Steps(1.0 / config.rate)
+    with steps.instead_of_time(samples, loopback, bed, host, recorder, watch):
+        seat = Seat(_made(declared, config, steps), plugin, config, steps, prefix)
+        steps.step = seat.cycle
+        yield seat, steps
+
+
+def about(plugin: str, values: Mapping[str, Any]) -> About:
+    """Return what the bench is told of a device."""
+    with _seated(plugin, values) as (seat, _):
+        found: About = seat.door.call("about")
+    return found
 
 
 def acquired(
@@ -91,34 +142,72 @@ def acquired(
     thorough: float = 1.0,
 ) -> tuple[Trace, Subject]:
     """Carry out an acquisition; return what its analyses are given."""
-    declared = plugins.device(plugin)
-    config: Any = load(declared.config, from_values(values))
-    steps = Steps(1.0 / config.rate)
-    rows = Rows(steps)
-    with _stepped(steps, rows):
-        device = _made(declared, config, steps)
-        options = engine_options(config)
-        engine = Engine(device, plugin, options, steps.monotonic, steps.let_pass)
-        period = 1.0 / device.capabilities.rate
-        session: Any = SimpleNamespace(engine=engine)
-        door = SteppedDoor(Host(session, HostOrder(plugin, config, str(Path("door")), b"key")))
-        engine.connect(steps.monotonic() + CONNECT)
-        steps.step = cycle = lambda: engine.cycle(steps.monotonic() + period)
-        with patch.object(engine, "wait_for", steps.wait):
-            about: About = door.call("about")
-            watching = Watch(door, about, None, StopRequest())
-            under = Bed("arm", about, door, watching, thorough)
-            due = steps.monotonic()
+    with _seated(plugin, values) as (seat, steps):
+        told: About = seat.door.call("about")
+        watching = Watch(seat.door, told, None, StopRequest())
+        under = Bed("arm", told, seat.door, watching, thorough)
+        _carry_out(acquisition, under, steps, {watching: seat})
+    return Trace.of(seat.recorded.rows), Subject.of(told, (), {}, under.kept)
 
-            def go_on() -> None:
-                nonlocal due
-                cycle()
-                if steps.monotonic() >= due:
-                    due += watch.PERIOD
-                    watching.look()
 
-            steps.step = go_on
-            door.call("record", "recording.mcap")
-            acquisition.run(under)
-            door.call("stop_recording")
-    return Trace.of(rows.rows), Subject.of(about, (), {}, under.kept)
+def acquired_carried(
+    acquisition: Acquisition,
+    carried: Carried,
+    values: Mapping[str, Any],
+    defects: TransducerDefects = SOUND,
+    behind: int = 0,
+) -> tuple[Trace, Subject]:
+    """Carry out an acquisition of a sensor on a virtual arm; return what its analyses are given.
+
+    Args:
+        acquisition: of the sensor.
+        carried: how it sits on the arm, and its tool.
+        values: of the arm.
+        defects: of the sensor.
+        behind: cycles by which what it tells is older than its stamp.
+    """
+    with _seated("virtual", values, "carrier/") as (arm, steps):
+        about_arm: About = arm.door.call("about")
+        device = CarriedSensor(about_arm.capabilities.rate, carried, arm.look, defects, behind)
+        sensor = Seat(device, "sensor", DeviceConfig(), steps)
+
+        def both() -> None:
+            arm.cycle()
+            sensor.cycle()
+
+        steps.step = both
+        told: About = sensor.door.call("about")
+        own, other = (
+            Watch(seat.door, each, None, StopRequest())
+            for seat, each in ((sensor, told), (arm, about_arm))
+        )
+        own.join(other)
+        under = Bed(
+            "ft", told, sensor.door, own, 1.0, None, Bed("arm", about_arm, arm.door, other, 1.0)
+        )
+        _carry_out(acquisition, under, steps, {own: sensor, other: arm})
+    rows = sorted([*sensor.recorded.rows, *arm.recorded.rows], key=itemgetter(1))
+    return Trace.of(rows), Subject.of(told, (), {}, under.kept, carried)
+
+
+def _carry_out(
+    acquisition: Acquisition, under: Bed, steps: Steps, watched: Mapping[Watch, Seat]
+) -> None:
+    """Carry out an acquisition, with all of it watched and recorded."""
+    cycle, due = steps.step, steps.monotonic()
+
+    def go_on() -> None:
+        nonlocal due
+        cycle()
+        if steps.monotonic() >= due:
+            due += watch.PERIOD
+            for watching in watched:
+                watching.look()
+
+    steps.step = go_on
+    for seat in watched.values():
+        with patch.object(recorder, "Recorder", lambda *_, to=seat.recorded, **__: to):
+            seat.door.call("record", "recording.mcap")
+    acquisition.run(under)
+    for seat in watched.values():
+        seat.door.call("stop_recording")

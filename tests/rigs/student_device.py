@@ -32,6 +32,8 @@ from rigs.student_gantry import JOINTS, PLACE, RANGE, Gantry, Vector
 
 PERIOD = 0.01
 HEARTBEAT = 0.2
+GRIPPER_EVERY = 4
+"""Cycles."""
 
 
 class StudentDevice:
@@ -80,7 +82,7 @@ class StudentDevice:
         )
 
     def _set_up_publishers(self) -> None:
-        for name in ("measured_js", "setpoint_js"):
+        for name in ("measured_js", "setpoint_js", "gripper/measured_js"):
             self._publish(name, JointState)
         old = "old_payload" in self.faults
         self._publish("measured_cp", TransformStamped if old else PoseStamped)
@@ -114,6 +116,7 @@ class StudentDevice:
         listen("move_cr", PoseStamped, self._move_displacement)
         listen("servo_jf", JointState, lambda m: self.gantry.servo_effort(list(m.effort)))
         listen("trajectory_j/set_ratio", Float64, self._set_ratio)
+        listen("gripper/move_jp", JointState, lambda m: self.gantry.open_gripper(list(m.position)))
         listen("hold", Empty, lambda _: self.gantry.stop())
         if "dead_topic" in self.faults:
             listen("interpolate_jp", JointState, lambda _: None)
@@ -252,7 +255,7 @@ class StudentDevice:
     def _state_message(self, now_ns: int) -> OperatingState:
         state = self.gantry.state
         message = OperatingState(state=state.title() if "title_case" in self.faults else state)
-        message.is_homed = True
+        message.is_homed = self.gantry.is_homed
         message.is_busy = self.gantry.is_busy or (
             "busy_disabled" in self.faults and state == "DISABLED"
         )
@@ -301,6 +304,9 @@ class StudentDevice:
             measured.velocity = [math.nan, 0.0, 0.0]
         measured.effort = [0.0, 0.0, 0.0] if "zero_effort" in faults else [1.0, 1.0, 2.0]
         self._send("measured_js", measured, stamp_ns, "" if "no_joint_frame" in faults else None)
+        if self._count % GRIPPER_EVERY == 0:
+            gripper = JointState(name=["jaw"], position=list(gantry.gripper), velocity=[0.0])
+            self._send("gripper/measured_js", gripper, stamp_ns)
         apart = 10**6 if "own_stamps" in faults else 0
         self._tell_tool(place, rate, stamp_ns + apart)
         setpoint = JointState(name=list(JOINTS), position=gantry.setpoint)

@@ -20,6 +20,7 @@ LATE_STOP = 1.2
 DWELL = 0.15
 """s after a position in which no velocity is taken."""
 READY_AFTER = 0.4
+HOMING = 0.4
 EPSILON = 1e-9
 LONG = 0.09
 SHORT = 0.01
@@ -34,6 +35,9 @@ class Gantry:
         self.faults = faults
         self.state = "FAULT" if "fault_resumes" in faults else "DISABLED"
         self.is_busy = False
+        self.gripper = [0.02]
+        self.is_homed = True
+        self.homed_at = math.inf
         self.wanted: list[Vector] = []
         self.approached: Vector | None = None
         self.approached_at = -math.inf
@@ -55,6 +59,9 @@ class Gantry:
         """Follow a state command."""
         if "any_case" in self.faults:
             word = word.strip().lower()
+        if word in ("home", "unhome"):
+            self._home(word)
+            return
         table = {
             ("DISABLED", "enable"): "ENABLED",
             ("ENABLED", "disable"): "DISABLED",
@@ -88,6 +95,24 @@ class Gantry:
             self.stop()
         self.state, self.changed = after, True
 
+    def _home(self, word: str) -> None:
+        """Follow a command that it takes in ENABLED only."""
+        self.is_refused = self.state != "ENABLED"
+        if self.is_refused or f"ignores_{word}" in self.faults:
+            return
+        if word == "unhome":
+            self.is_homed, self.changed = False, True
+            return
+        self.homed_at, self.serves = time.monotonic() + HOMING, False
+        if "homes_idle" not in self.faults:
+            self.set_busy(True)
+
+    def go_on_homing(self) -> None:
+        """Be homed, once that is done."""
+        if time.monotonic() > self.homed_at:
+            self.homed_at, self.is_homed, self.changed = math.inf, True, True
+            self.set_busy("busy_after_home" in self.faults)
+
     def stop(self) -> None:
         self.clear()
         self.setpoint = list(self.measured)
@@ -108,6 +133,13 @@ class Gantry:
         if "late_enabled" in self.faults and time.monotonic() < self.enabled_at + READY_AFTER:
             return False
         return self.state == "ENABLED" or "moves_disabled" in self.faults
+
+    def open_gripper(self, values: Vector) -> None:
+        self.is_refused = len(values) != 1 or not (
+            self.state == "ENABLED" or "gripper_in_disabled" in self.faults
+        )
+        if not self.is_refused:
+            self.gripper = values
 
     def is_valid(self, values: Vector, relative: bool = False) -> bool:
         """Whether a command may be followed."""
@@ -187,6 +219,7 @@ class Gantry:
 
     def step(self, now: float, seconds: float) -> None:
         """Go on for some time."""
+        self.go_on_homing()
         if "busy_servo" in self.faults and self.serves and now - self.served > STREAM_TIMEOUT:
             self.serves = False
             self.set_busy(False)

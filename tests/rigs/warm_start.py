@@ -1,8 +1,10 @@
-"""Simulators for tests start in a hundredth of a second: each is forked from a process that has imported it.
+"""Simulators and the processes of the bench are forked from one that has imported them.
 
-What a simulator costs before it does anything is Python, numpy and its own modules: a tenth of a second of
-CPU, all at once, beside tests that keep time. The fork has the arguments, the files, the environment, the
-folder and the session that `crtk_sim_backends.process` gives it, and ends as any Python program does.
+They start in a hundredth of a second. What a simulator costs before it does anything is Python, numpy and
+its own modules: a tenth of a second of CPU, all at once, beside tests that keep time; a process of the bench
+takes four. The fork has the arguments, the files, the environment, the folder and the session that
+`crtk_sim_backends.process` and `crtk_drivers.labs.bench.programs` give it, starts its own processes by this
+too, and ends as any Python program does. Its parent is the process that forks.
 """
 
 from __future__ import annotations
@@ -21,9 +23,9 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import IO, Any, Self
 
 MOST = 1 << 18
 """Bytes of a request: an environment and a path."""
@@ -32,16 +34,48 @@ FILES = 16
 """Files that a request may have."""
 
 ANSWERED_WITHIN = 30.0
-"""Seconds: at first, all simulators are imported meanwhile."""
+"""Seconds: at first, all of it is imported meanwhile."""
+
+SIMULATORS = ("crtk_sim_backends",)
+"""Packages of simulators."""
+
+BENCH = (
+    *SIMULATORS,
+    "_pytest",
+    "crtk_drivers.labs.bench",
+    "crtk_driver_ati_netft",
+    "crtk_driver_canopen",
+    "crtk_driver_dynamixel",
+    "crtk_driver_ur",
+    "crtk_driver_virtual",
+)
+"""Those of a run of the bench, and of a lab's own tests."""
 
 
 class Process:
-    """A forked simulator, as `subprocess.Popen` has it: the part that `crtk_sim_backends` uses."""
+    """A forked program, as `subprocess.Popen` has it: the part that is used of it."""
 
-    def __init__(self, pid: int, told: socket.socket) -> None:
+    def __init__(
+        self,
+        pid: int,
+        told: socket.socket,
+        stdin: IO[bytes] | None = None,
+        stdout: IO[bytes] | None = None,
+    ) -> None:
         self.pid = pid
         self.returncode: int | None = None
+        self.stdin = stdin
+        self.stdout = stdout
         self._told = told  # readable when it has ended: how
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for pipe in (self.stdin, self.stdout):
+            if pipe is not None:
+                pipe.close()
+        self.wait()
 
     def poll(self) -> int | None:
         return self._look(0.0)
@@ -71,17 +105,23 @@ class Process:
 
 
 class WarmStart:
-    """The process that simulators are forked from, and how to ask it for one."""
+    """The process that programs are forked from, and how to ask it for one.
 
-    def __init__(self) -> None:
+    Args:
+        packages: that it imports.
+        peer: leads to such a process that is there already.
+    """
+
+    def __init__(self, packages: Sequence[str], peer: socket.socket | None = None) -> None:
+        self._packages = packages
         self._lock = threading.Lock()
-        self._peer: socket.socket | None = None
+        self._peer = peer
 
     def _begin(self) -> socket.socket:
         self._peer, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", __file__, str(theirs.fileno())],
+                [sys.executable, "-P", __file__, str(theirs.fileno()), *self._packages],
                 stdin=subprocess.DEVNULL,
                 pass_fds=(theirs.fileno(),),
                 start_new_session=True,
@@ -92,23 +132,56 @@ class WarmStart:
 
     def start(self, module: str, arguments: Sequence[str], pass_fds: Sequence[int]) -> Process:
         """Do what `crtk_sim_backends.process` does, and sooner."""
+        return Process(*self._fork(module, arguments, {file: file for file in (1, 2, *pass_fds)}))
+
+    def start_program(
+        self,
+        module: str,
+        arguments: Sequence[str],
+        stdout: int | None,
+        stderr: int | None,
+        files: Sequence[int],
+    ) -> Process:
+        """Do what `crtk_drivers.labs.bench.programs` does, and sooner."""
+        order, stdin = os.pipe()
+        answers, printed = os.pipe() if stdout == subprocess.PIPE else (None, stdout or 1)
+        try:
+            taken = {0: order, 1: printed, 2: stderr or 2, **{file: file for file in files}}
+            pid, told = self._fork(module, arguments, taken)
+        finally:
+            os.close(order)
+            if answers is not None:
+                os.close(printed)
+        return Process(
+            pid,
+            told,
+            os.fdopen(stdin, "wb"),
+            None if answers is None else os.fdopen(answers, "rb"),
+        )
+
+    def _fork(
+        self, module: str, arguments: Sequence[str], taken: Mapping[int, int]
+    ) -> tuple[int, socket.socket]:
+        """Ask for a process with files of this one, by their number there; return what tells how it ends."""
+        with self._lock:
+            peer = self._peer or self._begin()
         request: dict[str, Any] = {
             "module": module,
             "arguments": arguments,
             "path": [folder for folder in sys.path if folder],
             "environment": dict(os.environ),
             "folder": os.getcwd(),
-            "files": [1, 2, *pass_fds],
+            "files": [*taken, peer.fileno()],
+            "peer": peer.fileno(),
         }
         # Each request has its own way for answers: a test that ends while it waits leaves none to the next.
         told, tell = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         told.settimeout(ANSWERED_WITHIN)
         try:
             with tell, self._lock:
-                peer = self._peer or self._begin()
-                files = [tell.fileno(), *request["files"]]
+                files = [tell.fileno(), *taken.values(), peer.fileno()]
                 socket.send_fds(peer, [json.dumps(request).encode()], files)
-            return Process(number(told), told)
+            return number(told), told
         except BaseException:
             told.close()
             raise
@@ -123,7 +196,7 @@ class WarmStart:
 def number(told: socket.socket) -> int:
     """Wait for what the process that forks tells next: the process id, then how it ended."""
     data = told.recv(64)
-    assert data, "the process that simulators are forked from has ended"
+    assert data, "the process that programs are forked from has ended"
     return int(data)
 
 
@@ -196,18 +269,30 @@ def import_all(name: str) -> None:
                 importlib.import_module(module.name)
 
 
-def main(descriptor: int) -> None:
-    """Fork until nobody asks any more, and be the simulator in the fork."""
-    import_all("crtk_sim_backends")
+def main(descriptor: int, packages: Sequence[str]) -> None:
+    """Fork until nobody asks any more, and be the program in the fork."""
+    for package in packages:
+        import_all(package)
     gc.freeze()
     request = serve(socket.socket(fileno=descriptor))
     if request is not None:
+        start_by(WarmStart(packages, socket.socket(fileno=request["peer"])))
         os.environ.clear()
         os.environ.update(request["environment"])
         os.chdir(request["folder"])
         sys.path[:] = request["path"]
         sys.argv[1:] = request["arguments"]
         run(request["module"])
+
+
+def start_by(warm: WarmStart) -> None:
+    """Let this process start its own by the one that it is forked from."""
+    for module, start in (
+        ("crtk_sim_backends.process", warm.start),
+        ("crtk_drivers.labs.bench.programs", warm.start_program),
+    ):
+        if module in sys.modules:
+            sys.modules[module]._start = start  # type: ignore[attr-defined]
 
 
 def run(module: str) -> None:
@@ -220,6 +305,8 @@ def run(module: str) -> None:
         os._exit(code)
 
     atexit.register(leave)
+    if not hasattr(sys.modules.get(module), "__path__"):
+        sys.modules.pop(module, None)  # which is imported; nothing is, of a program that begins
     try:
         runpy.run_module(module, run_name="__main__", alter_sys=True)
         code = 0
@@ -229,4 +316,4 @@ def run(module: str) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(int(sys.argv[1]), sys.argv[2:])

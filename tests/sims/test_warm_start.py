@@ -21,7 +21,7 @@ def start(request: pytest.FixtureRequest) -> Iterator[WarmStart | None]:
         request.getfixturevalue("cold_start")
         yield None
         return
-    warm = WarmStart()
+    warm = WarmStart(warm_start.SIMULATORS)
     with patch.object(process, "_start", warm.start):
         yield warm
     warm.close()

@@ -42,6 +42,7 @@ class Expectations(Settings):
     transition_time: Seconds = Field(
         default=30.0, description="s that enable, disable, pause and resume may take."
     )
+    home_time: Seconds = Field(default=120.0, description="s that home may take.")
     move_time: Seconds = Field(default=10.0, description="s that a small move may take.")
     stop_time: Seconds = Field(
         default=1.0, description="s after which motion that was ended must be over."

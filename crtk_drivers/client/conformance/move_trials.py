@@ -29,6 +29,8 @@ ACTS_WITHIN: Final = 2.0
 """Seconds after which a command that has done nothing will do nothing."""
 PART_OF_WAY: Final = 0.2
 """After which a move is interrupted."""
+SOON: Final = 0.15
+"""Seconds in which a stop may not have come to a device on a busy machine."""
 
 
 def arrives(trial: Trial) -> None:
@@ -223,6 +225,9 @@ def _stopped(
     if end <= trial.expected.arrival:
         if left <= 2.0 * trial.expected.arrival:
             return undetermined("the move was over before")
+        if took < SOON:
+            told = f"it was at its goal {took:.2f} s after {what}, which may not have come by then"
+            return undetermined(f"{told}: a longer `stroke` tells more")
         return diverges(f"it goes on to its goal after {what}")
     if not stands or took > trial.expected.stop_time:
         return diverges(f"it moves for {took:.2f} s after {what}")

@@ -19,6 +19,10 @@ from crtk_drivers.commands import Command, Kind, Level, Space
 WRONG_WORDS: Final = ("ENABLE", " enable", "Enable", "enabled", "")
 TOLD_WITHIN: Final = 1.0
 """Seconds."""
+AT_ONCE: Final = 0.2
+"""Seconds in which a device may be homed without having been seen busy."""
+JAWS: Final = ("jaw", "gripper")
+"""Sub-namespaces of what opens and closes."""
 STREAM_LENGTH: Final = 5
 """Messages of a stream that must be refused."""
 
@@ -39,9 +43,7 @@ def in_fault(trial: Trial) -> None:
 
 def in_disabled(trial: Trial) -> None:
     """STA-6, STA-12, STA-14, RAT-2, and MOV-1 in DISABLED."""
-    if trial.word() != "DISABLED" and not trial.reach("disable", "DISABLED"):
-        trial.note("STA-7", diverges(f"disable leads to {trial.word()}"))
-        raise Stopped("it cannot be disabled")
+    _disable(trial)
     began = trial.probe.now()
     for word in ("pause", "resume"):
         trial.note("STA-6", _stays(trial, word, "DISABLED"))
@@ -64,6 +66,95 @@ def in_disabled(trial: Trial) -> None:
     elif heard:
         trial.note("RAT-2", conforms(f"{len(heard)} topics go on while DISABLED"))
     moves_nothing(trial, "DISABLED")
+
+
+def _disable(trial: Trial) -> None:
+    if trial.word() != "DISABLED" and not trial.reach("disable", "DISABLED"):
+        trial.note("STA-7", diverges(f"disable leads to {trial.word()}"))
+        raise Stopped("it cannot be disabled")
+
+
+def jaw_in_disabled(trial: Trial) -> None:
+    """SUB-2, in DISABLED."""
+    following = [
+        jaw
+        for jaw in JAWS
+        if f"{jaw}/measured_js" in trial.topics and f"{jaw}/operating_state" not in trial.topics
+    ]
+    commands = [
+        (jaw, name)
+        for jaw in following
+        for name in (f"{jaw}/servo_jp", f"{jaw}/move_jp")
+        if name in trial.topics
+    ]
+    if not commands:
+        trial.note("SUB-2", not_offered("no jaw or gripper that is moved and has no state"))
+    _disable(trial)
+    for jaw, name in commands:
+        before = trial.probe.joints(f"{jaw}/measured_js")
+        if before is None or not before.position:
+            trial.note("SUB-2", undetermined(f"{jaw}/measured_js is silent"))
+            continue
+        goal = [each + trial.expected.step for each in before.position]
+        began = trial.probe.now()
+        trial.stream(name, [goal] * (STREAM_LENGTH if name.endswith("servo_jp") else 1))
+        trial.settle(trial.expected.wait)
+        heard = trial.probe.trace(began).joints.get(f"{jaw}/measured_js", ())
+        moved = max((far(each.position, before.position) for each in heard), default=math.nan)
+        if not moved > trial.still:
+            told = f"{name} in DISABLED moves nothing"
+            trial.note("SUB-2", conforms(told) if heard else undetermined(f"{jaw} went silent"))
+            continue
+        trial.note("SUB-2", diverges(f"{name} in DISABLED moves a joint by {moved:.4f}"))
+        raise Stopped(f"{name} moved it while DISABLED")
+
+
+def homing(trial: Trial) -> None:
+    """HOM-2, in ENABLED."""
+    if not trial.may_home:
+        trial.note("HOM-2", undetermined("needs --may-home: it moves as it likes"))
+        return
+    trial.probe.send("state_command", text="unhome")
+    if not trial.probe.wait(lambda: not _is_homed(trial), trial.expected.wait):
+        told = "it stays homed after unhome"
+        trial.note(
+            "HOM-2",
+            not_offered(f"{told}, and needs no homing, as its manifest says")
+            if trial.needs_homing is False
+            else diverges(told)
+            if trial.needs_homing
+            else undetermined(f"{told}; whether it needs homing is not declared"),
+        )
+        return
+    trial.enable()
+    began = trial.probe.now()
+    trial.probe.send("state_command", text="home")
+    homed = trial.probe.wait(lambda: _is_homed(trial), trial.expected.home_time)
+    took = trial.probe.now() - began
+    was_busy = any(each.is_busy for each in trial.probe.trace(began).states)
+    if not homed:
+        trial.note("HOM-2", diverges(f"not homed within {took:.0f} s after home"))
+        raise Stopped("it is not homed")
+    if not was_busy and took > AT_ONCE:
+        trial.note("HOM-2", diverges(f"homed {took:.2f} s after home, and never busy meanwhile"))
+        return
+    trial.probe.wait(lambda: not _is_busy(trial), trial.expected.wait)
+    trial.note(
+        "HOM-2",
+        diverges("still busy after home")
+        if _is_busy(trial)
+        else conforms(f"unhome clears is_homed, home sets it after {took:.2f} s"),
+    )
+
+
+def _is_homed(trial: Trial) -> bool:
+    heard = trial.probe.state()
+    return heard is not None and heard.is_homed
+
+
+def _is_busy(trial: Trial) -> bool:
+    heard = trial.probe.state()
+    return heard is not None and heard.is_busy
 
 
 def enabling(trial: Trial) -> None:
@@ -94,6 +185,7 @@ def enabling(trial: Trial) -> None:
 
 def in_enabled(trial: Trial) -> None:
     """STA-7, and STA-8 where there is a pause."""
+    trial.enable()
     for word in ("enable", "resume"):
         trial.note("STA-7", _stays(trial, word, "ENABLED"))
     if not trial.reach("pause", "PAUSED"):
@@ -169,6 +261,7 @@ def moves_nothing(trial: Trial, state: str) -> None:
 
 def bad_input(trial: Trial) -> None:
     """INP-1 to INP-6, INP-8 and INP-9, in ENABLED and at rest."""
+    trial.enable()
     began = trial.probe.now()
     for name, row in trial.motions().items():
         for clause, what, numbers, fields in _bad(trial, row):

@@ -103,11 +103,17 @@ class Trial:
     """A probe, what is expected, and what was found.
 
     Attributes:
+        may_home: whether it may be told to home, which moves it as it likes.
+        needs_homing: as its manifest says; None: it says nothing.
         found: findings by clause.
     """
 
-    def __init__(self, probe: Probe, expected: Expectations, rest: Observation) -> None:
+    def __init__(
+        self, probe: Probe, expected: Expectations, rest: Observation, may_home: bool = False
+    ) -> None:
         self.probe = probe
+        self.may_home = may_home
+        self.needs_homing = rest.manifest.get("homing")
         self.expected = expected
         self.topics: Mapping[str, Command] = rest.graph.offered()
         self.commands: Mapping[str, Command] = {

@@ -32,6 +32,7 @@ STEPS: Final = (
         ("STA-6", "STA-12", "STA-14", "RAT-2", "MOV-1"),
         is_motion=False,
     ),
+    Step(state_trials.jaw_in_disabled, ("SUB-2",), is_motion=False),
     Step(state_trials.enabling, ("STA-5", "MOV-2", "SPT-9"), is_motion=False),
     Step(state_trials.in_enabled, ("STA-7", "STA-8", "MOV-1", "MOV-2"), is_motion=False),
     Step(
@@ -69,10 +70,14 @@ STEPS: Final = (
     Step(change_trials.two_clients, ("MOV-25",)),
     Step(change_trials.slower_moves, ("MOV-24",)),
     Step(change_trials.efforts, ("SPT-4",)),
+    Step(state_trials.homing, ("HOM-2",)),
 )
 """``STA-9`` comes before them, in a device that is found in FAULT; ``STA-10`` is decided by all of them."""
 
-HEARD_BELOW: Final = ("body/measured_cv", "spatial/measured_cv", "trajectory_j/ratio")
+HEARD_BELOW: Final = (
+    *("body/measured_cv", "spatial/measured_cv", "trajectory_j/ratio"),
+    *(f"{jaw}/measured_js" for jaw in state_trials.JAWS),
+)
 """Names in sub-namespaces that trials need."""
 
 MOST_LATE: Final = 0.02

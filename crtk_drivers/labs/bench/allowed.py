@@ -38,6 +38,7 @@ class BenchOptions:
         may_move: whoever started it stands beside it, and wants motion.
         out: folder of the run; it may not exist.
         may_travel: names of the devices that may go anywhere in their space.
+        at_once: simulated devices that are tested at the same time.
     """
 
     suite: Suite
@@ -45,6 +46,7 @@ class BenchOptions:
     may_move: bool
     out: Path
     may_travel: tuple[str, ...] = ()
+    at_once: int = 1
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from enum import StrEnum
 from typing import Any, Final, Protocol
 
@@ -412,11 +412,12 @@ class Bed:
     def frozen(self, which: Process) -> Iterator[None]:
         """Within, a process gets no time: the simulator, as a device that falls silent, or the driver."""
         pid = self._own_processes.pid(which)
-        os.kill(pid, signal.SIGSTOP)
-        try:
-            yield
-        finally:
-            os.kill(pid, signal.SIGCONT)
+        with self._watch.paused() if which is Process.DRIVER else nullcontext():
+            os.kill(pid, signal.SIGSTOP)
+            try:
+                yield
+            finally:
+                os.kill(pid, signal.SIGCONT)
 
     @contextmanager
     def client(self, command: str, home: Vector, speed: Vector) -> Iterator[None]:

@@ -6,7 +6,6 @@ joints into motion by a stream, and then says no more, but does not leave either
 
 from __future__ import annotations
 
-import contextlib
 import pickle
 import subprocess
 import sys
@@ -14,6 +13,7 @@ import threading
 import time
 from typing import Final
 
+from crtk_drivers.labs.bench import programs
 from crtk_drivers.labs.bench.bed import paced
 from crtk_drivers.labs.bench.calls import ClientOrder
 from crtk_drivers.labs.bench.door import Door
@@ -29,12 +29,7 @@ OPEN_TIMEOUT: Final = 5.0
 
 def start_client(order: ClientOrder) -> subprocess.Popen[bytes]:
     """Start the process of an order."""
-    process = subprocess.Popen([sys.executable, "-m", __name__], stdin=subprocess.PIPE)
-    assert process.stdin is not None
-    with contextlib.suppress(BrokenPipeError):  # that it does nothing is seen
-        process.stdin.write(pickle.dumps(order))
-        process.stdin.close()
-    return process
+    return programs.start(__name__, order=order)
 
 
 def main() -> int:

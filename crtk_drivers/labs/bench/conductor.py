@@ -11,49 +11,49 @@ import logging
 import os
 import pickle
 import secrets
-import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any, Final
 
 from typing_extensions import override
 
 from crtk_drivers import plugins
-from crtk_drivers.config import DeviceConfig, SpaceConfig, from_values, load
+from crtk_drivers.config import DeviceConfig, from_values, load
 from crtk_drivers.errors import CrtkError
+from crtk_drivers.labs.bench import programs
 from crtk_drivers.labs.bench.bed import Bed, Broken, Process, Tripped
 from crtk_drivers.labs.bench.calls import About, ClientOrder, Glance, HostOrder
 from crtk_drivers.labs.bench.catalogue import ACQUISITIONS
 from crtk_drivers.labs.bench.client import start_client
 from crtk_drivers.labs.bench.declared import Acquisition, Safety
 from crtk_drivers.labs.bench.door import Door, DoorClosed
+from crtk_drivers.labs.bench.messages import (
+    Acquired,
+    Began,
+    DeviceOrder,
+    Lost,
+    Reached,
+    RunOrder,
+)
 from crtk_drivers.labs.bench.recorder import carrier_recording
 from crtk_drivers.labs.bench.relay import RelayProcess
 from crtk_drivers.labs.bench.watch import HOLD_TIME, Watch
-from crtk_drivers.labs.carried import UNKNOWN, Carried, Coupling
+from crtk_drivers.labs.carried import Coupling
 from crtk_drivers.plugins import RunningSim
 from crtk_drivers.samples import Pose, Vector, Wrench
 from crtk_drivers.session import start_sim_of
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
-__all__ = [
-    "Acquired",
-    "Began",
-    "DeviceOrder",
-    "Reached",
-    "RunOrder",
-    "ask_to_stop",
-    "conduct",
-    "hosted",
-]
+__all__ = ["hosted", "main", "start_conductor"]
 
 START_TIMEOUT: Final = 40.0
 LEAVE_TIMEOUT: Final = 10.0
@@ -61,104 +61,23 @@ LEAVE_TIMEOUT: Final = 10.0
 logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class DeviceOrder:
-    """A device that is to be tested.
+def start_conductor(order: RunOrder) -> tuple[subprocess.Popen[bytes], Connection]:
+    """Start the process that conducts a run; return it, and the connection to it.
 
-    Attributes:
-        name: in the lab.
-        plugin, values, sim, sim_options: as in the lab file.
-        space: for the run; None: as the device's own limits say.
-        on: name of the device that carries it, if that is in this run.
-        carried: how it sits on that, and its tool.
-        feels: its simulator feels its tool.
+    Raises:
+        OSError: its log cannot be written.
     """
-
-    name: str
-    plugin: str
-    values: Mapping[str, Any]
-    sim: bool
-    sim_options: Mapping[str, Any]
-    space: SpaceConfig | None
-    on: str = ""
-    carried: Carried = UNKNOWN
-    feels: bool = False
-
-
-@dataclass(frozen=True)
-class RunOrder:
-    """A run.
-
-    Attributes:
-        devices: in their order.
-        folder: for recordings and logs.
-        thorough: see `Bed`.
-    """
-
-    devices: tuple[DeviceOrder, ...]
-    folder: Path
-    thorough: float
-
-
-@dataclass(frozen=True)
-class Reached:
-    """A device measures; or `trouble` says why it does not. The answer is which acquisitions are wanted."""
-
-    device: str
-    about: About | None
-    trouble: str = ""
-
-
-@dataclass(frozen=True)
-class Began:
-    """An acquisition begins."""
-
-    device: str
-    acquisition: str
-
-
-@dataclass(frozen=True)
-class Acquired:
-    """An acquisition has ended; the answer is whether the device may be moved any more.
-
-    Attributes:
-        device, acquisition: which.
-        seconds: that it took.
-        recording: its file.
-        lateness: of the bench's own timer, in s.
-        trouble: why it was not carried out to the end.
-        kept: what the acquisition wrote down beside it.
-        tripped: the watch stopped the device.
-        broken: a procedure failed, or nobody looked: the device is not used any more.
-        lost: devices that did not answer when they were to be held.
-    """
-
-    device: str
-    acquisition: str
-    seconds: float
-    recording: Path
-    lateness: tuple[float, ...] = ()
-    trouble: str = ""
-    kept: Mapping[str, Any] = field(default_factory=dict)
-    tripped: bool = False
-    broken: bool = False
-    lost: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Lost:
-    """A device did not answer when it was to be held and left. Nothing is answered."""
-
-    device: str
+    ours, theirs = Pipe()
+    with theirs, (order.folder / "log.txt").open("ab") as log:  # what simulators print too
+        files = (theirs.fileno(), *order.locks)
+        process = programs.start(
+            __name__, str(theirs.fileno()), order=order, log=log.fileno(), files=files
+        )
+    return process, ours
 
 
 def conduct(order: RunOrder, parent: Connection) -> None:
-    """Carry out a run; the target of the conductor's process."""
-    with contextlib.suppress(OSError):
-        os.setsid()  # Ctrl-C reaches the parent, which tells us
-    log = os.open(order.folder / "log.txt", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    for stream in (1, 2):  # what simulators write too
-        os.dup2(log, stream)
+    """Carry out a run."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     with stop_signals() as told:
         try:
@@ -186,7 +105,7 @@ class _Conductor:
         self._parent = parent
         self._stop = stop
         self._devices = {device.name: device for device in order.devices}
-        self._lost: set[str] = set()
+        self._telling = threading.Lock()
 
     def run(self) -> None:
         """Test one device after the other: a simulator that is not looked at keeps none from its time."""
@@ -194,10 +113,14 @@ class _Conductor:
             for device in self._order.devices:
                 if self._stop.is_set():
                     return
-                with _Hosted(device, Path(doors), self._order.folder) as host, ExitStack() as stack:
+                with self._hosted(device, Path(doors)) as host, ExitStack() as stack:
                     self._test(device, host, partial(self._carrier, host, Path(doors), stack))
-                for lost in self._lost_now(host):
-                    self._parent.send(Lost(lost))
+
+    def _hosted(self, device: DeviceOrder, doors: Path) -> _Hosted:
+        def lost() -> None:
+            self._tell(Lost(device.name))
+
+        return _Hosted(device, doors, self._order.folder, self._order.locks, lost)
 
     def _test(self, device: DeviceOrder, host: _Hosted, find: Callable[[], _Hosted]) -> None:
         """Test a device; `find` brings up the one that carries it, once that is needed."""
@@ -213,14 +136,6 @@ class _Conductor:
             if not self._acquire(host, ACQUISITIONS[name], find):
                 return
 
-    def _lost_now(self, host: _Hosted) -> tuple[str, ...]:
-        """Return which of a device and what carries it are lost, and have not been told as such."""
-        both = (host, host.carrier)
-        names = {each.order.name for each in both if each is not None and each.is_lost}
-        found = names - self._lost
-        self._lost |= found
-        return tuple(found)
-
     def _carrier(self, host: _Hosted, doors: Path, stack: ExitStack) -> _Hosted:
         """Bring up the device that carries another one, for as long as that is tested.
 
@@ -229,7 +144,7 @@ class _Conductor:
         """
         if host.carrier is None:
             order = self._devices[host.order.on]
-            host.carrier = stack.enter_context(_Hosted(order, doors, self._order.folder))
+            host.carrier = stack.enter_context(self._hosted(order, doors))
             host.carrier.about()
         return host.carrier
 
@@ -238,7 +153,7 @@ class _Conductor:
     ) -> bool:
         """Carry out one acquisition and return whether the device is used any further."""
         device = host.order.name
-        self._parent.send(Began(device, acquisition.name))
+        self._tell(Began(device, acquisition.name))
         path = self._order.folder / "data" / f"{device}-{acquisition.name}.mcap"
         begin = time.monotonic()
         moves = acquisition.safety > Safety.READ
@@ -264,6 +179,7 @@ class _Conductor:
                 bed = self._bed(host, watch, processes, carrier)
                 kept = bed.kept
                 acquisition.run(bed)
+                bed.check()
         except Tripped as error:
             trouble = str(error)
             broken = moves and not self._stop.is_set()
@@ -284,7 +200,6 @@ class _Conductor:
                 kept,
                 moves and any(watch.tripped for watch in watches) and not self._stop.is_set(),
                 broken,
-                self._lost_now(host),
             )
         )
         return goes_on
@@ -294,7 +209,7 @@ class _Conductor:
         """Within, a device is recorded and watched; it is held and disabled if something ends that."""
         box = None if host.order.space is None else host.order.space.tool_box
         with host.connected() as watching:
-            watch = Watch(watching, host.known, box, self._stop)
+            watch = Watch(watching, host.known, box, self._stop, host.lose)
             host.is_touched |= moves
             host.door.call("record", str(path))
             watch.start(moves)
@@ -303,10 +218,12 @@ class _Conductor:
             except BaseException:
                 if moves:
                     host.settle()
-                raise
-            finally:
                 watch.close()
-                host.door.call("stop_recording", within=10.0)
+                with contextlib.suppress(CrtkError):  # what ended it is told
+                    host.stop_recording()
+                raise
+            watch.close()
+            host.stop_recording()
 
     def _bed(self, host: _Hosted, watch: Watch, processes: bool, carrier: Bed | None = None) -> Bed:
         return Bed(
@@ -320,14 +237,25 @@ class _Conductor:
         )
 
     def _ask(self, message: object) -> Any:
-        self._parent.send(message)
+        self._tell(message)
         return self._parent.recv()
+
+    def _tell(self, message: object) -> None:
+        with self._telling:  # a watch tells what is lost
+            self._parent.send(message)
 
 
 class _Hosted:
     """A device's simulator, if it has one, and the process of its driver. A context manager."""
 
-    def __init__(self, order: DeviceOrder, doors: Path, folder: Path) -> None:
+    def __init__(
+        self,
+        order: DeviceOrder,
+        doors: Path,
+        folder: Path,
+        locks: Sequence[int],
+        lost: Callable[[], None],
+    ) -> None:
         self.is_touched = False
         """More was done to it than to read: it is left disabled."""
         self.is_lost = False
@@ -338,6 +266,8 @@ class _Hosted:
         self._path = str(doors / f"{order.name}.door")
         self._key = secrets.token_bytes(32)
         self._log = folder / f"{order.name}.log"
+        self._locks = locks
+        self._lost = lost
         self._process: subprocess.Popen[bytes] | None = None
         self._client: subprocess.Popen[bytes] | None = None
         self._sim: RunningSim | None = None
@@ -377,7 +307,7 @@ class _Hosted:
                 logger.error("%s: its driver did not end, and was killed", self._order.name)
                 self._process.kill()
                 self._process.wait()
-                self.is_lost |= self.is_touched
+                self.lose()
 
     @property
     def order(self) -> DeviceOrder:
@@ -424,18 +354,32 @@ class _Hosted:
 
         return Coupling(sim, load, self._order.carried, look, self._order.name)
 
+    def stop_recording(self) -> None:
+        """End the recording that is under way."""
+        self.door.call("stop_recording", within=10.0)
+
     def settle(self) -> None:
-        """Hold it, and disable it once it stands, however it is."""
-        for call, pause in ((("hold",), HOLD_TIME), (("state_command", "disable", 10.0), 0.0)):
-            try:
-                self.door.call(*call, within=10.0)
-                time.sleep(pause)
-            except DoorClosed as error:
-                self.is_lost = True
-                logger.error("%s: cannot be held: %s", self._order.name, error)
+        """Hold it, and disable it once it stands, however it is; not what does not answer any more."""
+        for step, arguments, within in (
+            ("hold", (), 0.0),
+            ("state_command", ("disable", 10.0), 10.0),
+        ):
+            if self.is_lost:
                 return
+            try:
+                self.door.call(step, *arguments, within=within)
+                time.sleep(HOLD_TIME if step == "hold" else 0.0)
+            except DoorClosed as error:
+                logger.error("%s: cannot be held: %s", self._order.name, error)
+                self.lose()
             except CrtkError as error:
-                logger.info("%s: %s: %s", self._order.name, call[-1], error)
+                logger.info("%s: %s: %s", self._order.name, step, error)
+
+    def lose(self) -> None:
+        """Tell that it did not answer as it was to be held or left, if more was done to it than to read."""
+        if self.is_touched and not self.is_lost:
+            self.is_lost = True
+            self._lost()
 
     def _start(self) -> None:
         order = self._order
@@ -454,17 +398,12 @@ class _Hosted:
 
     def _start_driver(self) -> None:
         with self._log.open("ab") as log:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "crtk_drivers.labs.bench.host"],
-                stdin=subprocess.PIPE,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
+            self._process = programs.start(
+                "crtk_drivers.labs.bench.host",
+                order=self._host,
+                log=log.fileno(),
+                files=self._locks,
             )
-        assert self._process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):
-            self._process.stdin.write(pickle.dumps(self._host))
-            self._process.stdin.close()
 
     # ------------------------------------------------------------------------------- as `Processes`
 
@@ -552,18 +491,31 @@ class _Hosted:
         self.about()
 
 
-def hosted(order: DeviceOrder, doors: Path, folder: Path) -> _Hosted:
+def hosted(
+    order: DeviceOrder,
+    doors: Path,
+    folder: Path,
+    locks: Sequence[int],
+    lost: Callable[[], None],
+) -> _Hosted:
     """Return a device with its simulator and the process of its driver, which run while its context lasts.
 
     Args:
         order: the device.
         doors: folder for the socket of its process.
         folder: for its log.
+        locks: files of `locks.alone`.
+        lost: called when it does not answer as it is to be held, or left.
     """
-    return _Hosted(order, doors, folder)
+    return _Hosted(order, doors, folder, locks, lost)
 
 
-def ask_to_stop(pid: int) -> None:
-    """Ask the conductor to hold and leave everything, and to end."""
-    with contextlib.suppress(ProcessLookupError):
-        os.kill(pid, signal.SIGTERM)
+def main() -> int:
+    """Conduct the run whose order comes on standard input; its parent is at the other end of a descriptor."""
+    order: RunOrder = pickle.load(sys.stdin.buffer)
+    conduct(order, Connection(int(sys.argv[1])))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -13,7 +13,7 @@ from crtk_drivers.samples import Value
 
 __all__ = ["Door", "DoorClosed", "Refused"]
 
-ANSWER_TIMEOUT: Final = 5.0
+ANSWER_TIMEOUT: Final = 2.0
 """Seconds for an answer, beside what the call itself may take."""
 
 

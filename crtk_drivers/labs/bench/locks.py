@@ -1,4 +1,4 @@
-"""One bench at a time: a lab file and a device are tested by one process, which a second one is told of."""
+"""One bench at a time: a lab file and a device are tested by one run, of which a second one is told."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ __all__ = ["alone"]
 
 
 @contextmanager
-def alone(lab: Lab) -> Iterator[None]:
+def alone(lab: Lab) -> Iterator[tuple[int, ...]]:
     """Within, no other bench tests this lab file, or one of its devices that are real.
+
+    Yields:
+        descriptors of the locks, each of which lasts until every process has ended that has it.
 
     Raises:
         ConfigError: another one does.
     """
     with ExitStack() as stack:
-        for name, told in _names(lab):
-            stack.enter_context(_locked(name, told))
-        yield
+        yield tuple(stack.enter_context(_locked(*names)) for names in _names(lab))
 
 
 def _names(lab: Lab) -> Iterator[tuple[str, str]]:
@@ -38,8 +39,8 @@ def _names(lab: Lab) -> Iterator[tuple[str, str]]:
 
 
 @contextmanager
-def _locked(name: str, told: str) -> Iterator[None]:
-    """Hold a lock that ends with this process.
+def _locked(name: str, told: str) -> Iterator[int]:
+    """Hold a lock that ends with this process and those that were given its file.
 
     Raises:
         ConfigError: another process holds it, or there can be none.
@@ -57,17 +58,39 @@ def _locked(name: str, told: str) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            owner = os.pread(file, 32, 0).decode("ascii", "replace").strip()
-            raise ConfigError(
-                f"{told} is being tested by process {owner or 'of which nothing is known'}",
-                where=where,
-                remedy="Wait for it to end, or stop it.",
-            ) from error
+            raise _taken(told, os.pread(file, 32, 0).decode("ascii", "replace"), where) from error
         os.ftruncate(file, 0)
         os.pwrite(file, str(os.getpid()).encode(), 0)
-        yield
+        yield file
     finally:
         os.close(file)
+
+
+def _taken(told: str, owner: str, where: str) -> ConfigError:
+    if not owner.isdecimal():
+        owner = "of which nothing is known"
+    elif not _is_there(int(owner)):
+        return ConfigError(
+            f"{told} was being tested by process {owner}, which is gone; what that has started still "
+            "holds and leaves it",
+            where=where,
+            remedy="Wait some seconds, and see that it stands.",
+        )
+    return ConfigError(
+        f"{told} is being tested by process {owner}",
+        where=where,
+        remedy="Wait for it to end, or stop it.",
+    )
+
+
+def _is_there(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # of another user
+        return True
+    return True
 
 
 def _lock_file(name: str) -> Path:

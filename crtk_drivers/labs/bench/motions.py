@@ -448,7 +448,7 @@ def _approaches(bed: Bed) -> None:
     bed.note(goal=home.tolist(), step=step.tolist())
     bed.rest(SETTLES)
     bed.mark("rest")
-    for index in range(int(5 * bed.thorough)):
+    for index in range(int(4 * bed.thorough)):
         for side, name in ((-1.0, "below"), (1.0, "above")):
             if name == "above" and index >= int(3 * bed.thorough):
                 continue

@@ -14,7 +14,6 @@ import os
 import selectors
 import socket
 import struct
-import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
@@ -22,6 +21,7 @@ from enum import StrEnum
 from typing import Any, Final
 
 from crtk_drivers.errors import ConnectionFailed, DeviceError
+from crtk_drivers.labs.bench import programs
 from crtk_drivers.plugins import NetworkLink
 
 __all__ = ["Mode", "RelayProcess"]
@@ -310,12 +310,7 @@ class RelayProcess:
     """
 
     def __init__(self, link: NetworkLink) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-        )
+        self._process = programs.start(__name__, answers=True)
         self._mode = Mode.OPEN
         try:
             answer = self._ask(json.dumps(asdict(link)))

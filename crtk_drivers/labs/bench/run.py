@@ -6,14 +6,13 @@ that is another process.
 
 from __future__ import annotations
 
+import contextlib
 import logging
-import multiprocessing
 import subprocess
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Final
 
@@ -23,19 +22,18 @@ from crtk_drivers.labs.bench.allowed import BenchOptions, Carrier, lacking, ungu
 from crtk_drivers.labs.bench.bounds import check_bounds
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.catalogue import ACQUISITIONS, QUANTITIES, TESTS, chosen
-from crtk_drivers.labs.bench.conductor import (
+from crtk_drivers.labs.bench.conductor import start_conductor
+from crtk_drivers.labs.bench.declared import BenchTest, Subject
+from crtk_drivers.labs.bench.folder import begun, described, make_folder
+from crtk_drivers.labs.bench.locks import alone
+from crtk_drivers.labs.bench.messages import (
     Acquired,
     Began,
     DeviceOrder,
     Lost,
     Reached,
     RunOrder,
-    ask_to_stop,
-    conduct,
 )
-from crtk_drivers.labs.bench.declared import BenchTest, Subject
-from crtk_drivers.labs.bench.folder import begun, described, make_folder
-from crtk_drivers.labs.bench.locks import alone
 from crtk_drivers.labs.bench.pressure import Pressure
 from crtk_drivers.labs.bench.recorder import read_recording
 from crtk_drivers.labs.bench.trace import Trace
@@ -66,10 +64,26 @@ class _Tested:
     about: About | None = None
     done: dict[str, results.Result] = field(default_factory=dict)
     stopped: str = ""
+    is_off: bool = False
 
     def as_carrier(self) -> Carrier:
         """Return it as what carries another one."""
         return Carrier(self.lab, self.about, self.stopped)
+
+
+@dataclass
+class _Conducted:
+    """A conductor, and what it was told to do."""
+
+    process: subprocess.Popen[bytes]
+    pipe: Connection
+    order: RunOrder
+    pressure: Pressure = field(default_factory=Pressure)
+
+    def answer(self, value: object) -> None:
+        """Answer what it asked; that it is gone is seen when it is heard next."""
+        with contextlib.suppress(OSError):
+            self.pipe.send(value)
 
 
 def run_bench(
@@ -82,7 +96,7 @@ def run_bench(
 
     Raises:
         ConfigError: another bench tests one of the devices, there is no such test or device, a bound is none,
-            or the folder is there.
+            hardware would be tested at once with others, or the folder is there.
         OSError: the folder cannot be written.
     """
     tests = chosen(options.suite, options.only)
@@ -94,9 +108,16 @@ def run_bench(
                 where=str(lab.path),
                 remedy=f"There is: {', '.join(lab.settings.devices)}.",
             )
-    with alone(lab):
+    hardware = [device.name for device in lab.devices.values() if not device.simulated]
+    if options.at_once > 1 and hardware:
+        raise ConfigError(
+            f"hardware is tested one device after the other, and {', '.join(hardware)} is not simulated",
+            where="--at-once",
+            remedy="Leave it out, or give --sim.",
+        )
+    with alone(lab) as locks:
         make_folder(options.out)
-        return _Bench(lab, options, tests, progress, stop).run()
+        return _Bench(lab, options, tests, progress, stop).run(locks)
 
 
 class _Bench:
@@ -113,38 +134,21 @@ class _Bench:
         self._progress = progress
         self._stop = stop
         self._began = time.monotonic()
-        self._pressure = Pressure()
         self._tested = {
             name: _Tested(device, described(device), tests) for name, device in lab.devices.items()
         }
         suite = str(options.suite) if not options.only else f"only {', '.join(options.only)}"
         self._run = begun(lab, suite)
 
-    def run(self) -> results.Run:
-        """Start the conductor, judge what it records, and return what was found."""
+    def run(self, locks: tuple[int, ...]) -> results.Run:
+        """Start conductors, judge what they record, and return what was found."""
         results.write_run(self._run, self._options.out)
-        order = RunOrder(
-            tuple(_order(device, self._lab.devices) for device in self._lab.devices.values()),
-            self._options.out,
-            self._options.suite.thorough,
-        )
-        context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe()
-        process = context.Process(target=conduct, args=(order, theirs), name="bench conductor")
-        process.start()
-        theirs.close()
-        ended_by = "the conductor's process died"
+        started: list[_Conducted] = []
         try:
-            ended_by = self._follow(process, ours)
+            ended_by = self._follow(self._orders(locks), started)
         finally:
-            ours.close()
-            process.join(END_TIMEOUT)
-            if process.is_alive():
-                logger.error("the conductor did not end, and is killed")
-                process.kill()
-                process.join()
-            if process.exitcode != 0:
-                self._power_off()
+            for each in started:
+                self._leave(each)
         for tested in self._tested.values():
             for test in tested.tests:
                 if test.id not in tested.done:
@@ -155,39 +159,73 @@ class _Bench:
         self._keep()
         return self._run
 
-    def _follow(self, process: BaseProcess, pipe: Connection) -> str:
-        """Answer the conductor until it ends; return why that was too early, or nothing."""
-        asked = 0.0
-        while True:
+    def _orders(self, locks: tuple[int, ...]) -> list[RunOrder]:
+        """Return what each conductor does: one does all, unless more than one device is tested at once."""
+        groups: dict[str, list[DeviceOrder]] = {}
+        for device in self._lab.devices.values():
+            on = device.entry.on if device.entry.on in self._lab.devices else ""
+            group = (on or device.name) if self._options.at_once > 1 else ""
+            groups.setdefault(group, []).append(_order(device, self._lab.devices))
+        thorough = self._options.suite.thorough
+        return [
+            RunOrder(tuple(devices), self._options.out, thorough, locks)
+            for devices in groups.values()
+        ]
+
+    def _follow(self, orders: list[RunOrder], started: list[_Conducted]) -> str:
+        """Start a conductor for each order, and answer them; return why they ended too early, or nothing."""
+        asked, ended_by = 0.0, ""
+        running: dict[Connection, _Conducted] = {}
+        while orders or running:
+            while orders and len(running) < self._options.at_once and not self._stop.is_set():
+                order = orders.pop(0)
+                process, pipe = start_conductor(order)
+                started.append(_Conducted(process, pipe, order))
+                running[pipe] = started[-1]
             if self._stop.is_set() and not asked:
                 asked = time.monotonic()
-                assert process.pid is not None
-                ask_to_stop(process.pid)
+                orders.clear()
+                for each in running.values():
+                    each.process.terminate()  # it holds and leaves everything
             if asked and time.monotonic() > asked + END_TIMEOUT:
-                process.kill()
-            try:
-                if not pipe.poll(POLL_PERIOD):
+                for each in running.values():
+                    each.process.kill()
+            heard = wait(list(running), POLL_PERIOD)
+            for pipe in [each for each in running if each in heard]:
+                try:
+                    message = pipe.recv()
+                except (EOFError, OSError):
+                    if _code_of(running.pop(pipe).process) != 0:
+                        ended_by = "the conductor's process died"
                     continue
-                message = pipe.recv()
-            except (EOFError, OSError):
-                process.join(END_TIMEOUT)
-                if asked:
-                    return "stopped by the operator"
-                return "" if process.exitcode == 0 else "the conductor's process died"
-            match message:
-                case Reached():
-                    pipe.send(self._reached(message))
-                case Began():
-                    self._pressure = Pressure()
-                    for test in self._judging(message.device, message.acquisition):
-                        self._progress(message.device, test.id, None, test.name)
-                case Acquired():
-                    for device in message.lost:
-                        self._power_off_of(self._tested[device])
-                    pipe.send(self._acquired(message))
-                case Lost():
-                    self._power_off_of(self._tested[message.device])
-            self._keep()
+                self._answer(running[pipe], message)
+                self._keep()
+        return "stopped by the operator" if asked else ended_by
+
+    def _leave(self, conducted: _Conducted) -> None:
+        """Wait for the end of a conductor; take the power from its devices if that was none of its own."""
+        conducted.pipe.close()
+        if _code_of(conducted.process) is None:
+            logger.error("the conductor did not end, and is killed")
+            conducted.process.kill()
+            conducted.process.wait()
+        if conducted.process.returncode != 0:
+            for device in conducted.order.devices:
+                if self._tested[device.name].about is not None:
+                    self._power_off_of(self._tested[device.name])
+
+    def _answer(self, conducted: _Conducted, message: object) -> None:
+        match message:
+            case Reached():
+                conducted.answer(self._reached(message))
+            case Began():
+                conducted.pressure = Pressure()
+                for test in self._judging(message.device, message.acquisition):
+                    self._progress(message.device, test.id, None, test.name)
+            case Acquired():
+                conducted.answer(self._acquired(message, conducted.pressure.share))
+            case Lost():
+                self._power_off_of(self._tested[message.device])
 
     # ------------------------------------------------------------------------------- what it answers
 
@@ -221,7 +259,7 @@ class _Bench:
                 wanted.append(test.acquisition.name)
         return tuple(wanted)
 
-    def _acquired(self, message: Acquired) -> bool:
+    def _acquired(self, message: Acquired, waited: float) -> bool:
         """Judge a recording; return whether the device is used any further."""
         tested = self._tested[message.device]
         assert tested.about is not None
@@ -232,7 +270,7 @@ class _Bench:
             message.kept,
             tested.lab.entry.carried,
         )
-        subject = replace(subject, waited=self._pressure.share)
+        subject = replace(subject, waited=waited)
         self._keep_subject(message.recording, subject, message.trouble)
         guarded = ""
         judge = Judge(message.recording, subject, message.trouble)
@@ -254,7 +292,7 @@ class _Bench:
         if message.tripped or message.broken:
             moved.stopped = f"no more after {message.acquisition}: {message.trouble}"
             guarded = guarded or moved.stopped
-        if message.tripped and moved.lab.name not in message.lost:
+        if message.tripped:
             self._power_off_of(moved)
         tested.stopped = guarded
         return not guarded
@@ -296,17 +334,16 @@ class _Bench:
         except OSError as error:
             logger.error("%s: cannot be written: %s", self._options.out, error.strerror)
 
-    def _power_off(self) -> None:
-        for tested in self._tested.values():
-            if tested.about is not None:
-                self._power_off_of(tested)
-
     def _power_off_of(self, tested: _Tested) -> None:
-        take_power(tested.lab, self._lab.path.parent)
+        if not tested.is_off:
+            tested.is_off = take_power(tested.lab, self._lab.path.parent)
 
 
-def take_power(device: LabDevice, folder: Path) -> None:
+def take_power(device: LabDevice, folder: Path) -> bool:
     """Run `power_off` of a device, if it has one and is not simulated; what goes wrong with that is logged.
+
+    Returns:
+        whether it is done.
 
     Args:
         device: of a lab.
@@ -314,12 +351,14 @@ def take_power(device: LabDevice, folder: Path) -> None:
     """
     command = device.entry.power_off
     if not command or device.sim:
-        return
+        return False
     logger.error("%s: its power is taken away: %s", device.name, " ".join(command))
     try:
         subprocess.run(command, check=True, timeout=10.0, cwd=folder)
     except (OSError, subprocess.SubprocessError) as error:
         logger.error("%s: power_off: %s", device.name, error)
+        return False
+    return True
 
 
 class Judge:
@@ -425,6 +464,14 @@ def _judge(folder: Path, name: str, bounds: Mapping[str, BoundEntry]) -> Judge |
         trouble, _, text = _subject_of(recording).read_text("utf-8").partition("\n")
         return Judge(recording, Subject.from_json(text, bounds), trouble)
     except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _code_of(conductor: subprocess.Popen[bytes]) -> int | None:
+    """Return the exit code, None if it does not end."""
+    try:
+        return conductor.wait(END_TIMEOUT)
+    except subprocess.TimeoutExpired:
         return None
 
 

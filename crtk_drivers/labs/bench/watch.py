@@ -9,7 +9,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final
 
@@ -18,7 +18,7 @@ import numpy as np
 from crtk_drivers.config import BoxConfig
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs.bench.calls import About, Glance
-from crtk_drivers.labs.bench.door import Door
+from crtk_drivers.labs.bench.door import Door, DoorClosed
 from crtk_drivers.samples import JointState, Pose
 from crtk_drivers.state import OperatingState
 from crtk_drivers.status.stop_request import StopRequest
@@ -114,20 +114,27 @@ class Watch:
         about: the device.
         box: for its tool.
         stop: set when the run is to end.
+        lost: called when it is to be held, and nothing answers.
     """
 
-    def __init__(self, door: Door, about: About, box: BoxConfig | None, stop: StopRequest) -> None:
+    def __init__(
+        self,
+        door: Door,
+        about: About,
+        box: BoxConfig | None,
+        stop: StopRequest,
+        lost: Callable[[], None] = lambda: None,
+    ) -> None:
         self.tripped = ""
         """Why the device was stopped; empty while it was not."""
         self.box = box
         """For the tool; None: it may be anywhere."""
         self.lateness: list[float] = []
         """By how many seconds each look was late; of the machine that runs the bench."""
-        self.box = box
-        """For its tool."""
         self._door = door
         self._about = about
         self._stop = stop
+        self._lost = lost
         self._companion: Watch | None = None
         self._expected = 0
         self._looked = math.inf
@@ -158,10 +165,18 @@ class Watch:
 
     def close(self) -> None:
         """End the thread, once a stop is carried out, and the connection. May be called twice."""
-        self._ended.set()
-        if self._thread is not None:
-            self._thread.join(CLOSING)
+        self._end()
         self._door.close()
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Within, nobody looks: there is nobody who could answer."""
+        self._end()
+        try:
+            with self.during("a pause"):
+                yield
+        finally:
+            self.start(self._moves)
 
     def start_again(self, door: Door) -> None:
         """Watch through another connection: the driver was started anew. `close` came before."""
@@ -212,6 +227,10 @@ class Watch:
                 else:
                     timeout = self._about.capabilities.transition_timeout
                     self._door.call("state_command", "disable", timeout, within=timeout)
+            except DoorClosed as error:
+                logger.error("%s: cannot be held: %s", self._about.name, error)
+                self._lost()
+                return
             except CrtkError as error:
                 logger.error("%s: %s: %s", self._about.name, step, error)
 
@@ -228,6 +247,11 @@ class Watch:
             self.trip("the run was stopped")
         if wrong and not self._expected and not self.tripped:
             self.trip(wrong)
+
+    def _end(self) -> None:
+        self._ended.set()
+        if self._thread is not None:
+            self._thread.join(CLOSING)
 
     def _run(self, ended: threading.Event) -> None:
         due = time.monotonic()

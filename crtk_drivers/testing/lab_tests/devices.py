@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -13,8 +14,9 @@ from typing_extensions import override
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs.bench.bed import Bed
 from crtk_drivers.labs.bench.calls import About
-from crtk_drivers.labs.bench.conductor import DeviceOrder, hosted
+from crtk_drivers.labs.bench.conductor import hosted
 from crtk_drivers.labs.bench.declared import Safety
+from crtk_drivers.labs.bench.messages import DeviceOrder
 from crtk_drivers.labs.bench.recorder import read_recording
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.bench.watch import Watch
@@ -42,6 +44,8 @@ class Station:
         device: of the lab.
         doors: folder for the socket of its process.
         folder: of the run.
+        locks: files of `locks.alone`.
+        lost: called with it when it does not answer as it is to be held, or left.
         allowed: says why something may not be done to it, in words.
 
     Attributes:
@@ -53,6 +57,8 @@ class Station:
         device: LabDevice,
         doors: Path,
         folder: Path,
+        locks: tuple[int, ...],
+        lost: Callable[[LabDevice], None],
         allowed: Callable[[Safety, About, LabDevice], str],
     ) -> None:
         self.device = device
@@ -66,7 +72,7 @@ class Station:
             sim_options=device.sim_options,
             space=device.entry.space,
         )
-        self.host = hosted(order, doors, folder)
+        self.host = hosted(order, doors, folder, locks, partial(lost, device))
         self.host.__enter__()
         self._about: About | None = None
 
@@ -111,7 +117,7 @@ class TestedDevice(Bed):
         space = station.device.entry.space
         box = None if space is None else space.tool_box
         about = station.about
-        watch = Watch(station.host.connected(), about, box, StopRequest())
+        watch = Watch(station.host.connected(), about, box, StopRequest(), station.host.lose)
         super().__init__(station.device.name, about, station.host.door, watch, 1.0)
         self._door.call("record", str(recording))
         # What may not be commanded is not stopped either: it stays as it was found.

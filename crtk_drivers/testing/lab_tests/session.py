@@ -88,6 +88,8 @@ class TestUnderWay:
             doubts.append(_first_line(error))
         elif error is not None and not isinstance(error, pytest.skip.Exception):
             doubts.append(f"the test itself broke: {type(error).__name__}: {_first_line(error)}")
+        tripped = {device.tripped for device in self.devices.values()} - {"", *doubts}
+        doubts += sorted(tripped)
         found = self.figures.findings(violations, doubts)
         if found.verdict is Verdict.FAIL and not violations:
             late = [each for device in self.devices.values() for each in device.lateness]
@@ -128,8 +130,10 @@ class LabSession:
         self._options = BenchOptions(Suite.QUICK, (), may_move, folder)
         self._began = time.monotonic()
         self._stack = ExitStack()
+        self._locks: tuple[int, ...] = ()
         self._doors = Path()
         self._stations: dict[str, Station] = {}
+        self._off: set[str] = set()
         self._devices: dict[str, results.DeviceResult] = {}
         self._test: TestUnderWay | None = None
         self._recordings = 0
@@ -147,7 +151,7 @@ class LabSession:
         Raises:
             ConfigError: another bench tests it, or the folder of results cannot be made.
         """
-        self._stack.enter_context(alone(self._lab))
+        self._locks = self._stack.enter_context(alone(self._lab))
         make_folder(self.folder)
         self._doors = Path(
             self._stack.enter_context(tempfile.TemporaryDirectory(prefix="crtk-lab-"))
@@ -186,8 +190,8 @@ class LabSession:
             troubles.append(device.end())
             if (test.broke and device.is_touched) or device.tripped:
                 device.station.stopped = f"no more after {test.name}: {test.findings().reason}"
-            if (device.tripped or device.station.host.is_lost) and device.is_touched:
-                take_power(device.station.device, self._lab.path.parent)
+            if device.tripped and device.is_touched:
+                self._take_power(device.station.device)
         if self.run is None:
             return
         findings = test.findings(*troubles)
@@ -219,7 +223,9 @@ class LabSession:
             return test.devices[name]
         station = self._stations.get(name)
         if station is None:
-            station = Station(device, self._doors, self.folder, self._allowed)
+            station = Station(
+                device, self._doors, self.folder, self._locks, self._take_power, self._allowed
+            )
             self._stations[name] = station
         if station.stopped:
             pytest.skip(f"{name}: {station.stopped}")
@@ -228,6 +234,10 @@ class LabSession:
         path = self.folder / "data" / f"{name}-{self._recordings:03d}-{called}.mcap"
         test.devices[name] = TestedDevice(station, path)
         return test.devices[name]
+
+    def _take_power(self, device: LabDevice) -> None:
+        if device.name not in self._off and take_power(device, self._lab.path.parent):
+            self._off.add(device.name)
 
     def _allowed(self, safety: Safety, about: About, device: LabDevice) -> str:
         return not_allowed(safety, about, device, self._options)

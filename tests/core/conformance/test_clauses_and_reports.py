@@ -135,10 +135,10 @@ def test_what_diverges_in_a_motion_is_left_open_where_this_tool_was_late_itself(
 
 def test_what_was_not_judged_says_why() -> None:
     seen = Observation(Graph("/arm"))
-    results = judge(seen, ("MOV-4", "HOM-2", "MOV-3"), {}, NOT_PERMITTED)
+    results = judge(seen, ("MOV-4", "CLI-1", "MOV-3"), {}, NOT_PERMITTED)
     assert {each.clause.id: each.finding.text for each in results} == {
         "MOV-4": NOT_PERMITTED,
-        "HOM-2": NOT_TESTED,
+        "CLI-1": NOT_TESTED,
         "MOV-3": BY_HAND,
     }
     (result,) = judge(seen, ("MOV-4",), {}, "enable moved it")

@@ -21,14 +21,14 @@ QUICK = ("--listen", "0.5", "--timeout", str(TIMEOUT))
 def test_it_prints_what_was_found_and_writes_a_report(
     rig: Rig, run_far: Run, tmp_path: Path
 ) -> None:
-    chosen = ("--only", "NAM,TYP,QOS-1,MOV-4,HOM-2")
+    chosen = ("--only", "NAM,TYP,QOS-1,MOV-4,CLI-1")
     code, out, _ = run_far("conform", rig.client.namespace, *QUICK, *chosen, "--out", str(tmp_path))
     assert code == 0, out
     assert "NAM-1" in out
     assert "UNDETERMINED" in out
     words = " ".join(out.split())
     assert "needs --may-move: MOV-4" in words
-    assert "not yet tested by this tool: HOM-2" in words
+    assert "not yet tested by this tool: CLI-1" in words
     assert "conforms to CRTK 1.3, names, transport and data" in words
     data = json.loads((tmp_path / "conformance.json").read_text())
     assert {each["id"]: each["verdict"] for each in data["results"]}["NAM-1"] == "CONFORMS"

@@ -23,18 +23,34 @@ from rigs import student_device, student_gantry
 from rigs.examined_student import QUICK, check, clauses_of, names_of
 from rigs.stepped_ros import Node, Wire
 from rigs.stepped_time import Steps
-from rigs.student_device import PERIOD, StudentDevice
+from rigs.student_device import StudentDevice
 from rigs.student_gantry import PLACE
 
 LISTEN = 1.5
+PERIOD, FINE = 0.02, 0.01
+"""Seconds of a step: the device in real time has the fine one. Most of what is reckoned are messages."""
 SERVICES = {"STA-4", "DAT-19", "DAT-20", "DAT-21", "CLI-2"}
 """Clauses that a device at rest is asked about, over ROS."""
 
-CHANGES = {"STA-11", "QOS-5", "INP-7", "MOV-15", "MOV-20", "MOV-21", "MOV-24", "MOV-25", "SPT-4"}
+CHANGES = {
+    "STA-11",
+    "QOS-5",
+    "INP-7",
+    "MOV-15",
+    "MOV-20",
+    "MOV-21",
+    "MOV-24",
+    "MOV-25",
+    "SPT-4",
+    "HOM-2",
+}
 """Clauses of the trials that come last, none of which decides another."""
 
 ACTIVE: list[Mapping[str, str]] = [
     {"never_enabled": "STA-5"},
+    {"gripper_in_disabled": "SUB-2"},
+    {"busy_after_home": "HOM-2"},
+    {"ignores_home": "HOM-2"},
     {"resume_faults": "STA-6 STA-10"},
     {"moves_disabled": "MOV-1"},
     {"fault_resumes": "STA-9"},
@@ -47,6 +63,7 @@ ACTIVE: list[Mapping[str, str]] = [
         "ignores_ratio": "MOV-24",
         "alternates": "MOV-25",
         "effort_and_place": "SPT-4",
+        "homes_idle": "HOM-2",
     },
     {"enable_moves": "MOV-2"},
     {
@@ -110,19 +127,30 @@ class SteppedEars(Ears):
         return self._steps.wait(condition, timeout)
 
 
-def examined(ids: Collection[str], *faults: str) -> tuple[Outcome, StudentDevice]:
-    """Examine a device as `crtk-driver conform --may-move` does; return what is found, and the device."""
-    steps, wire = Steps(PERIOD), Wire()
+def examined(
+    ids: Collection[str], *faults: str, may_home: bool = True, homing: bool | None = None
+) -> tuple[Outcome, StudentDevice]:
+    """Examine a device as `crtk-driver conform --may-move` does; return what is found, and the device.
+
+    Args:
+        ids: of the clauses.
+        faults: of the device.
+        may_home: as `--may-home` says.
+        homing: what its manifest says of that, if it has one.
+    """
+    period = FINE if CHANGES.issuperset(ids) else PERIOD
+    steps, wire = Steps(period), Wire()
     with steps.instead_of_time(hearing, ros_probe, student_device, student_gantry):
         own, node = Node(wire, "gantry", "/student"), Node(wire, "crtk_conform")
         device = StudentDevice(own, *faults)
         graph = own.graph()
         ears = SteppedEars(node, graph, steps)
-        steps.step = lambda: device.step(PERIOD)
+        steps.step = lambda: device.step(period)
         began = steps.monotonic()
         steps.sleep(LISTEN)
-        seen = Observation(graph, ears.trace(began))
-        tried, why = try_out(node, ears, seen, tuple(ids), QUICK, lambda text: None)
+        manifest = {} if homing is None else {"homing": homing}
+        seen = Observation(graph, ears.trace(began), manifest=manifest)
+        tried, why = try_out(node, ears, seen, tuple(ids), QUICK, lambda _: None, may_home)
     return Outcome("/student", 0.0, judge(seen, tuple(ids), tried, why), {}, 0.0, why), device
 
 
@@ -147,3 +175,41 @@ def test_a_sound_device_diverges_nowhere_and_is_left_as_it_was_found() -> None:
 def test_what_must_be_tried_is_caught(faults: Mapping[str, str]) -> None:
     outcome, _ = examined(tried_for(clauses_of(faults)), *faults)
     check(outcome, faults)
+
+
+@pytest.mark.parametrize(
+    ("may_home", "homing", "verdict", "told"),
+    [
+        (True, None, Verdict.UNDETERMINED, "whether it needs homing is not declared"),
+        (True, True, Verdict.DIVERGES, "it stays homed after unhome"),
+        (True, False, Verdict.NOT_OFFERED, "needs no homing"),
+        (False, True, Verdict.UNDETERMINED, "needs --may-home"),
+    ],
+)
+def test_what_unhome_must_do_is_as_declared(
+    may_home: bool, homing: bool | None, verdict: Verdict, told: str
+) -> None:
+    outcome, _ = examined(["HOM-2"], "ignores_unhome", may_home=may_home, homing=homing)
+    (found,) = outcome.results
+    assert found.finding.verdict is verdict
+    assert told in found.finding.text
+
+
+@pytest.mark.parametrize("clause", ["INP-9", "STA-8", "SUB-2", "HOM-2"])
+def test_what_is_tried_alone_brings_the_device_to_where_it_begins(clause: str) -> None:
+    outcome, device = examined([clause])
+    (found,) = outcome.results
+    assert (outcome.ended, found.finding.verdict) == ("", Verdict.CONFORMS), found.finding
+    assert device.gantry.state == "DISABLED"
+
+
+@pytest.mark.parametrize(
+    ("speed", "verdict"), [(0.25, Verdict.DIVERGES), (1.0, Verdict.UNDETERMINED)]
+)
+def test_a_move_that_is_over_before_a_stop_can_have_come_decides_nothing(
+    monkeypatch: pytest.MonkeyPatch, speed: float, verdict: Verdict
+) -> None:
+    monkeypatch.setattr(student_gantry, "SPEED", speed)
+    outcome, _ = examined(["STA-13"], "disable_goes_on")
+    (found,) = outcome.results
+    assert found.finding.verdict is verdict, found.finding

@@ -35,6 +35,7 @@ def examine(
     may_move: bool = False,
     expected: Expectations | None = None,
     tell: Callable[[str], None] = lambda text: None,
+    may_home: bool = False,
 ) -> Outcome:
     """Judge the device in a namespace.
 
@@ -46,6 +47,7 @@ def examine(
         may_move: also command it. However that ends, it is held, and brought back to the state it was in.
         expected: tolerances and steps.
         tell: called with what is being done.
+        may_home: with `may_move`, tell it to home too.
 
     Raises:
         ConnectionFailed: there is no device.
@@ -64,7 +66,8 @@ def examine(
         tried: Mapping[str, Sequence[Finding]] = {}
         why = NOT_PERMITTED
         if may_move and any(CLAUSES[each].needs is not Needs.PASSIVE for each in ids):
-            tried, why = try_out(link.node, ears, seen, ids, expected or Expectations(), tell)
+            wanted = expected or Expectations()
+            tried, why = try_out(link.node, ears, seen, ids, wanted, tell, may_home)
         results = judge(seen, ids, tried, why)
         seconds = time.monotonic() - since
         ended = why if may_move and why != NOT_PERMITTED else ""
@@ -80,6 +83,7 @@ def try_out(
     ids: Sequence[str],
     expected: Expectations,
     tell: Callable[[str], None],
+    may_home: bool = False,
 ) -> tuple[Mapping[str, Sequence[Finding]], str]:
     """Command a device, and return what `run_trials` does.
 
@@ -90,6 +94,7 @@ def try_out(
         ids: of the clauses.
         expected: tolerances and steps.
         tell: called with what is being done.
+        may_home: also tell it to home.
 
     Raises:
         ConnectionFailed: the device does not hear a command that it offers.
@@ -97,6 +102,6 @@ def try_out(
     ears.drop([name for name in seen.graph.offered() if "/" in name and name not in HEARD_BELOW])
     probe = RosProbe(node, seen.graph, ears)
     try:
-        return run_trials(Trial(probe, expected, seen), ids, tell)
+        return run_trials(Trial(probe, expected, seen, may_home), ids, tell)
     finally:
         probe.close()

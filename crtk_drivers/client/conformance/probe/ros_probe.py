@@ -22,6 +22,7 @@ from crtk_drivers.client.conformance.observed import (
     Trace,
 )
 from crtk_drivers.client.conformance.probe.ears import Ears
+from crtk_drivers.client.conformance.state_trials import JAWS
 from crtk_drivers.client.ros_link import GRAPH_PERIOD
 from crtk_drivers.commands import Kind, Level, Payload, find
 from crtk_drivers.errors import ConnectionFailed
@@ -52,7 +53,8 @@ class RosProbe:
         self._seconds: dict[str, Any] = {}
         prefix = f"{graph.namespace.rstrip('/')}/"
         for each, row in graph.commanded():
-            is_own = "/" not in each.name or row.level is Level.SETTING
+            space, _, _ = each.name.rpartition("/")
+            is_own = not space or space in JAWS or row.level is Level.SETTING
             if is_own and each.ros_type == ROS_TYPES[row.payload]:
                 topic = (TYPES[row.payload], f"{prefix}{each.name}", _profile(each))
                 self._publishers[each.name] = node.create_publisher(*topic)

@@ -1,0 +1,55 @@
+"""The processes of a run: each is a module of this package, with its order on standard input."""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+import subprocess
+import sys
+from collections.abc import Sequence
+
+__all__ = ["start"]
+
+
+def start(
+    module: str,
+    *arguments: str,
+    order: object = None,
+    log: int | None = None,
+    answers: bool = False,
+    files: Sequence[int] = (),
+) -> subprocess.Popen[bytes]:
+    """Start a module as a program, in a session of its own: Ctrl-C is for whoever starts it.
+
+    Args:
+        module: its name.
+        arguments: of it.
+        order: what it takes from its standard input, pickled; None: that stays open.
+        log: descriptor for what it prints; None: where this process prints.
+        answers: what it prints is no log: a pipe leads to here.
+        files: descriptors that it has too.
+    """
+    process = _start(module, arguments, subprocess.PIPE if answers else log, log, files)
+    if order is not None:
+        assert process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # that it does nothing is seen
+            process.stdin.write(pickle.dumps(order))
+            process.stdin.close()
+    return process
+
+
+def _start(
+    module: str,
+    arguments: Sequence[str],
+    stdout: int | None,
+    stderr: int | None,
+    files: Sequence[int],
+) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-m", module, *arguments],
+        stdin=subprocess.PIPE,
+        stdout=stdout,
+        stderr=stderr,
+        pass_fds=files,
+        start_new_session=True,
+    )
