@@ -23,6 +23,7 @@ on = "arm"
 sim = true
 mounting = { rpy = [0.0, 0.0, 1.0] }
 tool = { mass = 0.8, center_of_mass = [0.0, 0.02, 0.06] }
+settings = { rate = 200 }
 """
 
 Progress = Callable[[str, str, Verdict | None, str], None]
