@@ -79,7 +79,7 @@ def first_command(folder: Path) -> Installed:
     """Clone, and run the first command until a client hears the arm."""
     clone = folder / "clone"
     subprocess.run(["git", "clone", "--quiet", str(processes.ROOT), str(clone)], check=True)
-    with processes.client(folder, "--topics", "measured_js") as client:
+    with processes.client(folder, "--topics", "measured_js", "--patience", "600") as client:
         processes.wait_up(client)
         before, began = processor_time(), time.monotonic()
         with subprocess.Popen(FIRST, cwd=clone, env=fresh(folder)) as command:

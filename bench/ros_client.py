@@ -34,7 +34,6 @@ TOPICS = {
     "measured_cv": TwistStamped,
     "measured_cf": WrenchStamped,
 }
-READY_TIMEOUT = 30.0
 ENABLE_PERIOD = 5.0
 """Seconds after which enable is tried again: on a busy machine it may fail."""
 SERVO_STEP = 1e-6
@@ -44,7 +43,9 @@ SERVO_STEP = 1e-6
 class Client:
     """Node, subscriptions and recordings."""
 
-    def __init__(self, namespace: str, name: str, topics: list[str], quiet: bool) -> None:
+    def __init__(
+        self, namespace: str, name: str, topics: list[str], quiet: bool, patience: float
+    ) -> None:
         self.node = Node("bench_" + name, namespace=namespace)
         self.executor = EventsExecutor()
         self.executor.add_node(self.node)
@@ -52,6 +53,7 @@ class Client:
         self._heard = Recording(f"{name}_heard", 3)
         self._sent = Recording(f"{name}_sent", 2)
         self._quiet = quiet
+        self._patience = patience
         self._state = ""
         self._joints: list[float] = []
         self._unheard = set(topics)
@@ -80,11 +82,11 @@ class Client:
         self._state = message.state
 
     def spin_until(self, done: Any, what: str) -> None:
-        """Serve callbacks until `done()`; give up after `READY_TIMEOUT`."""
-        deadline = time.monotonic() + READY_TIMEOUT
+        """Serve callbacks until `done()`; give up after `patience` s."""
+        deadline = time.monotonic() + self._patience
         while not done():
             if time.monotonic() > deadline or self.stopped.is_set():
-                raise SystemExit(f"{what} did not come in {READY_TIMEOUT:g} s")
+                raise SystemExit(f"{what} did not come in {self._patience:g} s")
             self.executor.spin_once(timeout_sec=0.05)
 
     def hear_all(self) -> None:
@@ -133,10 +135,13 @@ def main() -> None:
     parser.add_argument("--enable", action="store_true")
     parser.add_argument("--quiet", action="store_true", help="record nothing")
     parser.add_argument("--servo", type=float, default=0.0, metavar="HZ")
+    parser.add_argument("--patience", type=float, default=30.0, metavar="S")
     options = parser.parse_args()
     environment.share_no_memory()  # as our own clients do
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    client = Client(options.namespace, options.name, options.topics, options.quiet)
+    client = Client(
+        options.namespace, options.name, options.topics, options.quiet, options.patience
+    )
     signal.signal(signal.SIGTERM, lambda *_: client.stopped.set())
     print("up", flush=True)
     if options.enable:
