@@ -77,7 +77,7 @@ def print_page(command: Any, ctx: Any) -> None:
     for heading, rows in _sections(command, ctx).items():
         parts += [Text(f"{heading}:", "bold"), *_lines(rows, width), Text()]
     if command.epilog:
-        parts.append(Text.from_markup(command.epilog))
+        parts.append(Text.from_markup(command.epilog, emoji=False))
     for part in parts:
         if getattr(part, "no_wrap", False):
             OUT.print(part, soft_wrap=True)
@@ -104,7 +104,7 @@ def _paragraph(text: str) -> Iterator[Text | Padding]:
         for line in text.splitlines():
             yield Text(f"  {line.strip()}", "cyan", no_wrap=True)
     else:
-        yield Text.from_markup(" ".join(text.split()))
+        yield Text.from_markup(" ".join(text.split()), emoji=False)
     yield Text()
 
 
@@ -121,7 +121,7 @@ def _sections(command: Any, ctx: Any) -> Mapping[str, Rows]:
         for name in command.list_commands(ctx):
             told = command.listed(ctx, name)
             if told is not None:
-                summary = Text.from_markup(" ".join(told.summary.split()))
+                summary = Text.from_markup(" ".join(told.summary.split()), emoji=False)
                 row = Text(name, "cyan"), summary
                 sections.setdefault(told.panel or "Commands", []).append(row)
     return sections
@@ -144,7 +144,7 @@ def _option_names(param: Any) -> Text:
 
 
 def _description(param: Any) -> Text:
-    text = Text.from_markup(param.help or "")
+    text = Text.from_markup(param.help or "", emoji=False)
     default = param.default
     shown = getattr(param, "show_default", False) and isinstance(default, str | int | float)
     if shown and not isinstance(default, bool) and default != "":

@@ -10,8 +10,8 @@ from rich.text import Text
 
 from crtk_drivers.errors import CrtkError
 
-OUT = Console(highlight=False)
-ERR = Console(stderr=True, highlight=False)
+OUT = Console(highlight=False, emoji=False)
+ERR = Console(stderr=True, highlight=False, emoji=False)
 
 
 def print_error(error: CrtkError) -> None:
