@@ -94,7 +94,7 @@ def encode(value: object, stamp_ns: int, frame_id: str = "") -> bytes:
         frame_id: what the message names; the one of the value is not looked at.
 
     Raises:
-        ValueError: a value of another type, a stamp that no message can hold, a text with a zero in it.
+        ValueError: a value of another type, or what no message can hold: a stamp, vectors of another size.
     """
     kind = type(value)
     bare = _BARE.get(kind)
