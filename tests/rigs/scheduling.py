@@ -22,14 +22,14 @@ from typing_extensions import override
 from xdist.scheduler.loadscope import LoadScopeScheduling
 from xdist.workermanage import WorkerController
 
-WAITING_A_CORE = 2.5
+WAITING_A_CORE = 2.0
 """Workers that wait, for the most part: one takes a third of a core, with its simulators."""
 
 COMPUTING_A_CORE = 1.0
 """Workers that compute, with what the others leave."""
 
-NICE = 15
-"""Of the workers that compute: a thirtieth of what another process gets that wants all it can get."""
+NICE = 5
+"""Of the workers that compute: a third of what another process gets that wants all it can get."""
 
 PIECE = 15.0
 """Seconds that the tests take, about, that a worker gets at a time: they share the fixtures of a module."""
