@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import pytest
 
 from crtk_drivers.labs.bench.results import read_run
 from crtk_sim_backends.netft import SIM
+from rigs.full_disk import NO_BYTECODE, limit
 
 GANTRY = '[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 200 }\n'
 
@@ -61,14 +62,9 @@ def test_ctrl_z_ends_a_run_that_may_move_hardware(tmp_path: Path) -> None:
     assert read_run(tmp_path / "run").ended_by == "stopped by the operator"
 
 
-def full_disk() -> None:
-    """Let no file of this process and its children grow beyond some bytes: a disk that fills up."""
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
-
-
 def test_a_disk_that_fills_up_is_told_and_passes_nothing(command: Command, tmp_path: Path) -> None:
-    found = command("lab.toml", "--only", "S8", "--out", "run", preexec_fn=full_disk)
+    options = {"preexec_fn": partial(limit, 3000), "env": NO_BYTECODE}
+    found = command("lab.toml", "--only", "S8", "--out", "run", **options)
     assert found.returncode == 4, found.stderr
     assert "results cannot be written: File too large" in found.stderr
     assert "INCONCLUSIVE" in found.stderr

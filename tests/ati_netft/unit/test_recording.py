@@ -22,7 +22,7 @@ from crtk_driver_ati_netft.recording import (
     read_recording,
 )
 from crtk_drivers.errors import ConfigError
-from rigs.netft_peer import largest_file
+from rigs.full_disk import largest_file
 
 HEADER = {"host": "192.168.1.1", "sensor": {"serial": "FT\n1"}}
 LONG = 20.0

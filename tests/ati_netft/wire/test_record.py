@@ -22,7 +22,8 @@ from crtk_drivers.device import Severity
 from crtk_drivers.errors import CommandRefused, ConfigError, ConnectionFailed, TransitionFailed
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
-from rigs.netft_peer import Peer, largest_file
+from rigs.full_disk import largest_file
+from rigs.netft_peer import Peer
 
 LONG = 20.0
 RATE = 2000.0

@@ -2,7 +2,6 @@
 
 import errno
 import os
-import resource
 
 import pytest
 from hypothesis import given, settings
@@ -14,6 +13,7 @@ from crtk_drivers.errors import RecordingError
 from crtk_drivers.recording import McapWriter, Recording, cdr, mend
 from crtk_drivers.recording.mcap_format import MAGIC
 from crtk_drivers.samples import JointState, Pose, Text, vector
+from rigs.full_disk import largest_file
 
 JOINTS = cdr.TYPE_NAMES[JointState]
 POSE = cdr.TYPE_NAMES[Pose]
@@ -290,15 +290,11 @@ def test_a_disk_that_is_full_is_told_and_what_was_written_stays(tmp_path):
     channel = writer.channel("/error", TEXT)
     writer.message(channel, text("before"), 1)
     writer.flush()
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    try:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 300, hard))
+    with largest_file(path.stat().st_size + 300):
         for time in range(20):
             writer.message(channel, text("lost" * 10), time)
         with pytest.raises(RecordingError, match="20 messages are lost: cannot be written: File"):
             writer.flush()
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert writer.lost == 20
     assert [m.decoded().value.value for m in Recording(path).messages()] == ["before"]
     writer.message(channel, text("after"), 2)
