@@ -67,6 +67,7 @@ class Process:
         self.stdin = stdin
         self.stdout = stdout
         self._told = told  # readable when it has ended: how
+        self._reading = threading.Lock()
 
     def __enter__(self) -> Self:
         return self
@@ -87,10 +88,18 @@ class Process:
         return code
 
     def _look(self, timeout: float | None) -> int | None:
-        if self.returncode is None and select.select([self._told], [], [], timeout)[0]:
-            with self._told:
-                self.returncode = number(self._told)
+        if self.returncode is None and self._has_told(timeout):
+            with self._reading:
+                if self.returncode is None:
+                    with self._told:
+                        self.returncode = number(self._told)
         return self.returncode
+
+    def _has_told(self, timeout: float | None) -> bool:
+        try:
+            return bool(select.select([self._told], [], [], timeout)[0])
+        except (OSError, ValueError):  # another thread has read it meanwhile, and closed it
+            return True
 
     def send_signal(self, number: int) -> None:
         if self.poll() is None:
