@@ -76,6 +76,8 @@ class Engine(Intake):
         self._broken_sample = ""
         self._sample_deadman = Deadman(self.options.sample_timeout)
         self._listened = 0.0
+        self._sampled = 0.0
+        self._awake_since = -math.inf  # after it was stuck, once until a sample comes
         self._period = 1.0 / self.capabilities.rate
         self._whole_until = -math.inf
 
@@ -118,11 +120,14 @@ class Engine(Intake):
         sample = self.device.read(deadline)
         now = self._clock()
         is_woken = sample is None and self._can_wake and now < min(deadline, self._whole_until)
-        # What was made while this thread was stuck is old; newer ones follow.
-        was_stuck, self._listened = now - self._listened > self.options.sample_timeout, now
+        if now - self._listened > self.options.sample_timeout and self._awake_since < self._sampled:
+            # It was stuck: what was made meanwhile counts as made now; newer ones follow.
+            self._awake_since = now
+            self._sample_deadman.feed(now)
+        self._listened = now
         if sample is not None:
-            made = now if was_stuck else min(sample.stamp.monotonic, now)
-            self._sample_deadman.feed(made)
+            self._sampled = now
+            self._sample_deadman.feed(min(max(sample.stamp.monotonic, self._awake_since), now))
             sample = self._sound(sample)
             self._motion.sample_came()
         if self._sample_deadman.expired(now):

@@ -1147,3 +1147,37 @@ def test_what_is_told_of_a_device_names_it_once_and_says_once_what_to_do(
     assert where not in rig.engine.health().last_refusal
     rig.disconnect(lost.statement, lost.remedy)
     assert rig.engine.status == status, "the same again is no news"
+
+
+SAMPLES_HALF_A_SECOND = EngineOptions(sample_timeout=0.5)
+
+
+def test_a_thread_that_was_stuck_takes_what_it_finds_for_new_and_looks_for_more() -> None:
+    rig = Rig(SAMPLES_HALF_A_SECOND).enabled()
+    old = rig.clock.stamp()
+    rig.device.silent = True
+    rig.cycle(period=2.0)  # it was stuck, and finds nothing at first
+    rig.device.silent, rig.device.stamp = False, old
+    rig.cycle(10)  # what was made meanwhile
+    assert rig.engine.connected
+    rig.device.stamp = None
+    rig.cycle(100)
+    assert rig.engine.connected
+
+
+@pytest.mark.parametrize("brings", ["nothing", "old samples"])
+def test_a_thread_that_was_stuck_is_excused_once(brings: str) -> None:
+    rig = Rig(SAMPLES_HALF_A_SECOND).enabled()
+    rig.device.silent, rig.device.stamp = brings == "nothing", rig.clock.stamp()
+    rig.cycle(period=2.0)
+    begin = rig.clock()
+    with pytest.raises(ConnectionLost, match="the newest sample is"):
+        rig.cycle(100)
+    assert rig.clock() - begin == pytest.approx(0.5, abs=0.02)
+
+
+def test_cycles_that_are_all_too_slow_do_not_hide_that_nothing_comes() -> None:
+    rig = Rig(SAMPLES_HALF_A_SECOND).enabled()
+    rig.device.silent = True
+    with pytest.raises(ConnectionLost, match="the newest sample is"):
+        rig.cycle(3, period=0.6)

@@ -662,6 +662,9 @@ def test_f17_stuck_io_thread_is_a_fault_and_the_arm_stops(bench, monkeypatch):
         assert bench.q()[0] < FAR[0] - 0.1
         bench.arm.measured_js(age=0)
         assert bench.arm.measured_js(age=0, extra=True)[1] == 0.0
+        # Longer than a sample may be old: what comes first is of that time, and no reason to connect anew.
+        longest = SAMPLE_TIMEOUT + 0.2
+        eventually(lambda: bench.arm.health().sample_age > longest, "stuck for so long")
     finally:
         monkeypatch.undo()
         release.set()
