@@ -78,7 +78,6 @@ class Engine(Intake):
         self._listened = 0.0
         self._sampled = 0.0
         self._awake_since = -math.inf  # after it was stuck, once until a sample comes
-        self._period = 1.0 / self.capabilities.rate
         self._whole_until = -math.inf
 
     # ---------------------------------------------------------------- for the I/O thread of the bus
@@ -234,29 +233,27 @@ class Engine(Intake):
 
     def _finish_disable(self) -> None:
         """Let a `disable` come to its end: half of one might take the power of whoever connects next."""
-        period = 1.0 / self.capabilities.rate
         deadline = self._clock() + self.time_to_close
         while self._transitions.running is StateCommand.DISABLE and self._clock() < deadline:
             if not self.capabilities.paced_by_stream:
-                self._sleep(period)
+                self._sleep(self._period)
             try:
-                self.cycle(self._clock() + period)
+                self.cycle(self._clock() + self._period)
             except DeviceError as error:
                 logger.warning("%s: disable was not finished: %s", self.where, error.statement)
                 return
 
     def _await_stop(self) -> str:
         """Read until the stop has been carried out, and return ""; or what to say when it was not."""
-        period = 1.0 / self.capabilities.rate
         while not self._stopping.confirmed:
             now = self._clock()
             overdue = self._stopping.overdue(now)
             if overdue:
                 return overdue
             if not self.capabilities.paced_by_stream:
-                self._sleep(period)
+                self._sleep(self._period)
             try:
-                sample = self.device.read(now + period)
+                sample = self.device.read(now + self._period)
             except ConnectionLost as error:
                 told = without_name(str(error), self.where)
                 return f"{UNSEEN}: {told}"

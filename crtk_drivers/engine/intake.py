@@ -82,7 +82,7 @@ class Intake:
         self._clock = clock
         self._turns = Turns()
         self._connected = False
-        period = 1.0 / self.capabilities.rate
+        self._period = period = 1.0 / self.capabilities.rate
         stale_after = min(max(5.0 * period, 0.02), self.options.sample_timeout)
         self._feedback = Feedback(device, stale_after)
         self._told = Told(self._feedback)

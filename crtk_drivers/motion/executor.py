@@ -70,7 +70,7 @@ class MotionExecutor:
         self._stopping = context.stopping
         self._output = Output(context)
         self._activity: Activity | None = None
-        self._has_held = self._has_hurried = False  # since the newest sample
+        self._has_held = False  # since the newest sample
         self._gravity: deque[bool] = deque(maxlen=1)
         takes_poses = Mode.CARTESIAN_POSITION in self._capabilities.modes
         self._pursues = not takes_poses and self._capabilities.cartesian_limits is not None
@@ -120,7 +120,7 @@ class MotionExecutor:
 
     def sample_came(self) -> None:
         """The hardware's next tick has begun: a setpoint may go out for it before it ends."""
-        self._output.has_sent = self._has_hurried = self._has_held = False
+        self._output.tick_taken = self._has_held = False
 
     def hurries(self, order: Order) -> bool:
         """Whether an order may be carried out between two samples. From any thread.
@@ -130,11 +130,7 @@ class MotionExecutor:
         """
         if order.name == "hold":
             return not self._has_held
-        if (
-            self._has_hurried
-            or self._output.has_sent
-            or not isinstance(self._activity, DirectStream)
-        ):
+        if self._output.tick_taken or not isinstance(self._activity, DirectStream):
             return False
         return order.is_stream and self._stream_class(order) is DirectStream
 
@@ -142,7 +138,8 @@ class MotionExecutor:
         """Carry out what need not wait for the next sample, and leave the rest; see `step`."""
         order = self._arbiter.take(self.hurries)
         if order is not None:
-            self._has_hurried = self._has_hurried or order.is_stream
+            if order.is_stream:  # also one that will be refused
+                self._output.tick_taken = True
             self._step(order, now)
 
     def _step(self, order: Order | None, now: float) -> str:

@@ -20,12 +20,12 @@ class Output:
 
     Attributes:
         last: the setpoint that is in force; None if the hardware follows none of ours.
-        has_sent: something has been sent since the newest sample.
+        tick_taken: nothing more may go out for the hardware's present tick before the next sample.
     """
 
     def __init__(self, context: MotionContext) -> None:
         self.last: Setpoint | None = None
-        self.has_sent = False
+        self.tick_taken = False
         self._context = context
         self._device = context.device
         self._feedback = context.feedback
@@ -111,5 +111,5 @@ class Output:
         # The watchdog may have intervened since this cycle began.
         if self._context.board.status.state is OperatingState.ENABLED:
             self._context.stopping.moves_again()
-            self.has_sent = True
+            self.tick_taken = True
             self._device.write(setpoint)

@@ -442,12 +442,12 @@ def _numbers_of(fields: _Fields) -> Numbers:
 
 _DECODE: Mapping[str, Callable[[_Fields, str], Value | Status]] = MappingProxyType(
     {
-        "sensor_msgs/msg/JointState": _joints_of,
-        "geometry_msgs/msg/PoseStamped": _pose_of,
-        "geometry_msgs/msg/TwistStamped": _twist_of,
-        "geometry_msgs/msg/WrenchStamped": _wrench_of,
-        "crtk_msgs/msg/OperatingState": _status_of,
-        "crtk_msgs/msg/StringStamped": _text_of,
+        TYPE_NAMES[JointState]: _joints_of,
+        TYPE_NAMES[Pose]: _pose_of,
+        TYPE_NAMES[Twist]: _twist_of,
+        TYPE_NAMES[Wrench]: _wrench_of,
+        TYPE_NAMES[Status]: _status_of,
+        TYPE_NAMES[Text]: _text_of,
         "crtk_msgs/msg/JointServo": _joint_servo_of,
         "crtk_msgs/msg/CartesianServo": _cartesian_servo_of,
     }
