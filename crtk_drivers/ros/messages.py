@@ -24,12 +24,9 @@ from std_msgs.msg import Bool, Empty, Float64, Float64MultiArray
 
 from crtk_drivers.commands import Payload
 from crtk_drivers.samples import (
-    CartesianServo,
     Flag,
-    JointServo,
     JointState,
     Number,
-    Numbers,
     Pose,
     Text,
     Twist,
@@ -99,7 +96,7 @@ def fill_status(message: OperatingStateMessage, status: Status, nanoseconds: int
 
 
 def joints_of(message: JointStateMessage) -> JointState:
-    """Return a joint command.
+    """Return a joint state.
 
     Raises:
         ValueError: vectors of different sizes.
@@ -122,28 +119,6 @@ def _xyz(message: Any) -> Vector:
     return vector((message.x, message.y, message.z))
 
 
-def _joint_servo_of(message: JointServoMessage) -> JointServo:
-    return JointServo(
-        tuple(mode.value for mode in message.mode),
-        vector(message.position),
-        vector(message.velocity),
-        vector(message.effort),
-        tuple(message.name),
-    )
-
-
-def _cartesian_servo_of(message: CartesianServoMessage, frame_id: str) -> CartesianServo:
-    t, q = message.task_frame.translation, message.task_frame.rotation
-    return CartesianServo(
-        tuple(mode.value for mode in message.axis_mode),
-        pose_of(message.pose),
-        Twist(_xyz(message.twist.linear), _xyz(message.twist.angular)),
-        Wrench(_xyz(message.wrench.force), _xyz(message.wrench.torque)),
-        Pose(vector((t.x, t.y, t.z)), vector((q.x, q.y, q.z, q.w))),
-        frame_id,
-    )
-
-
 _READ: Mapping[type, Callable[[Any, str], Value]] = MappingProxyType(
     {
         JointStateMessage: lambda message, frame_id: joints_of(message),
@@ -156,16 +131,13 @@ _READ: Mapping[type, Callable[[Any, str], Value]] = MappingProxyType(
         ),
         Float64: lambda message, frame_id: Number(message.data),
         Bool: lambda message, frame_id: Flag(message.data),
-        Float64MultiArray: lambda message, frame_id: Numbers(tuple(message.data)),
         StringStamped: lambda message, frame_id: Text(message.string),
-        JointServoMessage: lambda message, frame_id: _joint_servo_of(message),
-        CartesianServoMessage: _cartesian_servo_of,
     }
 )
 
 
 def value_of(message: Any, frame_id: str) -> Value:
-    """Return the value of a command, unchecked, in the device's own `frame_id`.
+    """Return the value of a message that a device publishes, in `frame_id`.
 
     Raises:
         ValueError: joint values with vectors of different sizes.

@@ -57,19 +57,10 @@ def message_of(value: Value | Status, stamp_ns: int = 0, frame_id: str = "") -> 
     return message
 
 
-def _set_xyz(message: Any, values: Vector) -> None:
-    x, y, z = values.tolist()
-    message.x, message.y, message.z = float(x), float(y), float(z)
-
-
-def _set_quaternion(message: Any, values: Vector) -> None:
-    x, y, z, w = values.tolist()
-    message.x, message.y, message.z, message.w = float(x), float(y), float(z), float(w)
-
-
-def _set_pose(message: Any, pose: Pose) -> None:
-    _set_xyz(message.position, pose.position)
-    _set_quaternion(message.orientation, pose.orientation)
+def _set(message: Any, numbers: Vector) -> None:
+    """Set x, y, z, and w if there is one."""
+    for name, number in zip("xyzw", numbers.tolist(), strict=False):
+        setattr(message, name, float(number))
 
 
 def _fill_status(message: Any, status: Status) -> None:
@@ -85,17 +76,18 @@ def _fill_joints(message: Any, value: JointState) -> None:
 
 
 def _fill_pose(message: Any, value: Pose) -> None:
-    _set_pose(message.pose, value)
+    _set(message.pose.position, value.position)
+    _set(message.pose.orientation, value.orientation)
 
 
 def _fill_twist(message: Any, value: Twist) -> None:
-    _set_xyz(message.twist.linear, value.linear)
-    _set_xyz(message.twist.angular, value.angular)
+    _set(message.twist.linear, value.linear)
+    _set(message.twist.angular, value.angular)
 
 
 def _fill_wrench(message: Any, value: Wrench) -> None:
-    _set_xyz(message.wrench.force, value.force)
-    _set_xyz(message.wrench.torque, value.torque)
+    _set(message.wrench.force, value.force)
+    _set(message.wrench.torque, value.torque)
 
 
 def _fill_matrix(message: Any, value: Matrix) -> None:
@@ -136,13 +128,14 @@ def _fill_joint_servo(message: Any, value: JointServo) -> None:
 
 
 def _fill_cartesian_servo(message: Any, value: CartesianServo) -> None:
-    _set_xyz(message.task_frame.translation, value.task.position)
-    _set_quaternion(message.task_frame.rotation, value.task.orientation)
-    _set_pose(message.pose, value.pose)
-    _set_xyz(message.twist.linear, value.twist.linear)
-    _set_xyz(message.twist.angular, value.twist.angular)
-    _set_xyz(message.wrench.force, value.wrench.force)
-    _set_xyz(message.wrench.torque, value.wrench.torque)
+    _set(message.task_frame.translation, value.task.position)
+    _set(message.task_frame.rotation, value.task.orientation)
+    _set(message.pose.position, value.pose.position)
+    _set(message.pose.orientation, value.pose.orientation)
+    _set(message.twist.linear, value.twist.linear)
+    _set(message.twist.angular, value.twist.angular)
+    _set(message.wrench.force, value.wrench.force)
+    _set(message.wrench.torque, value.wrench.torque)
     message.axis_mode = [_mode(number) for number in value.modes]
 
 

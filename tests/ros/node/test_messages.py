@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 
 from crtk_drivers.commands import Payload
 from crtk_drivers.ros.messages import TYPES, fill_status, set_pose, set_stamp, stamp_ns, value_of
-from crtk_drivers.samples import Pose
+from crtk_drivers.samples import Flag, JointState, Number, Pose, Text, Twist, Wrench
 from crtk_drivers.state import OperatingState, Status
 from rigs.message_values import VALUES, fields
 from rigs.ros_messages import message_of
@@ -24,7 +24,11 @@ def over_the_wire(message: Any) -> Any:
     return deserialize_message(serialize_message(message), type(message))
 
 
-@given(VALUES.filter(lambda value: not isinstance(value, Status)))
+HEARD = JointState | Pose | Twist | Wrench | Number | Flag | Text
+"""What a client hears as an object; everything is read from bytes in test_message_bytes.py."""
+
+
+@given(VALUES.filter(lambda value: isinstance(value, HEARD)))
 def test_the_value_of_a_message(value: Any) -> None:
     found = value_of(over_the_wire(message_of(value)), "base")
     assert fields(found) == fields(value)
