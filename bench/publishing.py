@@ -14,8 +14,8 @@ import statistics
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
 from crtk_drivers.ros.environment import share_no_memory
@@ -38,20 +38,6 @@ from crtk_drivers.samples import JointState, vector  # noqa: E402
 RATE = 500.0
 JOINTS = tuple(f"joint_{index}" for index in range(6))
 SETTLE = 1.0
-HEARS_JOINTS = """
-import sys, rclpy
-from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
-from sensor_msgs.msg import JointState
-from rclpy.signals import SignalHandlerOptions
-rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-node, executor = Node("bench_hears"), EventsExecutor()
-executor.add_node(node)
-for name in sys.argv[1:]:
-    node.create_subscription(JointState, name, lambda data: None, 10, raw=True)
-while True:
-    executor.spin_once(timeout_sec=0.1)
-"""
 
 
 def of_messages(seconds: float, rounds: int) -> dict[str, list[float]]:
@@ -59,7 +45,7 @@ def of_messages(seconds: float, rounds: int) -> dict[str, list[float]]:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     bare, ours = Node("bench_bare"), UnlockedNode("bench_ours")
     topics = [f"/bench/heard_{index}" for index in range(6)]
-    with heard_joints(topics):
+    with tempfile.TemporaryDirectory() as folder, raw_subscriber(folder, "--joints", *topics):
         plain = [bare.create_publisher(JointStateMessage, topic, 10) for topic in topics]
         unlocked = [ours.create_publisher(JointStateMessage, topic, 10) for topic in topics]
         while any(each.get_subscription_count() == 0 for each in (*plain, *unlocked)):
@@ -88,13 +74,10 @@ def of_messages(seconds: float, rounds: int) -> dict[str, list[float]]:
     return found
 
 
-@contextmanager
-def heard_joints(topics: list[str]) -> Iterator[None]:
-    """Within it a process hears some topics."""
-    with tempfile.TemporaryDirectory() as folder:
-        command = [*processes.module("bench.publishing")[:1], "-c", HEARS_JOINTS, *topics]
-        with processes.running(command, Path(folder)):
-            yield
+def raw_subscriber(folder: str, *arguments: str) -> AbstractContextManager[subprocess.Popen[str]]:
+    """Return `bench.raw_subscriber` to be run in its process."""
+    command = [*processes.module("bench.raw_subscriber"), "--namespace", processes.NAMESPACE]
+    return processes.running([*command, *arguments], Path(folder))
 
 
 def microseconds(publish: Callable[[int], None], cycles: int) -> float:
@@ -123,8 +106,7 @@ def of_node(seconds: float, driven: bool) -> tuple[float, float]:
             node = stack.enter_context(
                 processes.running([*command, "--namespace", processes.NAMESPACE], records)
             )
-        command = [*processes.module("bench.raw_subscriber"), "--namespace", processes.NAMESPACE]
-        subscriber = stack.enter_context(processes.running(command, records))
+        subscriber = stack.enter_context(raw_subscriber(folder))
         processes.wait_ready(subscriber)
         time.sleep(SETTLE)
         before, begin = processes.usage(node.pid), time.monotonic()

@@ -1,4 +1,4 @@
-"""Hears the six topics of `bench.ros_client` as bytes; prints ``ready`` when it has heard each.
+"""Hears topics as bytes: the six of `bench.ros_client`, or joint states; ``ready`` when it has heard each.
 
 On SIGTERM it prints how many messages it has heard since the last SIGUSR1: ``heard N``.
 """
@@ -20,6 +20,7 @@ import rclpy  # noqa: E402 - the transport is chosen before
 from rclpy.experimental import EventsExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
 
 from bench.ros_client import TOPICS  # noqa: E402
 
@@ -28,7 +29,9 @@ def main() -> None:
     """Hear until SIGTERM."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--namespace", required=True)
+    parser.add_argument("--joints", nargs="*", metavar="TOPIC", help="of joint states")
     given = parser.parse_args()
+    topics = dict.fromkeys(given.joints, JointState) if given.joints else TOPICS
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node, executor = Node("bench_raw", namespace=given.namespace), EventsExecutor()
     executor.add_node(node)
@@ -43,9 +46,9 @@ def main() -> None:
 
         return receive
 
-    for topic, kind in TOPICS.items():
+    for topic, kind in topics.items():
         node.create_subscription(kind, topic, counter(topic), 10, raw=True)
-    while len(heard) < len(TOPICS) and not stopped.is_set():
+    while len(heard) < len(topics) and not stopped.is_set():
         executor.spin_once(timeout_sec=0.05)
     print(f"ready {time.monotonic()}", flush=True)
     while not stopped.is_set():

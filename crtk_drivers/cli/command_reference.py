@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from crtk_drivers import plugins
+from crtk_drivers.cli.written_files import out_of_date
 from crtk_drivers.commands import Command, Direction, Level, Space
 
 _MARKED: Final = re.compile(
@@ -74,14 +75,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("pages", nargs="+", type=Path)
     parser.add_argument("--check", action="store_true", help="write nothing; 1 if out of date")
     options = parser.parse_args(arguments)
-    stale = []
-    for page in options.pages:
-        text = page.read_text(encoding="utf-8")
-        new = updated(text)
-        if new != text:
-            stale.append(page)
-            if not options.check:
-                page.write_text(new, encoding="utf-8")
+    pages = {page: updated(page.read_text(encoding="utf-8")) for page in options.pages}
+    stale = out_of_date(pages, options.check)
     if options.check and stale:
         names = " ".join(map(str, stale))
         sys.stderr.write(f"out of date; run: python -m {__spec__.name} {names}\n")

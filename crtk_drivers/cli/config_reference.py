@@ -18,6 +18,7 @@ from typing_extensions import override
 
 from crtk_drivers import plugins
 from crtk_drivers.cli.terminal import as_sentence
+from crtk_drivers.cli.written_files import out_of_date
 from crtk_drivers.config import DeviceConfig, NodeConfig
 from crtk_drivers.config.keys import description_of
 from crtk_drivers.plugins import DevicePlugin, PluginEntry, SimPlugin
@@ -232,16 +233,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("file", type=Path)
     parser.add_argument("--check", action="store_true", help="compare, and write nothing")
     given = parser.parse_args(arguments)
-    text = document()
-    if not given.check:
-        given.file.write_text(text, encoding="utf-8")
-        return 0
-    if given.file.is_file() and given.file.read_text(encoding="utf-8") == text:
-        return 0
-    sys.stderr.write(
-        f"{given.file} is out of date; run: python -m crtk_drivers.cli.config_reference {given.file}\n"
-    )
-    return 1
+    if out_of_date({given.file: document()}, given.check) and given.check:
+        sys.stderr.write(
+            f"{given.file} is out of date; run: python -m crtk_drivers.cli.config_reference {given.file}\n"
+        )
+        return 1
+    return 0
 
 
 if __name__ == "__main__":

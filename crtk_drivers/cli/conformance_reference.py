@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from crtk_drivers.cli.config_reference import table_of
+from crtk_drivers.cli.written_files import out_of_date
 from crtk_drivers.client.conformance.clause_rows import ROWS, Needs
 from crtk_drivers.client.conformance.clauses import CLAUSES
 from crtk_drivers.client.conformance.expectations import Expectations
@@ -57,15 +58,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("page", type=Path)
     parser.add_argument("--check", action="store_true", help="write nothing; 1 if out of date")
     given = parser.parse_args(arguments)
-    text = given.page.read_text(encoding="utf-8")
-    new = updated(text)
-    if new == text:
-        return 0
-    if not given.check:
-        given.page.write_text(new, encoding="utf-8")
-        return 0
-    sys.stderr.write(f"out of date; run: python -m {__spec__.name} {given.page}\n")
-    return 1
+    text = updated(given.page.read_text(encoding="utf-8"))
+    if out_of_date({given.page: text}, given.check) and given.check:
+        sys.stderr.write(f"out of date; run: python -m {__spec__.name} {given.page}\n")
+        return 1
+    return 0
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from crtk_drivers import plugins
+from crtk_drivers.cli.written_files import out_of_date
 from crtk_drivers.errors import PluginError
 from crtk_drivers.plugins import PluginEntry
 from crtk_drivers.plugins.description import FILE, package_folders
@@ -66,12 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help="of plugins; ours without")
     parser.add_argument("--check", action="store_true", help="write nothing; 1 if out of date")
     options = parser.parse_args(arguments)
-    stale = []
-    for path, text in files_of(list(_chosen(options.names))).items():
-        if not path.exists() or path.read_text("utf-8") != text:
-            stale.append(path)
-            if not options.check:
-                path.write_text(text, "utf-8")
+    stale = out_of_date(files_of(list(_chosen(options.names))), options.check)
     if options.check and stale:
         names = " ".join(map(str, stale))
         sys.stderr.write(f"out of date: {names}\nrun: python -m {__spec__.name}\n")
