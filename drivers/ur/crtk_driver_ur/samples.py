@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from types import MappingProxyType
 from typing import TypeAlias
 
@@ -40,8 +41,6 @@ class _Reading:
         shift: from its tool point to ours; None if they are one.
     """
 
-    __slots__ = ("shift", "state")
-
     def __init__(self, state: StateSample, shift: Transform | None) -> None:
         self.state = state
         self.shift = shift
@@ -51,14 +50,18 @@ class _Reading:
         transform = Transform.from_pose_vector(pose)
         return transform if self.shift is None else compose(transform, self.shift)
 
+    @cached_property
+    def tool(self) -> Transform:
+        """Where our tool point is."""
+        return self.shifted(self.state.actual_TCP_pose)
+
     @property
     def arm(self) -> Vector3 | None:
         """The way from the controller's tool point to ours, base axes; None if they are one."""
         if self.shift is None:
             return None
         x, y, z = self.state.actual_TCP_pose[:3]
-        tool = self.shifted(self.state.actual_TCP_pose)
-        return tool.x - x, tool.y - y, tool.z - z
+        return self.tool.x - x, self.tool.y - y, self.tool.z - z
 
 
 def _measured_js(reading: _Reading) -> JointState:
@@ -77,7 +80,7 @@ def _setpoint_js(reading: _Reading) -> JointState:
 
 
 def _measured_cp(reading: _Reading) -> Pose:
-    return pose_of(reading.shifted(reading.state.actual_TCP_pose))
+    return pose_of(reading.tool)
 
 
 def _setpoint_cp(reading: _Reading) -> Pose:
