@@ -211,7 +211,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> schedul
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Give each worker of a divided run its share, and the processor to others in one that computes."""
     given = getattr(session.config, "workerinput", None)
-    if given is not None and given[scheduling.NICE_WORKER] is not None:
+    if given is not None and given[scheduling.SORT] != scheduling.Sort.ANY:
         scheduling.take_share(given)
 
 
