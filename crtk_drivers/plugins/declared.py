@@ -113,6 +113,7 @@ class DevicePlugin:
         sim_options: the options of the simulator that suit a configuration (model, ...).
         sim_load: puts a wrench on the sensor of a running simulator, in the sensor's frame, beside all else
             that acts on it, until the next one; None if its simulator feels none. Raises RuntimeError.
+        sim_emergency_stop: the fault of its simulator that is a pressed emergency stop; empty if it has none.
         finder: looks for hardware of this kind; None if nobody can.
         tools: commands for people, to look at hardware, scan a bus, calibrate, ...
         typical: values of a configuration whose CRTK commands are listed where the default has no joints.
@@ -131,6 +132,7 @@ class DevicePlugin:
     sim_config: Callable[[Any, RunningSim], Any] = _same_config
     sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
     sim_load: Callable[[RunningSim, Wrench], None] | None = None
+    sim_emergency_stop: str = ""
     finder: Finder | None = None
     tools: tuple[Tool, ...] = ()
     typical: Mapping[str, Any] = field(default_factory=dict)

@@ -72,6 +72,7 @@ def lacking(
     *,
     carrier: Carrier | None = None,
     faults: bool = False,
+    operator: bool = False,
 ) -> str:
     """Return why a test is skipped, in words; empty if it is not.
 
@@ -82,6 +83,7 @@ def lacking(
         options: of the run.
         carrier: the device that carries it, if that is in the run.
         faults: the lab file allows faults of hardware.
+        operator: somebody stands beside the devices, and does what the bench asks for.
     """
     acquisition = test.acquisition
     offered = (*about.commands, *about.services)
@@ -93,6 +95,9 @@ def lacking(
     if acquisition.relayed:
         beside = BESIDE_A_FAULT[acquisition.safety]
         return _not_cut(device, faults) or not_allowed(beside, about, device, options)
+    if acquisition.by_operator:
+        beside = BESIDE_A_FAULT[acquisition.safety]
+        return _not_operated(device, operator) or not_allowed(beside, about, device, options)
     if acquisition.carrier_needs:
         return _not_faulted(acquisition, device) or _not_carried(acquisition, carrier, options)
     return not_allowed(acquisition.safety, about, device, options)
@@ -150,6 +155,15 @@ def _not_cut(device: LabDevice, faults: bool) -> str:
     if os.environ.get(FAULTS) != "1":
         return f"needs {FAULTS}=1 in the environment: it cuts the link to hardware"
     return ""
+
+
+def _not_operated(device: LabDevice, operator: bool) -> str:
+    """Return why nobody presses the emergency stop of a device, in words; empty if somebody does."""
+    if device.plugin.is_model or (device.sim and not device.plugin.sim_emergency_stop):
+        return f"{'it' if device.plugin.is_model else 'its simulator'} has no emergency stop"
+    if device.sim or operator:
+        return ""
+    return "needs `features = { operator = true }` in the lab file: somebody presses its emergency stop"
 
 
 def not_allowed(safety: Safety, about: About, device: LabDevice, options: BenchOptions) -> str:

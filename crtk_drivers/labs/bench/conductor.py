@@ -44,6 +44,7 @@ from crtk_drivers.labs.bench.messages import (
     Reached,
     RunOrder,
 )
+from crtk_drivers.labs.bench.operator import Operator, Person
 from crtk_drivers.labs.bench.recorder import carrier_recording
 from crtk_drivers.labs.bench.relay import RelayProcess
 from crtk_drivers.labs.bench.watch import HOLD_TIME, Watch
@@ -176,7 +177,10 @@ class _Conductor:
                     watch.join(watches[-1])
                     carrier = self._bed(other, watches[-1], other.order.sim)
                 processes = host.order.sim or acquisition.relayed
-                bed = self._bed(host, watch, processes, carrier)
+                operator: Operator | None = None
+                if acquisition.by_operator:
+                    operator = host if host.order.sim else Person(self._tell, device)
+                bed = self._bed(host, watch, processes, carrier, operator)
                 kept = bed.kept
                 acquisition.run(bed)
                 bed.check()
@@ -225,7 +229,14 @@ class _Conductor:
             watch.close()
             host.stop_recording()
 
-    def _bed(self, host: _Hosted, watch: Watch, processes: bool, carrier: Bed | None = None) -> Bed:
+    def _bed(
+        self,
+        host: _Hosted,
+        watch: Watch,
+        processes: bool,
+        carrier: Bed | None = None,
+        operator: Operator | None = None,
+    ) -> Bed:
         return Bed(
             host.order.name,
             host.known,
@@ -234,6 +245,7 @@ class _Conductor:
             self._order.thorough,
             host if processes else None,
             carrier,
+            operator,
         )
 
     def _ask(self, message: object) -> Any:
@@ -420,6 +432,16 @@ class _Hosted:
             self._simulator.control.inject(fault, **parameters)
         except RuntimeError as error:
             raise Broken(str(error)) from error
+
+    is_person: Final = False
+
+    def press_stop(self) -> None:
+        """Press the emergency stop of the simulator."""
+        self.inject(plugins.device(self._order.plugin).sim_emergency_stop)
+
+    def release_stop(self) -> None:
+        """Pull it out again."""
+        self._simulator.control.clear(plugins.device(self._order.plugin).sim_emergency_stop)
 
     def load(self, wrench: Wrench) -> None:
         """Let a wrench act on the simulated sensor, in its frame, until the next one."""

@@ -11,7 +11,7 @@ from crtk_drivers.config import SpaceConfig
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.carried import UNKNOWN, Carried
 
-__all__ = ["Acquired", "Began", "DeviceOrder", "Lost", "Reached", "RunOrder"]
+__all__ = ["Acquired", "Asked", "Began", "DeviceOrder", "Lost", "Reached", "RunOrder"]
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,13 @@ class Acquired:
     kept: Mapping[str, Any] = field(default_factory=dict)
     tripped: bool = False
     broken: bool = False
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The operator is to do something. Nothing is answered: what he does is seen of the device."""
+
+    what: str
 
 
 @dataclass(frozen=True)

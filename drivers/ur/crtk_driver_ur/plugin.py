@@ -74,6 +74,7 @@ PLUGIN = DevicePlugin(
     check_real=required("host", "192.168.1.10"),
     sim_config=_at_sim,
     sim_options=_sim_options,
+    sim_emergency_stop="emergency_stop",
     tools=TOOLS,
     link=LinkAccess(_link, _at_link),
 )

@@ -147,6 +147,7 @@ class Controller:
         self._speed_slider = 1.0  # ramped towards target_speed_fraction
         self.player: ProgramPlayer = ProgramPlayer(self)
         self.player.has_watchdogs = not any(group.ignores_watchdog for group in defects)
+        self._has_button = not any(group.ignores_emergency_stop for group in defects)
         self.state_signals = StateSignals(self._power, self.player, self.plant.compliance)
         motion = MotionControl(self.plant, self.clock, self.player.caller, self.protective_stop)
         self.player.thread_ended.append(motion.release)
@@ -490,8 +491,9 @@ class Controller:
         Args:
             button: ROBOT_EMERGENCY_STOP (on the pendant) or SYSTEM_EMERGENCY_STOP (of the cell).
         """
-        self.safety.press_emergency_stop(button, self.time)
-        self._apply_safety()
+        if self._has_button or button is not SafetyMode.ROBOT_EMERGENCY_STOP:
+            self.safety.press_emergency_stop(button, self.time)
+            self._apply_safety()
 
     def release_emergency_stop(self, button: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP) -> None:
         """Pull the emergency stop button out again; the arm is left powered off.
