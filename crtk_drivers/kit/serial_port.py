@@ -110,6 +110,10 @@ class SerialPort:
         """Whether it is open; an unplugged one is until `close`."""
         return self._opened_as is not None
 
+    def fileno(self) -> int:
+        """Return the file descriptor, for a selector; -1 while it is closed."""
+        return self._fd
+
     @property
     def has_own_rate(self) -> bool:
         """Whether its rate is set by a server, and not here."""

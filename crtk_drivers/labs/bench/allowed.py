@@ -147,7 +147,7 @@ def _not_cut(device: LabDevice, faults: bool) -> str:
     """Return why the link to a device is not cut, in words; empty if it may be."""
     link = device.plugin.link
     if link is None or (not device.sim and link.of(device.config, None) is None):
-        return "its driver reaches it over no network that a relay could cut"
+        return "its driver reaches it over nothing that a relay could cut"
     if device.sim:
         return ""
     if not faults:

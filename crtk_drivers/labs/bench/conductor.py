@@ -490,8 +490,9 @@ class _Hosted:
         plugin, config = plugins.device(self._host.plugin), self._host.config
         link = None if plugin.link is None else plugin.link.of(config, self._sim)
         if plugin.link is None or link is None:
-            raise Broken("its driver reaches it over no network that a relay could cut")
+            raise Broken("its driver reaches it over nothing that a relay could cut")
         self._direct = self._host
+        self._leave_driver()  # a serial line has one user
         self._relay = RelayProcess(link)
         self._restart(replace(self._host, config=plugin.link.at(config, self._relay.link)))
         return self.door, self.connected(), self._relay
@@ -499,14 +500,14 @@ class _Hosted:
     def take_relay(self) -> tuple[Door, Door]:
         """Start the driver anew, at its device; return two connections."""
         assert self._direct is not None
+        self._leave_driver()
+        if self._relay is not None:
+            self._relay.close()
+            self._relay = None
         self._restart(self._direct)
         return self.door, self.connected()
 
     def _restart(self, order: HostOrder) -> None:
-        self._leave_driver()
-        if order is self._direct and self._relay is not None:
-            self._relay.close()
-            self._relay = None
         Path(self._path).unlink(missing_ok=True)
         self._host = order
         self._start_driver()
