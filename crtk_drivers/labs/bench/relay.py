@@ -402,7 +402,9 @@ def main() -> int:
     try:
         relay = _Relay(link, Path(order["folder"]))
     except ConnectionFailed as error:
-        _answer({"error": f"a relay cannot open the device: {error.statement}", "remedy": error.remedy})
+        _answer(
+            {"error": f"a relay cannot open the device: {error.statement}", "remedy": error.remedy}
+        )
         return 1
     except OSError as error:
         _answer(
