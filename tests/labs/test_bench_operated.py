@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from crtk_drivers.labs import load_lab
-from crtk_drivers.labs.bench.allowed import BenchOptions, lacking
+from crtk_drivers.labs.bench.allowed import BenchOptions, lacking, unguarded
 from crtk_drivers.labs.bench.bed import Bed, Broken
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.declared import Subject, Suite
@@ -157,11 +157,17 @@ def test_it_is_pressed_where_somebody_is_there_for_that(tmp_path: Path) -> None:
         options = BenchOptions(Suite.FULL, (), may_move, tmp_path)
         return lacking(S7, about, lab.devices["arm"], options, operator=operator)
 
+    def guards(device: str) -> str:
+        path = tmp_path / "lab.toml"
+        path.write_text(f"[devices.arm]\n{device}\n")
+        return unguarded(S7, load_lab(path).devices["arm"], ["S7"])
+
     real = 'plugin = "ur"\nsettings = { host = "192.168.1.9" }'
     assert "operator = true" in why(real)
     there = "features = { operator = true }\n"
     assert why(real, there) == ""
     assert "--may-move" in why(real, there, may_move=False)
+    assert guards(real) == "", "it is the first to be tried"
     assert why('plugin = "ur"\nsim = true') == ""
     assert why('plugin = "virtual"', there) == "it has no emergency stop"
     assert why('plugin = "ati-netft"\nsim = true') == "its simulator has no emergency stop"

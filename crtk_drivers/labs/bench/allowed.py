@@ -106,13 +106,16 @@ def lacking(
 def unguarded(test: BenchTest, moved: LabDevice, ids: Collection[str]) -> str:
     """Return which tests a real device lacks that come before it goes far; empty if it has them.
 
+    An emergency stop at rest comes before all of them, if whoever stands there wants it.
+
     Args:
         test: that is to be carried out.
         moved: the device that it moves.
         ids: of all tests of the run.
     """
     missing = [guard for guard in GUARDS if guard not in ids]
-    if test.acquisition.safety < Safety.LARGE or moved.simulated or not missing:
+    is_near = test.acquisition.safety < Safety.LARGE or test.acquisition.by_operator
+    if is_near or moved.simulated or not missing:
         return ""
     return f"needs {', '.join(missing)} in the same run: what must pass before it goes that far"
 
