@@ -1,7 +1,7 @@
 """What a call of `crtk_drivers.client` costs beside the same thing in bare rclpy, in one thread.
 
 send     servo_jp of six joints, against filling a message and publishing it
-read     measured_js that has arrived, against converting the newest message to numpy by hand
+read     measured_js that has arrived as bytes, against a message object and converting that to numpy by hand
 receive  what a message costs when it arrives, against the shortest callback
 """
 
@@ -14,12 +14,13 @@ from array import array
 import numpy as np
 import rclpy
 from rclpy.context import Context
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from bench.report import options, show_calls
 from crtk_drivers.client import connect
-from crtk_drivers.client.ros_link import Inbox
+from crtk_drivers.client.inbox import Inbox
 from crtk_drivers.ros.spinning import make_executor
 
 NAMESPACE = "/bench_client"
@@ -44,12 +45,13 @@ def main() -> None:
     thread = threading.Thread(target=spin, name="bench device")
     thread.start()
     sample = JointState(position=array("d", [0.5] * 6), velocity=array("d", [0.1] * 6))
+    data = serialize_message(sample)
     try:
         with connect(NAMESPACE, features=["measured_js", "servo_jp"]) as arm:
             goal = np.full(6, 0.5)
-            newest: list[JointState] = [sample]
+            newest = [data]
             bare = node.create_publisher(JointState, f"{NAMESPACE}/servo_jp", 10)
-            inbox = Inbox(f"{NAMESPACE}/measured_js")
+            inbox = Inbox(f"{NAMESPACE}/measured_js", JointState)
 
             def publish_bare() -> None:
                 message = JointState()
@@ -58,11 +60,11 @@ def main() -> None:
                 bare.publish(message)
 
             def read_bare() -> None:
-                message = newest[0]
+                message = deserialize_message(newest[0], JointState)
                 np.array(message.position), np.array(message.velocity), np.array(message.effort)
 
             def read_new() -> None:
-                inbox.receive(sample)
+                inbox.receive(data)
                 assert inbox.latest is not None
                 inbox.latest.value  # noqa: B018 - it is made when it is asked for
 
@@ -77,9 +79,9 @@ def main() -> None:
                     "send: bare rclpy": publish_bare,
                     "read again: client": lambda: arm.measured_js(age=0),
                     "receive and read: client": read_new,
-                    "read: bare numpy": read_bare,
-                    "receive: client": lambda: inbox.receive(sample),
-                    "receive: bare callback": lambda: newest.__setitem__(0, sample),
+                    "receive and read: bare rclpy": read_bare,
+                    "receive: client": lambda: inbox.receive(data),
+                    "receive: bare callback": lambda: newest.__setitem__(0, data),
                 },
                 given.calls,
             )

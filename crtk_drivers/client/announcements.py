@@ -15,8 +15,9 @@ from crtk_drivers.errors import CommandRefused, ConnectionFailed, CrtkError, Dat
 from crtk_drivers.state import Status
 
 if TYPE_CHECKING:
+    from crtk_drivers.client.inbox import Inbox, Received
     from crtk_drivers.client.move_handle import RemoteMove
-    from crtk_drivers.client.ros_link import Inbox, Link, Received
+    from crtk_drivers.client.ros_link import Link
 
 logger = logging.getLogger(__name__)
 
@@ -105,7 +106,6 @@ class StatusTracker:
         self._past_refusals = past_refusals
         self._live = not past_refusals
         self._started = False
-        self._told_unknown = False
         self._watches: list[Watch] = []
         self._moves: list[RemoteMove] = []
         self._late: dict[str, CommandRefused] = {}
@@ -140,7 +140,8 @@ class StatusTracker:
         """
         if self._started:
             return
-        from crtk_drivers.client.ros_link import may_wait, wait_connected
+        from crtk_drivers.client.inbox import may_wait
+        from crtk_drivers.client.ros_link import wait_connected
 
         deadline = time.monotonic() + timeout
         boxes = self.subscribe()
@@ -176,19 +177,13 @@ class StatusTracker:
             return
         try:
             self._receive(self._link.state_caller(self._service).operating_state(timeout))
-        except CrtkError as error:
+        except (CrtkError, ValueError) as error:  # no answer, or one that says nothing
             logger.debug("%s: %s", self._where, error)
 
     # ------------------------------------------------------------------ told by the spinning thread
 
     def _receive(self, received: Received) -> None:
-        try:
-            status = received.status
-        except ValueError as error:
-            if not self._told_unknown:
-                self._told_unknown = True
-                logger.warning("%s: operating_state: %s", self._where, error)
-            return
+        status = received.status
         with self._lock:
             behind = self._stamp_ns - received.wall_ns
             if 0 < behind < OUT_OF_ORDER_NS:
@@ -206,7 +201,7 @@ class StatusTracker:
             _call(callback, status)
 
     def _receive_refusal(self, received: Received) -> None:
-        refusal = self._refusal_of(received.message.data)
+        refusal = self._refusal_of(received.text)
         if refusal is None:
             return
         with self._lock:

@@ -18,7 +18,8 @@ from crtk_drivers.commands import COMMANDS, Command, Direction, find
 from crtk_drivers.errors import ConnectionFailed
 
 if TYPE_CHECKING:
-    from crtk_drivers.client.ros_link import Inbox, Link, Received
+    from crtk_drivers.client.inbox import Inbox, Received
+    from crtk_drivers.client.ros_link import Link
 
 logger = logging.getLogger(__name__)
 
@@ -90,12 +91,12 @@ class Catalogue:
         if cached is not None and cached[0] == received.serial:
             return cached[1]
         try:
-            content = json.loads(received.message.data)
+            content: dict[str, Any] = json.loads(received.text)
             if not isinstance(content, dict):
                 raise ValueError("it is no object")
         except ValueError as error:
             logger.warning("%s holds no manifest: %s", topic, error)
-            content = {}
+            content = {} if cached is None else cached[1]
         self._read[topic] = received.serial, content
         return content
 

@@ -10,7 +10,7 @@ import numpy as np
 from crtk_drivers.samples import JointState, Pose, Value
 
 if TYPE_CHECKING:
-    from crtk_drivers.client.ros_link import Inbox
+    from crtk_drivers.client.inbox import Inbox
 
 JOINT_TOLERANCE = 1e-3
 """Radians or metres by which the setpoint at the end of a move may differ from its goal."""
@@ -22,7 +22,7 @@ def goal_test(setpoint: Inbox | None, goal: Value | None) -> Callable[[], bool |
     """Return what tells whether the setpoint is at `goal`, and None as long as that cannot be told."""
 
     def at_goal() -> bool | None:
-        latest = None if setpoint is None else setpoint.latest
+        latest = None if setpoint is None else setpoint.readable()
         if latest is None or latest.wall_ns == 0 or goal is None:
             return None
         return _near(latest.value, goal)

@@ -36,7 +36,8 @@ from crtk_drivers.state import Status, parse_command, target_of
 
 if TYPE_CHECKING:
     from crtk_drivers.client.announcements import StatusTracker
-    from crtk_drivers.client.ros_link import Caller, Inbox, Outbox, Received
+    from crtk_drivers.client.inbox import Inbox, Received
+    from crtk_drivers.client.ros_link import Caller, Outbox
 
 CONNECT_TIMEOUT = 10.0
 """Seconds in which a device, or the other end of a topic, must be found."""
@@ -188,6 +189,8 @@ class RemoteDevice(DeviceFront):
             what, remedy = "nobody publishes it", "Is the driver still running?"
         elif latest is None:
             what, remedy = "no value yet", "If the node is your own, is it spun?"
+        elif inbox.problem:
+            what, remedy = inbox.problem, "Does its publisher have the same definition of the type?"
         else:
             reason = "stamped as not valid" if latest.wall_ns == 0 else "too old"
             what = f"nothing valid and newer than {oldest:g} s; the last value is {reason}"

@@ -1,8 +1,6 @@
 """The client's side of ROS: a node, its endpoints by topic, and what the graph says of the other side.
 
-`crtk_drivers.client` is made of these and imports no ROS itself. A message is kept as it came and turned
-into a value when somebody asks for it: a topic that is heard at 500 Hz and read at 10 Hz costs ten
-conversions a second.
+The rest of `crtk_drivers.client` is made of these and of `inbox`, and imports no ROS itself.
 """
 
 from __future__ import annotations
@@ -14,37 +12,34 @@ import os
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
-import numpy as np
 import rclpy
 from crtk_msgs.srv import TriggerOperatingState
 from rclpy.context import Context
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
+from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Empty, String
 
+from crtk_drivers.client.inbox import Inbox, Received, may_wait
 from crtk_drivers.commands import Command, Payload
 from crtk_drivers.errors import (
     ConfigError,
     ConnectionFailed,
     ConnectionLost,
-    CrtkError,
     DataTimeout,
     KinematicsError,
 )
 from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.manifest import type_name
-from crtk_drivers.ros.messages import TYPES, pose_of, set_pose, stamp_ns, value_of
+from crtk_drivers.ros.messages import TYPES, pose_of, set_pose, stamp_ns
 from crtk_drivers.ros.plain import fill_plain
 from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor
-from crtk_drivers.samples import Matrix, Pose, Text, Value, Vector, vector
-from crtk_drivers.state import OperatingState, Status
+from crtk_drivers.samples import Pose, Text, Value, Vector, vector
 
 logger = logging.getLogger(__name__)
 
@@ -61,127 +56,6 @@ def ros_type(command: Command) -> str:
 
 UNSPUN = 0.5
 """Seconds after which an executor is taken for one that nobody spins."""
-
-
-class _InCallback(threading.local):
-    active = False
-
-
-_in_callback = _InCallback()
-
-
-def may_wait(what: str) -> None:
-    """Make sure that this thread may wait for a message.
-
-    Raises:
-        CrtkError: it is delivering one, so that no other could arrive.
-    """
-    if _in_callback.active:
-        raise CrtkError(
-            f"{what} would wait inside a callback, and nothing arrives before that returns",
-            remedy="Set a flag or an event in the callback, and do the rest in your own thread.",
-        )
-
-
-def _matrix_of(message: Any) -> Matrix:
-    sizes = [dimension.size for dimension in message.layout.dim]
-    values = np.array(message.data, dtype=np.float64)
-    values = values.reshape(sizes) if len(sizes) == 2 else np.atleast_2d(values)
-    values.setflags(write=False)
-    return Matrix(values)
-
-
-@dataclass
-class Received:
-    """One message.
-
-    `wall_ns` is its stamp, 0 for what is not valid. `since` is when (monotonic, s) the first message with
-    this stamp arrived: the age of a value that is sent again and again grows, whatever the clocks say.
-    """
-
-    message: Any
-    wall_ns: int
-    since: float
-    serial: int
-
-    @cached_property
-    def value(self) -> Value:
-        """What it says."""
-        header = getattr(self.message, "header", None)
-        if header is None and hasattr(self.message, "layout"):
-            return _matrix_of(self.message)
-        if header is None:
-            return value_of(self.message, "")
-        return value_of(self.message, header.frame_id)
-
-    @cached_property
-    def status(self) -> Status:
-        """What an operating state says."""
-        message = self.message
-        return Status(OperatingState(message.state), message.is_homed, message.is_busy)
-
-
-class Inbox:
-    """The newest message of one topic. Made by `Link`."""
-
-    was_connected = False
-
-    def __init__(self, topic: str) -> None:
-        self.topic = topic
-        self.latest: Received | None = None
-        self.subscription: Any = None
-        self._arrived = threading.Condition()
-        self._listeners: tuple[Callable[[Received], None], ...] = ()
-
-    def add_listener(self, listener: Callable[[Received], None]) -> None:
-        """Call `listener` with each message, from the thread that spins."""
-        with self._arrived:
-            self._listeners = (*self._listeners, listener)
-
-    def remove_listener(self, listener: Callable[[Received], None]) -> None:
-        """Call `listener` no more."""
-        with self._arrived:
-            self._listeners = tuple(other for other in self._listeners if other != listener)
-
-    def receive(self, message: Any) -> None:
-        """A message arrived."""
-        now = time.monotonic()
-        header = getattr(message, "header", None)
-        with self._arrived:
-            last = self.latest
-            serial = 1 if last is None else last.serial + 1
-            wall_ns = time.time_ns() if header is None else stamp_ns(header.stamp)
-            since = last.since if last is not None and wall_ns == last.wall_ns else now
-            self.latest = received = Received(message, wall_ns, since, serial)
-            self._arrived.notify_all()
-        _in_callback.active = True
-        try:
-            for listener in self._listeners:
-                try:
-                    listener(received)
-                except Exception:
-                    logger.exception("a callback for %s failed", self.topic)
-        finally:
-            _in_callback.active = False
-
-    def wait_for(self, accept: Callable[[Received], bool], timeout: float) -> Received | None:
-        """Return the newest message once `accept` likes it, None if it does not in time."""
-        latest = self.latest
-        if latest is not None and accept(latest):
-            return latest
-        if timeout <= 0.0:
-            return None
-        may_wait(f"reading {self.topic}")
-        with self._arrived:
-            ready = self._arrived.wait_for(
-                lambda: self.latest is not None and accept(self.latest), timeout
-            )
-            return self.latest if ready else None
-
-    @property
-    def connected(self) -> bool:
-        """Whether somebody publishes."""
-        return bool(self.subscription.get_publisher_count())
 
 
 class Outbox:
@@ -314,7 +188,8 @@ class Caller:
     def operating_state(self, timeout: float) -> Received:
         """Return the status that TriggerOperatingState answers with."""
         message = self.call(timeout).operating_state
-        return Received(message, stamp_ns(message.header.stamp), time.monotonic(), 0)
+        data, stamp = serialize_message(message), stamp_ns(message.header.stamp)
+        return Received(data, type(message), stamp, time.monotonic(), 0)
 
 
 Endpoint = Inbox | Outbox | Caller
@@ -464,9 +339,10 @@ class Link:
             if topic not in self._inboxes:
                 if latched is None:
                     latched = self.is_latched(topic)
-                box = self._inboxes[topic] = Inbox(topic)
+                box = self._inboxes[topic] = Inbox(topic, message_type)
+                profile = qos.REFUSALS if latched else qos.DATA
                 box.subscription = self.node.create_subscription(
-                    message_type, topic, box.receive, qos.REFUSALS if latched else qos.DATA
+                    message_type, topic, box.receive, profile, raw=True
                 )
             return self._inboxes[topic]
 

@@ -15,7 +15,8 @@ from crtk_drivers.commands import Direction, Payload
 from crtk_drivers.errors import ConnectionFailed
 
 if TYPE_CHECKING:
-    from crtk_drivers.client.ros_link import Caller, Endpoint, Inbox, Link
+    from crtk_drivers.client.inbox import Inbox
+    from crtk_drivers.client.ros_link import Caller, Endpoint, Link
 
 _OF_ANY_NODE = ("rcl_interfaces", "type_description_interfaces")
 
@@ -126,7 +127,7 @@ class Space:
             NotOffered: see `feature`.
             ConnectionFailed: no other end within `timeout` s.
         """
-        from crtk_drivers.client.ros_link import may_wait
+        from crtk_drivers.client.inbox import may_wait
 
         endpoint = self.endpoint(name)
         if not endpoint.was_connected:

@@ -48,6 +48,7 @@ TYPE_NAMES: Mapping[type, str] = MappingProxyType(
 )
 """The ROS type of each value that can be recorded."""
 
+_ARRAY: Final = "std_msgs/msg/Float64MultiArray"
 _LITTLE_ENDIAN: Final = b"\x00\x01\x00\x00"
 _ORDERS: Mapping[bytes, str] = MappingProxyType({b"\x00\x01": "<", b"\x00\x00": ">"})
 _SECOND: Final = 1_000_000_000
@@ -153,6 +154,22 @@ def decode(type_name: str, data: bytes, *, is_exact: bool = True) -> Stamped:
     except Malformed as error:
         raise Malformed(f"this is no {type_name}: {error}") from error
     return Stamped(value, stamp_ns, frame)
+
+
+def decode_matrix(data: bytes) -> Matrix:
+    """Return what a Float64MultiArray holds, laid out as it says; one row if it has not two dimensions.
+
+    Raises:
+        Malformed: bytes that are no such message.
+        ValueError: numbers that its layout has no room for, or too few.
+    """
+    try:
+        fields = _Fields(data)
+        sizes, numbers = fields.layout(), fields.sequence()
+        fields.end()
+    except Malformed as error:
+        raise Malformed(f"this is no {_ARRAY}: {error}") from error
+    return Matrix(numbers.reshape(sizes) if len(sizes) == 2 else np.atleast_2d(numbers))
 
 
 def stamp_of(data: bytes) -> int:
@@ -316,10 +333,10 @@ class _Fields:
         if order is None or len(data) < 4:
             raise Malformed(f"it begins with {data[:4].hex(' ') or 'nothing'}, not 00 01 00 00")
         self._order = order
-        self._data = memoryview(data)[4:]
+        self._data = data[4:]
         self._at = 0
 
-    def _take(self, size: int, align: int = 1) -> memoryview:
+    def _take(self, size: int, align: int = 1) -> bytes:
         begin = self._at + -self._at % align
         self._at = end = begin + size
         if end > len(self._data):
@@ -335,7 +352,7 @@ class _Fields:
         return int(count)
 
     def text(self) -> str:
-        raw = bytes(self._take(self.count())).removesuffix(b"\0")  # which some writers leave out
+        raw = self._take(self.count()).removesuffix(b"\0")  # which some writers leave out
         if b"\0" in raw:
             raise Malformed("a text has a zero in it")
         try:
@@ -352,13 +369,15 @@ class _Fields:
             raise Malformed(f"{count} {what} are more than {MOST_NAMES}")
         return count
 
-    def layout(self) -> None:
-        """Pass over the layout of a Float64MultiArray."""
+    def layout(self) -> tuple[int, ...]:
+        """Return the sizes of a Float64MultiArray."""
+        sizes = []
         for _ in range(self._few("dimensions")):
-            self.text()  # its label; size and stride follow
-            self.count()
-            self.count()
+            self.text()  # its label
+            sizes.append(self.count())
+            self.count()  # its stride
         self.count()  # data_offset
+        return tuple(sizes)
 
     def numbers(self, count: int) -> Vector:
         if not count:
@@ -458,10 +477,11 @@ _READ_BARE: Mapping[str, Callable[[_Fields], Value]] = MappingProxyType(
     {
         "std_msgs/msg/Float64": _number_of,
         "std_msgs/msg/Bool": _flag_of,
-        "std_msgs/msg/Float64MultiArray": _numbers_of,
+        _ARRAY: _numbers_of,
+        "std_msgs/msg/String": lambda fields: Text(fields.text()),
     }
 )
 """Messages without a header."""
 
 READABLE: Final = frozenset((*_DECODE, *_READ_BARE))
-"""The types that can be read; of a Float64MultiArray the numbers, without their layout."""
+"""The types that `decode` reads; of a Float64MultiArray the numbers, without their layout."""

@@ -17,9 +17,10 @@ from typing_extensions import override
 from crtk_drivers.client.announcements import StatusTracker
 from crtk_drivers.client.compat.handles import WaitMoveHandle
 from crtk_drivers.client.goals import goal_test
+from crtk_drivers.client.inbox import Inbox, Received
 from crtk_drivers.client.move_handle import RemoteMove
 from crtk_drivers.client.ral import Ral
-from crtk_drivers.client.ros_link import Caller, Inbox, Outbox, Received
+from crtk_drivers.client.ros_link import Caller, Outbox
 from crtk_drivers.commands import COMMANDS, Command, Direction, Level, Payload
 from crtk_drivers.errors import CommandRefused, DataTimeout, KinematicsError
 from crtk_drivers.front.base import PARTS

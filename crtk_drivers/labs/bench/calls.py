@@ -42,6 +42,10 @@ class HostOrder:
     key: bytes
 
 
+FRESH: Final = 0.1
+"""Seconds that a sample may be old of a device that measures."""
+
+
 @dataclass(frozen=True)
 class ClientOrder:
     """A stream that comes from a process of its own.
@@ -113,3 +117,8 @@ class Glance:
     values: Mapping[str, tuple[Value, Stamp]]
     refused: int
     at: float
+
+    @property
+    def measures(self) -> bool:
+        """Whether samples come."""
+        return self.connected and self.age < FRESH

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from crtk_drivers.device import JointLimits
 from crtk_drivers.labs.bench.bed import Bed
@@ -20,9 +21,9 @@ from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.bench.watch import late_told
 from crtk_drivers.labs.carried import UNKNOWN, Carried
 from crtk_drivers.labs.lab_file import BoundEntry
-from crtk_drivers.labs.verdicts.estimates import Estimate
-from crtk_drivers.labs.verdicts.judging import Bound, Findings, Measurement, Quantity, Verdict
-from crtk_drivers.samples import Vector
+from crtk_drivers.labs.verdicts.estimates import Estimate, within
+from crtk_drivers.labs.verdicts.judging import Bound, Findings, Measurement, Plot, Quantity, Verdict
+from crtk_drivers.samples import Array, Vector
 
 __all__ = ["BUSY", "Acquisition", "BenchTest", "Safety", "Subject", "Suite"]
 
@@ -241,6 +242,42 @@ class Subject:
         if own is not None:
             quantity, bound = bounded(quantity, own, bound)
         return Measurement(quantity, estimate, bound, why, part)
+
+    def furthest(
+        self,
+        quantity: Quantity,
+        ways: Array,
+        allowed: ArrayLike,
+        source: str,
+        *,
+        doubts: ArrayLike = 0.0,
+        n: int = 1,
+        part: str = "",
+    ) -> Measurement:
+        """Return the way of the joint that used most of what it may, in mrad or mm.
+
+        Args:
+            quantity: whose value it is.
+            ways: of the joints (n,), in rad or m.
+            allowed: the same, or one for all of them.
+            source: of what is allowed.
+            doubts: by how much a way may be off; the same.
+            n: observations.
+            part: before the name of the joint.
+        """
+        room, doubt = (np.broadcast_to(each, ways.shape) for each in (allowed, doubts))
+        worst = int(np.argmax(ways / room))
+        return self.measured(
+            quantity,
+            within(1e3 * float(ways[worst]), 1e3 * float(doubt[worst]), n),
+            Bound(1e3 * float(room[worst]), source),
+            part=f"{part}{self.joints[worst]}",
+        )
+
+    def ways_told(self, title: str, at: Vector, ways: Array, x_label: str = "time, s") -> Plot:
+        """Return the plot of what all joints did (N, n), in rad or m, over times (N,) in s."""
+        lines = zip(self.joints, 1e3 * ways.T, strict=True)
+        return Plot.of(title, x_label, "mrad or mm", *((name, at, way) for name, way in lines))
 
 
 @dataclass(frozen=True)

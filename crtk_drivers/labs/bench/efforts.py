@@ -21,7 +21,6 @@ from crtk_drivers.labs.verdicts.judging import (
     Measurement,
     Plot,
     Quantity,
-    Series,
     Worse,
 )
 from crtk_drivers.samples import vector
@@ -231,16 +230,13 @@ def _works(trace: Trace, subject: Subject) -> Findings:
 
 def _plot(subject: Subject, loops: list[JointTrack]) -> Plot:
     slowest = loops[-1]
-    return Plot(
+    ways = 1e3 * (slowest.position - slowest.position[0])
+    efforts = slowest.effort - slowest.effort.mean(axis=0)
+    return Plot.of(
         "Effort over the way, of the slowest stroke, from its mean",
         "mrad or mm",
         "N·m or N",
-        tuple(
-            Series(name, tuple(1e3 * (position - position[0])), tuple(effort - effort.mean()))
-            for name, position, effort in zip(
-                subject.joints, slowest.position.T, slowest.effort.T, strict=True
-            )
-        ),
+        *zip(subject.joints, ways.T, efforts.T, strict=True),
     )
 
 

@@ -11,14 +11,12 @@ from crtk_drivers.labs.bench.bed import SMALL_SPEED, Bed
 from crtk_drivers.labs.bench.declared import BUSY, Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.signals import noise, resolution
 from crtk_drivers.labs.bench.trace import Trace
-from crtk_drivers.labs.verdicts.estimates import exact, in_percent, share, within
+from crtk_drivers.labs.verdicts.estimates import exact, in_percent, share
 from crtk_drivers.labs.verdicts.judging import (
     Bound,
     Comparison,
     Findings,
-    Plot,
     Quantity,
-    Series,
 )
 from crtk_drivers.samples import Array, JointState, vector
 
@@ -118,25 +116,19 @@ def _endures(trace: Trace, subject: Subject) -> Findings:
     repeats = noise(ends)
     steps = resolution(trace.joints.position)
     allowed = np.maximum.reduce([9.0 * repeats, 2.0 * steps, np.full(repeats.size, 1e-3)])
-    worst = int(np.argmax(drift / allowed))
     made = np.unique(trace.joints.by_stamp.at)
     late = share(int((np.diff(made) > 2.0 * subject.period).sum()), made.size - 1)
     notes = trace.notes
-    at = trace.marks("there")
+    at = np.array(trace.marks("there"))
     return Findings(
         (
-            subject.measured(
+            subject.furthest(
                 DRIFT,
-                within(
-                    1e3 * float(drift[worst]),
-                    2e3 * float(repeats[worst]) * math.sqrt(2.0 / third),
-                    len(ends),
-                ),
-                Bound(
-                    1e3 * float(allowed[worst]),
-                    "nine times its spread, two steps of its encoder, or 1 mrad",
-                ),
-                part=subject.joints[worst],
+                drift,
+                allowed,
+                "nine times its spread, two steps of its encoder, or 1 mrad",
+                doubts=2.0 * repeats * math.sqrt(2.0 / third),
+                n=len(ends),
             ),
             subject.measured(
                 REFUSED, exact(notes["refused"], notes["sent"]), Bound(0.0, "it may do all of that")
@@ -144,17 +136,7 @@ def _endures(trace: Trace, subject: Subject) -> Findings:
             subject.measured(LATE, in_percent(late), Bound(MOST_LATE, "default")),
         ),
         doubts=(*subject.too_busy(BUSY), *_as_late(subject)),
-        plots=(
-            Plot(
-                "Arrivals, from the first",
-                "time, s",
-                "mrad or mm",
-                tuple(
-                    Series(name, tuple(at), tuple(1e3 * column))
-                    for name, column in zip(subject.joints, (ends - ends[0]).T, strict=True)
-                ),
-            ),
-        ),
+        plots=(subject.ways_told("Arrivals, from the first", at, ends - ends[0]),),
     )
 
 

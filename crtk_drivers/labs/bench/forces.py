@@ -11,6 +11,7 @@ from crtk_drivers.device import Severity
 from crtk_drivers.labs.bench.bed import Bed
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.signals import noise, resolution
+from crtk_drivers.labs.bench.silence import BACK, BUSY, LOOK
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import Estimate, exact, student_t
 from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Findings, Quantity
@@ -31,23 +32,14 @@ SURE: Final = 5.0
 LEAST: Final = np.repeat((1e-3, 1e-4), 3)
 """N and N·m: what is less is nothing."""
 
-LOOK: Final = 0.01
-"""Seconds between two looks."""
-
 OFF: Final = 1.0
 """Seconds that the sensor is without power."""
-
-BACK: Final = 20.0
-"""Seconds that are waited for it to measure again."""
 
 AFTER: Final = 0.5
 """Seconds for which it is looked at then."""
 
 OVERLOAD: Final = 1e6
 """N: beyond any sensor."""
-
-BUSY: Final = 0.02
-"""Seconds by which the bench's own timer may be late."""
 
 TOLD_WITHIN: Final = 0.5
 WAITED: Final = 2.0

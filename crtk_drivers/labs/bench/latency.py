@@ -20,7 +20,6 @@ from crtk_drivers.labs.verdicts.judging import (
     Measurement,
     Plot,
     Quantity,
-    Series,
     Worse,
 )
 from crtk_drivers.samples import JointState, Vector, vector
@@ -211,16 +210,12 @@ def _plot(trace: Trace, window: tuple[float, float], column: int) -> Plot:
     joints = trace.joints.by_stamp.between(*window)
     within = (at >= window[0]) & (at <= window[1])
     middle = float(joints.position[:, column].mean())
-    return Plot(
+    return Plot.of(
         "Steps: asked and measured",
         "time, s",
         "mrad or mm",
-        (
-            Series("asked", tuple(at[within]), tuple(1e3 * (sent[within][:, column] - middle))),
-            Series(
-                "measured", tuple(joints.at), tuple(1e3 * (joints.position[:, column] - middle))
-            ),
-        ),
+        ("asked", at[within], 1e3 * (sent[within][:, column] - middle)),
+        ("measured", joints.at, 1e3 * (joints.position[:, column] - middle)),
     )
 
 

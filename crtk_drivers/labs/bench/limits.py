@@ -22,7 +22,6 @@ from crtk_drivers.labs.verdicts.judging import (
     Measurement,
     Plot,
     Quantity,
-    Series,
     Worse,
 )
 from crtk_drivers.samples import Vector, vector
@@ -309,17 +308,17 @@ def _end(trace: Trace, subject: Subject, steps: Vector) -> Measurement:
 def _plots(trace: Trace, subject: Subject) -> tuple[Plot, ...]:
     found = []
     for kind, title in (("fast", "Sent too fast"), ("end", "Sent past the end of its range")):
-        lines = tuple(
-            Series(
+        lines = [
+            (
                 f"{subject.joints[each['joint']]} {each['command']}",
-                tuple(part.at - part.at[0]),
-                tuple(part.position[:, each["joint"]] - part.position[0, each["joint"]]),
+                part.at - part.at[0],
+                part.position[:, each["joint"]] - part.position[0, each["joint"]],
             )
             for each, part in _parts(trace, kind)
             if part.at.size
-        )
+        ]
         if lines:
-            found.append(Plot(title, "time, s", "rad or m", lines))
+            found.append(Plot.of(title, "time, s", "rad or m", *lines))
     return tuple(found)
 
 

@@ -19,7 +19,6 @@ from crtk_drivers.labs.verdicts.judging import (
     Measurement,
     Plot,
     Quantity,
-    Series,
 )
 from crtk_drivers.samples import Array, Pose, Vector, vector
 
@@ -185,7 +184,7 @@ def _straight(trace: Trace, subject: Subject) -> Findings:
     # By which the steps of its encoders move the tool.
     step = float(resolution(trace.joints.position).max()) * trace.notes["lever"]
     doubts: list[str] = []
-    plots = []
+    speeds_told, distances_told = [], []
     for (share, start, goal), begin, end in zip(
         lines, trace.marks("begin"), trace.marks("end"), strict=True
     ):
@@ -202,7 +201,8 @@ def _straight(trace: Trace, subject: Subject) -> Findings:
         if math.isfinite(ripple):
             ripples.setdefault(name, []).append(100.0 * ripple)
             rough[name] = 100.0 * step / (window * float(np.quantile(speeds, 0.9)))
-        plots.append((name, times - begin, speeds, at - begin, 1e3 * away))
+        speeds_told.append((name, times - begin, speeds))
+        distances_told.append((name, at - begin, 1e3 * away))
     distance, name = max(furthest)
     found: list[Measurement] = [
         subject.measured(DISTANCE, exact(distance, len(furthest)), Bound(1.0, "default"), part=name)
@@ -224,18 +224,8 @@ def _straight(trace: Trace, subject: Subject) -> Findings:
         tuple(found),
         doubts=(*subject.too_busy(BUSY), *doubts[:1]),
         plots=(
-            Plot(
-                "Speed along the lines",
-                "time, s",
-                "m/s",
-                tuple(Series(each[0], tuple(each[1]), tuple(each[2])) for each in plots[::2]),
-            ),
-            Plot(
-                "Distance from the lines",
-                "time, s",
-                "mm",
-                tuple(Series(each[0], tuple(each[3]), tuple(each[4])) for each in plots[::2]),
-            ),
+            Plot.of("Speed along the lines", "time, s", "m/s", *speeds_told[::2]),
+            Plot.of("Distance from the lines", "time, s", "mm", *distances_told[::2]),
         ),
     )
 

@@ -10,10 +10,18 @@ from typing import Any, Final
 import numpy as np
 
 from crtk_drivers.labs.bench.bed import Bed, Broken
-from crtk_drivers.labs.bench.calls import Glance
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.relay import Mode
-from crtk_drivers.labs.bench.silence import LOOK, ON_ITS_WAY, Silence, looked
+from crtk_drivers.labs.bench.silence import (
+    BACK,
+    LOOK,
+    MOVED,
+    ON_ITS_WAY,
+    Silence,
+    looked,
+    reaction_alone,
+    way_alone,
+)
 from crtk_drivers.labs.bench.stops import begin_motion
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import Estimate, exact, within
@@ -25,17 +33,8 @@ __all__ = ["TESTS"]
 CUT: Final = 3.0
 """Seconds for which the link is lost."""
 
-BACK: Final = 20.0
-"""Seconds that are waited for it to measure again."""
-
 PAUSE: Final = 1.0
 """Seconds between two tries to enable it."""
-
-FRESH: Final = 0.1
-"""Seconds that a sample may be old of a device that measures."""
-
-MOVED: Final = 5e-3
-"""rad (m): what a device may have settled by while nobody looked."""
 
 HEARD: Final = 0.5
 """Seconds before its end until which something must be heard of a device that is deaf."""
@@ -80,10 +79,6 @@ RETURNS = Quantity(
 )
 
 
-def _measures(glance: Glance) -> bool:
-    return glance.connected and glance.age < FRESH
-
-
 def _lost_in_motion(bed: Bed) -> None:
     cuts = {}
     with bed.through_relay() as relay:
@@ -97,7 +92,7 @@ def _lost_in_motion(bed: Bed) -> None:
                 took = time.monotonic() - begin
                 looks = _positions(bed, CUT)
                 relay.mode = Mode.OPEN
-                back = bed.wait_until(_measures, BACK)
+                back = bed.wait_until(lambda glance: glance.measures, BACK)
                 after = bed.position
                 time.sleep(0.5)
                 cuts[mode] = {
@@ -164,8 +159,6 @@ def _stops_without_link(trace: Trace, subject: Subject) -> Findings:
     found: list[Measurement] = []
     violations = []
     cuts: Mapping[str, Mapping[str, Any]] = subject.kept["cuts"]
-    deceleration = np.array([limit.acceleration for limit in subject.limits])
-    reaction = subject.link_timeout + subject.silence + subject.lag + 4.0 * subject.period
     for mode in WAYS:
         cut = cuts.get(mode)
         if cut is None:
@@ -176,7 +169,7 @@ def _stops_without_link(trace: Trace, subject: Subject) -> Findings:
             continue
         speed = np.abs(np.asarray(cut["speed"]))
         ways = np.abs(np.subtract(cut["later"], cut["before"]))
-        allowed = speed * reaction + speed**2 / (2.0 * deceleration) + MOVED
+        allowed = way_alone(subject, speed)
         worst = int(np.argmax(ways / allowed))
         source = "the way in the time that it declares"
         way = float(ways[worst])
@@ -191,22 +184,22 @@ def _stops_without_link(trace: Trace, subject: Subject) -> Findings:
             )
         )
         moved = np.abs(np.subtract(cut["later"], cut["after"]))
-        last = int(np.argmax(moved))
         found.append(
-            subject.measured(
+            subject.furthest(
                 AFTER,
-                exact(1e3 * float(moved[last])),
-                Bound(1e3 * MOVED, "nothing moves because the link is back"),
-                part=f"{mode}: {subject.joints[last]}",
+                moved,
+                MOVED,
+                "nothing moves because the link is back",
+                part=f"{mode}: ",
             )
         )
     looks = cuts[Mode.DEAF]["looks"]
     # A bus whose devices speak when they are asked is dumb when it is deaf: then there is the way alone.
     if looks and looks[-1][0] > CUT - HEARD:
+        deceleration = [limit.acceleration for limit in subject.limits]
         slowest = float((np.abs(cuts[Mode.DEAF]["speed"]) / deceleration).max())
-        bound = Bound(
-            reaction + slowest + ON_ITS_WAY, "the time that it declares, and to slow down"
-        )
+        longest = reaction_alone(subject) + slowest + ON_ITS_WAY
+        bound = Bound(longest, "the time that it declares, and to slow down")
         found.append(subject.measured(TIME, _time_to_stand(looks, cuts[Mode.DEAF]["took"]), bound))
     return Findings(tuple(found), tuple(violations))
 
@@ -226,7 +219,7 @@ def _lost_at_rest(bed: Bed) -> None:
         looks = looked(bed, bed.about.sample_timeout + CUT / 4.0)
         relay.mode = Mode.OPEN
         begin = time.monotonic()
-        back = bed.wait_until(_measures, BACK)
+        back = bed.wait_until(lambda glance: glance.measures, BACK)
         bed.keep(looks=looks, back=time.monotonic() - begin if back else None, state=str(bed.state))
 
 

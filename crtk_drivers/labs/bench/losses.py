@@ -10,11 +10,11 @@ import numpy as np
 from crtk_drivers.labs.bench.bed import Bed, Process
 from crtk_drivers.labs.bench.calls import Glance
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
-from crtk_drivers.labs.bench.silence import Silence, looked
+from crtk_drivers.labs.bench.silence import BACK, MOVED, Silence, looked, way_alone
 from crtk_drivers.labs.bench.stops import begin_motion
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import exact
-from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Findings, Quantity
+from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Findings, Measurement, Quantity
 from crtk_drivers.samples import Array
 from crtk_drivers.state import OperatingState
 
@@ -23,14 +23,8 @@ __all__ = ["TESTS"]
 SILENT: Final = 0.7
 """Seconds of silence, beside the time after which the link counts as lost."""
 
-BACK: Final = 20.0
-"""Seconds that are waited for it to come back."""
-
 DEAD: Final = 3.0
 """Seconds for which the driver is not there."""
-
-MOVED: Final = 5e-3
-"""rad (m): what a device may have settled by while nobody looked."""
 
 TOLD: Final = Silence(
     restamped=Quantity(
@@ -67,8 +61,7 @@ FROZEN_AFTER = Quantity(
 
 
 def _is_back(glance: Glance) -> bool:
-    measures = glance.connected and glance.age < 0.1
-    return measures and glance.status.state is OperatingState.DISABLED
+    return glance.measures and glance.status.state is OperatingState.DISABLED
 
 
 def _silence(bed: Bed) -> None:
@@ -103,14 +96,24 @@ def _stale(trace: Trace, subject: Subject) -> Findings:
     return TOLD.judged(subject)
 
 
+def _way(subject: Subject, before: str, after: str) -> Array:
+    """Return the way of each joint (n,) between two positions that were kept."""
+    found: Array = np.abs(np.subtract(subject.kept[after], subject.kept[before]))
+    return found
+
+
+def _stops_alone(subject: Subject, quantity: Quantity, after: str) -> Measurement:
+    way = _way(subject, "before", after)
+    allowed = way_alone(subject, np.asarray(subject.kept["speed"]))
+    return subject.furthest(quantity, way, allowed, "the way in the time that it declares")
+
+
 def _returns(trace: Trace, subject: Subject) -> Findings:
     kept = subject.kept
     if kept["back"] is None:
         return Findings(
             violations=(f"it did not come back to DISABLED within {BACK:g} s: {kept['state']}",)
         )
-    ways = np.abs(np.subtract(kept["after"], kept["before"]))
-    worst = int(np.argmax(ways))
     return Findings(
         (
             subject.measured(
@@ -118,11 +121,11 @@ def _returns(trace: Trace, subject: Subject) -> Findings:
                 exact(kept["back"]),
                 Bound(10.0, "the longest pause between two tries, and one try"),
             ),
-            subject.measured(
+            subject.furthest(
                 RETURN_MOVED,
-                exact(1e3 * float(ways[worst])),
-                Bound(1e3 * MOVED, "a brake that settles"),
-                part=subject.joints[worst],
+                _way(subject, "before", "after"),
+                MOVED,
+                "a brake that settles",
             ),
         ),
         violations=() if kept["state"] == "DISABLED" else (f"it came back {kept['state']}",),
@@ -156,28 +159,8 @@ KILLED: Final = Acquisition(
 )
 
 
-def _ways(subject: Subject, before: str, after: str) -> tuple[Array, Array, int]:
-    """Return ways and allowed ways (n,) between two kept positions, and which is the worst."""
-    kept = subject.kept
-    speed = np.abs(np.asarray(kept["speed"]))
-    deceleration = np.array([limit.acceleration for limit in subject.limits])
-    ways = np.abs(np.subtract(kept[after], kept[before]))
-    reaction = subject.link_timeout + subject.silence + subject.lag + 4.0 * subject.period
-    allowed = speed * reaction + speed**2 / (2.0 * deceleration) + MOVED
-    return ways, allowed, int(np.argmax(ways / allowed))
-
-
 def _stops_without_driver(trace: Trace, subject: Subject) -> Findings:
-    ways, allowed, worst = _ways(subject, "before", "after")
-    found = subject.measured(
-        KILLED_WAY,
-        exact(1e3 * float(ways[worst])),
-        Bound(
-            1e3 * float(allowed[worst]),
-            "the way in the time that it declares",
-        ),
-        part=subject.joints[worst],
-    )
+    found = _stops_alone(subject, KILLED_WAY, "after")
     state = subject.kept["state"]
     return Findings((found,), () if state == "DISABLED" else (f"it came back {state}",))
 
@@ -191,7 +174,7 @@ def _frozen(bed: Bed) -> None:
         with bed.frozen(Process.DRIVER):
             time.sleep(DEAD)
         # What the driver tells at once is what it knew before.
-        bed.wait_until(lambda glance: glance.connected and glance.age < 0.1, BACK)
+        bed.wait_until(lambda glance: glance.measures, BACK)
         after = bed.position
         bed.rest(0.5)
         later = bed.position
@@ -215,24 +198,14 @@ FROZEN: Final = Acquisition(
 
 
 def _stops_frozen(trace: Trace, subject: Subject) -> Findings:
-    ways, allowed, worst = _ways(subject, "before", "later")
-    after, _, last = _ways(subject, "after", "later")
     return Findings(
         (
-            subject.measured(
-                FROZEN_WAY,
-                exact(1e3 * float(ways[worst])),
-                Bound(
-                    1e3 * float(allowed[worst]),
-                    "the way in the time that it declares",
-                ),
-                part=subject.joints[worst],
-            ),
-            subject.measured(
+            _stops_alone(subject, FROZEN_WAY, "later"),
+            subject.furthest(
                 FROZEN_AFTER,
-                exact(1e3 * float(after[last])),
-                Bound(1e3 * MOVED, "nothing moves because the driver goes on"),
-                part=subject.joints[last],
+                _way(subject, "after", "later"),
+                MOVED,
+                "nothing moves because the driver goes on",
             ),
         )
     )

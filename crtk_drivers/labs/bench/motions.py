@@ -13,13 +13,13 @@ from crtk_drivers.labs.bench.declared import BUSY, Acquisition, BenchTest, Safet
 from crtk_drivers.labs.bench.signals import fit_sine, noise, resolution, rest_time
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import (
-    Estimate,
     Z,
     exact,
     greatest,
     in_percent,
     mean,
     quantile,
+    scaled,
     share,
     wider,
     within,
@@ -31,7 +31,6 @@ from crtk_drivers.labs.verdicts.judging import (
     Measurement,
     Plot,
     Quantity,
-    Series,
     Worse,
 )
 from crtk_drivers.samples import Array, JointState, Pose, Vector, vector
@@ -253,7 +252,7 @@ def _bode(trace: Trace, subject: Subject) -> Findings:
     """Of each frequency the joint is told whose gain is furthest from 1."""
     found: list[Measurement] = []
     frequencies: list[float] = trace.notes["frequencies"]
-    gains_at, lags_at = [], []
+    judged_at, gains_at, phases_at = [], [], []
     for frequency in frequencies:
         name = f"{frequency:g} Hz"
         columns = _moving(trace, frequency)
@@ -267,28 +266,19 @@ def _bode(trace: Trace, subject: Subject) -> Findings:
         gains, lags, rests = transfers[column]
         part = f"{name} {subject.joints[column]}"
         gain, lag = mean(gains), mean(lags)
-        gains_at.append((frequency, gain.value))
-        lags_at.append((frequency, -360.0 * frequency * lag.value))
+        judged_at.append(frequency)
+        gains_at.append(gain.value)
+        phases_at.append(-360.0 * frequency * lag.value)
         judged = Bound(1.1, "default, up to 1 Hz", 0.9) if frequency <= 1.0 else None
         found.append(subject.measured(GAIN, gain, judged, part=part))
-        found.append(subject.measured(PHASE, _scaled(lag, -360.0 * frequency), part=part))
-        found.append(subject.measured(ERROR, _scaled(mean(rests), 1e3), part=part))
+        found.append(subject.measured(PHASE, scaled(lag, -360.0 * frequency), part=part))
+        found.append(subject.measured(ERROR, scaled(mean(rests), 1e3), part=part))
     return Findings(
         tuple(found),
         doubts=_disturbed(trace, subject),
         plots=(
-            Plot(
-                "Gain",
-                "Hz",
-                "",
-                (Series("", tuple(f for f, _ in gains_at), tuple(g for _, g in gains_at)),),
-            ),
-            Plot(
-                "Phase",
-                "Hz",
-                "deg",
-                (Series("", tuple(f for f, _ in lags_at), tuple(p for _, p in lags_at)),),
-            ),
+            Plot.of("Gain", "Hz", "", ("", judged_at, gains_at)),
+            Plot.of("Phase", "Hz", "deg", ("", judged_at, phases_at)),
             _following_plot(trace, frequencies[-1]),
         ),
     )
@@ -301,22 +291,13 @@ def _following_plot(trace: Trace, frequency: float) -> Plot:
     joints = trace.joints.by_stamp.between(begin, end)
     sent = (at >= begin) & (at <= end)
     middle = position[sent][:, column].mean() if sent.any() else 0.0
-    return Plot(
+    return Plot.of(
         f"{frequency:g} Hz: asked and measured",
         "time, s",
         "mrad or mm",
-        (
-            Series("asked", tuple(at[sent]), tuple(1e3 * (position[sent][:, column] - middle))),
-            Series(
-                "measured", tuple(joints.at), tuple(1e3 * (joints.position[:, column] - middle))
-            ),
-        ),
+        ("asked", at[sent], 1e3 * (position[sent][:, column] - middle)),
+        ("measured", joints.at, 1e3 * (joints.position[:, column] - middle)),
     )
-
-
-def _scaled(estimate: Estimate, factor: float) -> Estimate:
-    ends = sorted((factor * estimate.lower, factor * estimate.upper))
-    return Estimate(factor * estimate.value, ends[0], ends[1], estimate.n)
 
 
 def _lag(trace: Trace, subject: Subject) -> Findings:
@@ -333,7 +314,7 @@ def _lag(trace: Trace, subject: Subject) -> Findings:
     allowed = subject.lag + 3.0 * subject.period + held
     bound = Bound(1e3 * allowed, "the declared lag, three periods and one of the stream")
     found = subject.measured(
-        LAG, _scaled(mean(sound[worst]), 1e3), bound, part=subject.joints[worst]
+        LAG, scaled(mean(sound[worst]), 1e3), bound, part=subject.joints[worst]
     )
     return Findings((found,), doubts=_disturbed(trace, subject))
 
@@ -376,7 +357,7 @@ def _velocity(trace: Trace, subject: Subject) -> Findings:
         found.append(
             subject.measured(
                 DELAY,
-                _scaled(mean(delays), 1e3),
+                scaled(mean(delays), 1e3),
                 Bound(room, "20 ms, or three periods", -room),
                 part=name,
             )
@@ -509,12 +490,8 @@ def _arrives(trace: Trace, subject: Subject) -> Findings:
     allowed = np.maximum(2.0 * steps, 1e-3)
     worst = int(np.argmax(errors.mean(axis=0) / allowed))
     bound = Bound(1e3 * float(allowed[worst]), "two steps of its encoder, or 1 mrad")
-    found = subject.measured(
-        ARRIVAL,
-        _scaled(mean(errors[:, worst]), 1e3),
-        bound,
-        part=subject.joints[worst],
-    )
+    error = scaled(mean(errors[:, worst]), 1e3)
+    found = subject.measured(ARRIVAL, error, bound, part=subject.joints[worst])
     return Findings((found,))
 
 
@@ -553,16 +530,14 @@ def _step(trace: Trace, subject: Subject) -> Findings:
             ),
         ),
         plots=(
-            Plot(
+            Plot.of(
                 "Arrivals, from the goal",
                 "time, s",
                 "mrad or mm",
                 (
-                    Series(
-                        subject.joints[column],
-                        tuple(joints.at),
-                        tuple(1e3 * (joints.position[:, column] - goal[column])),
-                    ),
+                    subject.joints[column],
+                    joints.at,
+                    1e3 * (joints.position[:, column] - goal[column]),
                 ),
             ),
         ),
@@ -587,21 +562,16 @@ def _direction(trace: Trace, subject: Subject) -> Findings:
     spread = np.sqrt(
         below.var(axis=0, ddof=1) / len(below) + above.var(axis=0, ddof=1) / len(above)
     )
-    steps = resolution(trace.joints.position)
-    allowed = np.maximum(3.0 * steps, 1e-3)
-    worst = int(np.argmax(apart / allowed))
-    return Findings(
-        (
-            subject.measured(
-                DIRECTION,
-                within(
-                    1e3 * float(apart[worst]), 2e3 * float(spread[worst]), len(below) + len(above)
-                ),
-                Bound(1e3 * float(allowed[worst]), "three steps of its encoder, or 1 mrad"),
-                part=subject.joints[worst],
-            ),
-        )
+    allowed = np.maximum(3.0 * resolution(trace.joints.position), 1e-3)
+    found = subject.furthest(
+        DIRECTION,
+        apart,
+        allowed,
+        "three steps of its encoder, or 1 mrad",
+        doubts=2.0 * spread,
+        n=len(below) + len(above),
     )
+    return Findings((found,))
 
 
 def _kinematics(trace: Trace, subject: Subject) -> Findings:

@@ -19,7 +19,6 @@ from crtk_drivers.labs.verdicts.judging import (
     Findings,
     Plot,
     Quantity,
-    Series,
     Verdict,
     Worse,
 )
@@ -117,7 +116,7 @@ def _steps(trace: Trace, subject: Subject) -> Findings:
         allowed = limit.velocity * times + resolved[column]
         found.append((float((np.abs(np.diff(position)) / allowed).max()), name))
         shares.append(100.0 * float(np.ptp(position)) / (limit.upper - limit.lower))
-        lines.append(Series(name, tuple(part.at - part.at[0]), tuple(position)))
+        lines.append((name, part.at - part.at[0], position))
     if not found:
         return Findings(doubts=("too few samples",))
     value, name = max(found)
@@ -137,7 +136,7 @@ def _steps(trace: Trace, subject: Subject) -> Findings:
     return Findings(
         (jump, subject.measured(SEEN, exact(shares[least]), part=found[least][1])),
         doubts=tuple(doubts),
-        plots=(Plot("Through the range", "time, s", "rad or m", tuple(lines)),),
+        plots=(Plot.of("Through the range", "time, s", "rad or m", *lines),),
     )
 
 

@@ -19,7 +19,6 @@ from crtk_drivers.labs.verdicts.judging import (
     Measurement,
     Plot,
     Quantity,
-    Series,
     Worse,
 )
 from crtk_drivers.samples import Vector
@@ -167,11 +166,11 @@ def _jitter(trace: Trace, subject: Subject) -> Findings:
             ),
             doubts=subject.too_busy(max(0.25 * subject.period, BUSY)),
             plots=(
-                Plot(
+                Plot.of(
                     "Time between two samples",
                     "time, s",
                     "ms",
-                    (Series("", tuple(made[1:] - made[0]), tuple(1e3 * steps)),),
+                    ("", made[1:] - made[0], 1e3 * steps),
                 ),
             ),
         )
@@ -235,13 +234,13 @@ def _age(trace: Trace, subject: Subject) -> Findings:
     if ages.size < 20:
         return _hardly_any(ages.size)
     bound = Bound(2e3 * subject.period + 2.0, "two periods and 2 ms")
-    line = Series("", tuple(at[valid]), tuple(ages))
+    plot = Plot.of("Age on arrival", "time, s", "ms", ("", at[valid], ages))
 
     def found(waited: float) -> Findings:
         return Findings(
             (subject.measured(AGE, quantile(ages, _without(waited)), bound),),
             doubts=subject.too_busy(max(0.25 * subject.period, BUSY)),
-            plots=(Plot("Age on arrival", "time, s", "ms", (line,)),),
+            plots=(plot,),
         )
 
     return subject.on_a_free_machine(found)
@@ -254,33 +253,27 @@ def _noise(trace: Trace, subject: Subject) -> Findings:
     steps = resolution(joints.position)
     sigma = noise(joints.position)
     seconds = joints.at[-1] - joints.at[0]
-    drifts = [abs(slope(joints.at, column)) * 60.0 for column in joints.position.T]
+    drifts = np.array([abs(slope(joints.at, column)) * 60.0 for column in joints.position.T])
     # The slope of noise alone, which a line of this length finds.
     doubts = 2.0 * sigma * np.sqrt(12.0 / joints.at.size) / seconds * 60.0
     room = np.maximum.reduce([2.0 * steps, 3.0 * sigma, np.full(sigma.size, 1e-4)]) * 60.0 / seconds
-    worst = int(np.argmax(drifts / room))
-    name = subject.joints[worst]
     return Findings(
         (
             subject.measured(SIGMA, exact(1e3 * float(sigma.max()), joints.at.size)),
-            subject.measured(
+            subject.furthest(
                 DRIFT,
-                within(1e3 * drifts[worst], 1e3 * float(doubts[worst]), joints.at.size),
-                Bound(
-                    1e3 * float(room[worst]), "three times the noise, or two steps, over the time"
-                ),
-                part=name,
+                drifts,
+                room,
+                "three times the noise, or two steps, over the time",
+                doubts=doubts,
+                n=joints.at.size,
             ),
         ),
         plots=(
-            Plot(
+            subject.ways_told(
                 "Positions at rest, from their mean",
-                "time, s",
-                "mrad or mm",
-                tuple(
-                    Series(label, tuple(joints.at), tuple(1e3 * (column - column.mean())))
-                    for label, column in zip(subject.joints, joints.position.T, strict=True)
-                ),
+                joints.at,
+                joints.position - joints.position.mean(axis=0),
             ),
         ),
     )
@@ -320,14 +313,11 @@ def _force(trace: Trace, subject: Subject) -> Findings:
         tuple(found),
         doubts=(f"{rate:.0f} samples came a second, of {subject.rate:g}",) if slow else (),
         plots=(
-            Plot(
+            Plot.of(
                 "Forces at rest",
                 "time, s",
                 "N",
-                tuple(
-                    Series(axis, tuple(track.at), tuple(column))
-                    for axis, column in zip("xyz", track.values.T[:3], strict=True)
-                ),
+                *((axis, track.at, track.values[:, index]) for index, axis in enumerate("xyz")),
             ),
         ),
     )

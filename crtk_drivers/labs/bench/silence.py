@@ -13,10 +13,20 @@ from crtk_drivers.labs.bench.calls import Glance
 from crtk_drivers.labs.bench.declared import Subject
 from crtk_drivers.labs.verdicts.estimates import exact, within
 from crtk_drivers.labs.verdicts.judging import Bound, Findings, Quantity
-from crtk_drivers.samples import JointState, Stamp
+from crtk_drivers.samples import Array, JointState, Stamp
 from crtk_drivers.state import OperatingState
 
-__all__ = ["BUSY", "LOOK", "ON_ITS_WAY", "Silence", "looked"]
+__all__ = [
+    "BACK",
+    "BUSY",
+    "LOOK",
+    "MOVED",
+    "ON_ITS_WAY",
+    "Silence",
+    "looked",
+    "reaction_alone",
+    "way_alone",
+]
 
 LOOK: Final = 0.01
 """Seconds between two looks."""
@@ -26,6 +36,25 @@ ON_ITS_WAY: Final = 0.05
 
 BUSY: Final = 0.02
 """Seconds by which the bench's own timer may be late."""
+
+BACK: Final = 20.0
+"""Seconds that are waited for a device to measure again."""
+
+MOVED: Final = 5e-3
+"""rad (m): what a device may have settled by while nobody looked."""
+
+
+def reaction_alone(subject: Subject) -> float:
+    """Return in how many s a device begins to stop that nobody commands any more."""
+    return subject.link_timeout + subject.silence + subject.lag + 4.0 * subject.period
+
+
+def way_alone(subject: Subject, speed: Array) -> Array:
+    """Return how far each joint (n,) may go then, in rad or m, that had a speed."""
+    deceleration = np.array([limit.acceleration for limit in subject.limits])
+    fast = np.abs(speed)
+    found: Array = fast * reaction_alone(subject) + fast**2 / (2.0 * deceleration) + MOVED
+    return found
 
 
 def looked(bed: Bed, seconds: float) -> list[tuple[float, int, str]]:

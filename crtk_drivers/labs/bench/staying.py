@@ -20,7 +20,6 @@ from crtk_drivers.labs.verdicts.judging import (
     Findings,
     Plot,
     Quantity,
-    Series,
     Worse,
 )
 from crtk_drivers.samples import JointState, Pose, Value, Vector, vector
@@ -41,6 +40,9 @@ MOVED: Final = 1e-3
 
 MOVED_AT_DISABLE: Final = 5e-3
 """rad (m): how far a joint may settle when its brake takes over."""
+
+NOISE_ALONE: Final = "six times the noise, 1 to 5 mrad"
+"""Where what counts as a motion comes from."""
 
 ENABLED_STAYS = Quantity(
     "staying.enable.moved", "largest way at enable", "mrad or mm", Comparison.AT_MOST, guard=0.2
@@ -119,38 +121,18 @@ def _stays(trace: Trace, subject: Subject) -> Findings:
     moved = np.minimum(still(subject, before), MOVED_AT_DISABLE)
     at_enable = away(joints, enable, disable, before.position.mean(axis=0))
     at_disable = away(joints, disable, end, settled.position.mean(axis=0))
-    names = subject.joints
-    found = []
-    for quantity, ways, allowed in (
-        (ENABLED_STAYS, at_enable, moved),
-        (DISABLED_STAYS, at_disable, np.maximum(moved, MOVED_AT_DISABLE)),
-    ):
-        worst = int(np.argmax(ways / allowed))
-        source = (
-            "six times the noise, 1 to 5 mrad"
-            if quantity is ENABLED_STAYS
-            else "a brake that settles"
-        )
-        found.append(
-            subject.measured(
-                quantity,
-                exact(1e3 * float(ways[worst]), joints.at.size),
-                Bound(1e3 * float(allowed[worst]), source),
-                part=names[worst],
-            )
-        )
-    begin = before.position.mean(axis=0)
+    settles = np.maximum(moved, MOVED_AT_DISABLE)
+    n = joints.at.size
     return Findings(
-        tuple(found),
+        (
+            subject.furthest(ENABLED_STAYS, at_enable, moved, NOISE_ALONE, n=n),
+            subject.furthest(DISABLED_STAYS, at_disable, settles, "a brake that settles", n=n),
+        ),
         plots=(
-            Plot(
+            subject.ways_told(
                 "Way of each joint through enable and disable",
-                "time, s",
-                "mrad or mm",
-                tuple(
-                    Series(name, tuple(joints.at), tuple(1e3 * column))
-                    for name, column in zip(names, (joints.position - begin).T, strict=True)
-                ),
+                joints.at,
+                joints.position - before.position.mean(axis=0),
             ),
         ),
     )
@@ -249,7 +231,6 @@ def _refuses(trace: Trace, subject: Subject) -> Findings:
         away(joints, marks["disabled"], marks["enable"], before.position.mean(axis=0)),
         away(joints, marks["enabled"], marks["end"], rest.position.mean(axis=0)),
     )
-    worst = int(np.argmax(ways / moved))
     refused = [told for _, _, told in sent if told]
     fitting = [told for _, reasons, told in sent if told in reasons.split("|")]
     accepted = [
@@ -275,12 +256,7 @@ def _refuses(trace: Trace, subject: Subject) -> Findings:
                 Bound(100.0, "every refusal has a reason"),
                 why="; ".join(other),
             ),
-            subject.measured(
-                REFUSED_STAYS,
-                exact(1e3 * float(ways[worst]), joints.at.size),
-                Bound(1e3 * float(moved[worst]), "six times the noise, 1 to 5 mrad"),
-                part=subject.joints[worst],
-            ),
+            subject.furthest(REFUSED_STAYS, ways, moved, NOISE_ALONE, n=joints.at.size),
         ),
         violations=(*accepted, *(() if state == "ENABLED" else (f"bad commands led to {state}",))),
     )
@@ -304,6 +280,7 @@ def _hunts(trace: Trace, subject: Subject) -> Findings:
     frequency, amplitude, floor = lines[worst]
     bound = max(3.0 * floor, 0.5 * float(steps[worst]), AUDIBLE)
     name = subject.joints[worst]
+    course = joints.position[:, worst] - joints.position[:, worst].mean()
     return Findings(
         (
             subject.measured(
@@ -317,17 +294,11 @@ def _hunts(trace: Trace, subject: Subject) -> Findings:
             subject.measured(HUNTING_AT, exact(frequency), part=name),
         ),
         plots=(
-            Plot(
+            Plot.of(
                 f"{name}, ENABLED and at rest",
                 "time, s",
                 "mrad or mm",
-                (
-                    Series(
-                        "",
-                        tuple(joints.at),
-                        tuple(1e3 * (joints.position[:, worst] - joints.position[:, worst].mean())),
-                    ),
-                ),
+                ("", joints.at, 1e3 * course),
             ),
         ),
     )

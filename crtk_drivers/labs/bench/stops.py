@@ -23,9 +23,7 @@ from crtk_drivers.labs.verdicts.judging import (
     Bound,
     Comparison,
     Findings,
-    Plot,
     Quantity,
-    Series,
 )
 from crtk_drivers.samples import Array, JointState, Vector, vector
 
@@ -260,8 +258,8 @@ def _analysis(kind: str) -> Callable[[Trace, Subject], Findings]:
         ways = (
             speed * (reaction + 2.0 * subject.period) + speed**2 / (2.0 * deceleration) + tolerance
         )
+        gone = subject.furthest(WAY[kind], way, ways, "the way in that time at that speed")
         worst = int(np.argmax(way / ways))
-        name = subject.joints[worst]
         return Findings(
             doubts=(*subject.too_busy(max(0.25 * seconds, BUSY)), *subject.gaps(part.stamp)),
             measurements=(
@@ -270,12 +268,7 @@ def _analysis(kind: str) -> Callable[[Trace, Subject], Findings]:
                     within(time_to_rest, subject.period, part.at.size),
                     Bound(seconds + subject.period, f"{'the silence, ' if silent else ''}{source}"),
                 ),
-                subject.measured(
-                    WAY[kind],
-                    exact(1e3 * float(way[worst])),
-                    Bound(1e3 * float(ways[worst]), "the way in that time at that speed"),
-                    part=name,
-                ),
+                gone,
                 subject.measured(
                     RETURN[kind],
                     exact(1e3 * float((back / np.maximum(ways, 1e-9)).max() * ways[worst])),
@@ -283,18 +276,15 @@ def _analysis(kind: str) -> Callable[[Trace, Subject], Findings]:
                         1e3 * float(max(0.3 * ways[worst], tolerance[worst])),
                         "three tenths of that way",
                     ),
-                    part=name,
+                    part=gone.part,
                 ),
             ),
             plots=(
-                Plot(
+                subject.ways_told(
                     f"The stop after {kind}",
-                    "time since then, s",
-                    "mrad or mm",
-                    tuple(
-                        Series(label, tuple(part.at - asked), tuple(1e3 * (values - values[0])))
-                        for label, values in zip(subject.joints, part.position.T, strict=True)
-                    ),
+                    part.at - asked,
+                    part.position - part.position[0],
+                    x_label="time since then, s",
                 ),
             ),
         )

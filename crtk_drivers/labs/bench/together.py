@@ -11,6 +11,7 @@ import numpy as np
 
 from crtk_drivers.labs.bench.bed import Bed, Broken, Process
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
+from crtk_drivers.labs.bench.silence import BACK
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.carried import UNKNOWN
 from crtk_drivers.labs.verdicts.estimates import exact, in_percent, mean, share
@@ -20,7 +21,6 @@ from crtk_drivers.labs.verdicts.judging import (
     Findings,
     Plot,
     Quantity,
-    Series,
     Worse,
 )
 from crtk_drivers.samples import JointState, Vector, vector
@@ -57,10 +57,9 @@ BROKEN_FOR: Final = 2.0
 AFTER: Final = 1.0
 """Seconds before the one breaks, while it is broken, and after it is mended."""
 
-BACK: Final = 20.0
-"""Seconds that are waited for it to measure again for `STEADY` s."""
-
 STEADY: Final = 1.5
+"""Seconds for which it must measure again, within `BACK`."""
+
 LOOK: Final = 0.02
 
 LATE: Final = 0.5
@@ -162,22 +161,17 @@ def _lag(trace: Trace, subject: Subject) -> Findings:
                 "anything hang on it?",
             )
         )
+    force = along - along.mean()
     return Findings(
         (subject.measured(LAG, mean(lags), Bound(APART, "default", -APART)),),
         doubts=(*subject.gaps(wrenches.stamp), *subject.too_busy(5e-3)),
         plots=(
-            Plot(
+            Plot.of(
                 "One motion, as both tell it",
                 "time, s",
                 "each by its greatest",
-                (
-                    Series("pose", tuple(told), tuple(expected / np.abs(expected).max())),
-                    Series(
-                        "force",
-                        tuple(told),
-                        tuple((along - along.mean()) / np.abs(along - along.mean()).max()),
-                    ),
-                ),
+                ("pose", told, expected / np.abs(expected).max()),
+                ("force", told, force / np.abs(force).max()),
             ),
         ),
     )
@@ -192,8 +186,7 @@ def _is_steady(bed: Bed) -> bool:
     since = math.inf
     while (now := time.monotonic()) < end:
         glance = bed.glance()
-        measures = glance.connected and glance.age < 0.1
-        if not measures or glance.status.state is OperatingState.FAULT:
+        if not glance.measures or glance.status.state is OperatingState.FAULT:
             since = math.inf
         elif now - (since := min(since, now)) > STEADY:
             return True

@@ -22,7 +22,6 @@ from crtk_drivers.labs.verdicts.judging import (
     Measurement,
     Plot,
     Quantity,
-    Series,
     Worse,
 )
 from crtk_drivers.samples import Array, Vector, vector
@@ -255,14 +254,11 @@ def _weight(trace: Trace, subject: Subject) -> Findings:
             ),
         ),
         plots=(
-            Plot(
+            Plot.of(
                 "What no weight explains, in each orientation",
                 "orientation",
                 "N",
-                tuple(
-                    Series(axis, tuple(np.arange(1.0, count + 1.0)), tuple(column))
-                    for axis, column in zip("xyz", left.T, strict=True)
-                ),
+                *((axis, range(1, count + 1), left[:, index]) for index, axis in enumerate("xyz")),
             ),
         ),
     )

@@ -21,6 +21,7 @@ __all__ = [
     "line",
     "mean",
     "quantile",
+    "scaled",
     "share",
     "wider",
     "within",
@@ -78,9 +79,15 @@ def wider(found: Estimate, doubt: float) -> Estimate:
     return Estimate(found.value, found.lower - doubt, found.upper + doubt, found.n)
 
 
+def scaled(found: Estimate, factor: float) -> Estimate:
+    """Return an estimate in another unit; a factor below 0 turns its interval round."""
+    ends = sorted((factor * found.lower, factor * found.upper))
+    return Estimate(factor * found.value, ends[0], ends[1], found.n)
+
+
 def in_percent(found: Estimate) -> Estimate:
     """Return a share in hundredths."""
-    return Estimate(100.0 * found.value, 100.0 * found.lower, 100.0 * found.upper, found.n)
+    return scaled(found, 100.0)
 
 
 def mean(values: ArrayLike) -> Estimate:

@@ -195,6 +195,18 @@ class Plot:
     y_label: str
     series: tuple[Series, ...]
 
+    @classmethod
+    def of(
+        cls,
+        title: str,
+        x_label: str,
+        y_label: str,
+        *lines: tuple[str, Iterable[float], Iterable[float]],
+    ) -> Plot:
+        """Return the plot of lines, of each its name, `x` and `y`."""
+        series = tuple(Series(name, tuple(x), tuple(y)) for name, x, y in lines)
+        return cls(title, x_label, y_label, series)
+
 
 @dataclass(frozen=True, slots=True)
 class Findings:

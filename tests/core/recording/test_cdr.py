@@ -15,6 +15,7 @@ from crtk_drivers.samples import (
     Flag,
     JointServo,
     JointState,
+    Matrix,
     Number,
     Numbers,
     Pose,
@@ -49,6 +50,21 @@ def test_a_value_comes_back_as_it_was(value, stamp_ns, frame_id):
     assert (found.stamp_ns, found.frame_id) == expected
     if hasattr(found.value, "frame_id"):
         assert found.value.frame_id == frame_id
+
+
+@pytest.mark.parametrize("sizes", [(2, 2), (0, 3), (2**32 - 1, 2**32 - 1)])
+def test_a_layout_that_does_not_fit_its_numbers_is_refused(sizes):
+    data = cdr.encode(Matrix(np.zeros((1, 3))), 0)
+    rows, columns = (struct.pack("<I", size) for size in sizes)
+    changed = data[:20] + rows + data[24:40] + columns + data[44:]
+    with pytest.raises(ValueError, match="cannot reshape"):
+        cdr.decode_matrix(changed)
+
+
+@given(st.binary(max_size=200), st.sampled_from((0, 1)))
+def test_any_bytes_are_a_matrix_or_refused(data, order):
+    with suppress(ValueError):
+        cdr.decode_matrix(bytes((0, order, 0, 0)) + data)
 
 
 def test_the_bytes_of_a_joint_state():

@@ -9,12 +9,13 @@ from geometry_msgs.msg import TransformStamped
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
+from std_msgs.msg import Float64MultiArray, String
 from tf2_msgs.msg import TFMessage
 
 from crtk_drivers.recording import cdr
 from crtk_drivers.recording.mcap_writer import definition
 from crtk_drivers.ros.manifest import type_name
-from crtk_drivers.samples import Matrix
+from crtk_drivers.samples import Matrix, Text
 from rigs.message_values import NUMBERS, POSES, STAMPS, VALUES, WORDS, fields
 from rigs.ros_messages import message_of
 
@@ -70,6 +71,27 @@ def test_of_a_matrix_the_numbers_are_read(numbers):
     message = message_of(Matrix(numbers))
     found = cdr.decode("std_msgs/msg/Float64MultiArray", serialize_message(message)).value
     assert np.array(found.values).tobytes() == numbers.tobytes()
+
+
+@settings(max_examples=30)
+@given(MATRICES)
+def test_a_matrix_is_read(matrix):
+    found = cdr.decode_matrix(serialize_message(message_of(matrix)))
+    assert found.values.shape == matrix.values.shape
+    assert np.array_equal(found.values, matrix.values)
+    assert not found.values.flags.writeable
+
+
+def test_an_array_without_a_layout_is_one_row():
+    numbers = cdr.decode_matrix(serialize_message(Float64MultiArray(data=[1.0, 2.0])))
+    assert numbers.values.tolist() == [[1.0, 2.0]]
+
+
+@given(WORDS)
+def test_words_are_read(words):
+    assert cdr.decode("std_msgs/msg/String", serialize_message(String(data=words))).value == Text(
+        words
+    )
 
 
 @pytest.mark.parametrize("type_name", cdr.TYPE_NAMES.values())
