@@ -29,9 +29,10 @@ from crtk_sim_backends.ur.motion.contact import Surface, parse
 from crtk_sim_backends.ur.motion.limits import SafetyLimits
 from crtk_sim_backends.ur.signals.recording import USUAL, RecordingError, chosen_variables
 from crtk_sim_backends.ur.signals.tool_device import parse_device
-from crtk_sim_backends.ur.signals.variables import Variable, Version
+from crtk_sim_backends.ur.signals.variables import Variable
 from crtk_sim_backends.ur.signals.wiring import Wire, WiringError, parse_wires
 from crtk_sim_backends.ur.urscript.manual import SINCE
+from crtk_sim_backends.ur.versions import Version
 
 PORTS: Final = {
     "rtde": 30004,

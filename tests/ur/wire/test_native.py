@@ -40,6 +40,8 @@ LOOKAHEAD = 0.1
 ACCELERATION = 5.0
 SPEEDS = (3.14,) * 6
 RANGES = Limits((-6.28,) * 6, (6.28,) * 5 + (0.5,))
+SLIDER_RAMP = 0.25
+"""Seconds that the controller takes at most until it is as slow as the slider says."""
 NATIVE = {"control": "native"}
 FAR = [2.5, *HOME[1:]]
 
@@ -103,6 +105,18 @@ class Rig:
 
         state: StateSample = eventually(found, "that state")
         return state
+
+    def pass_time(self, seconds: float) -> None:
+        """Wait for so many seconds of the controller."""
+        begin = self.states[-1].timestamp
+        self.until(lambda state: state.timestamp > begin + seconds)
+
+    def slow_down(self, slider: float) -> None:
+        """Move the speed slider, as the driver sees it, and wait until the controller follows."""
+        self.sim.control.inject("speed_slider", fraction=slider)
+        self.until(lambda state: state.combined_speed_scaling == pytest.approx(slider))
+        self.channel.scaling = slider
+        self.pass_time(SLIDER_RAMP)
 
     def until_done(self, sequence: int) -> StateSample:
         """Return the first state in which a command was carried out."""
@@ -191,6 +205,51 @@ def test_a_speed_expires_on_the_controller_although_the_watchdog_is_fed(rig, kin
     assert abs(done.target_q[5]) < 0.3
 
 
+@pytest.mark.parametrize("kind", [Kind.SPEED_JOINT, Kind.SPEED_CARTESIAN, Kind.SERVO_JOINT])
+@pytest.mark.parametrize("slider", [1.0, 0.5, 0.1, 0.01, 0.0])
+def test_the_program_goes_on_in_each_cycle_however_low_the_speed_slider_is(rig, kind, slider):
+    """With it down a speed of one period takes many, and at zero it does not end."""
+    rig.start()
+    rig.slow_down(slider)
+    values = (*HOME[:5], 0.4) if kind is Kind.SERVO_JOINT else (0.0, 0.0, 0.0, 0.0, 0.0, 0.4)
+    lasts = 0.4
+    begin = len(rig.states)
+    rig.channel.command(kind, values, 300.0 if kind is Kind.SERVO_JOINT else 5.0, lasts)
+    rig.until(lambda state: rig.registers(state)[2] == Phase.MOVING)
+    if kind is Kind.SERVO_JOINT:
+        rig.pass_time(lasts)
+        rig.channel.command(Kind.REST)
+    end = rig.until(lambda state: rig.registers(state)[2] != Phase.MOVING)
+    moving = [state for state in rig.states[begin:] if rig.registers(state)[2] == Phase.MOVING]
+    counted = rig.registers(end)[4] - rig.registers(moving[0])[4]
+    seconds = end.timestamp - moving[0].timestamp
+    assert counted == pytest.approx(500.0 * seconds, abs=2.0)
+    fastest = max(abs(state.target_qd[5]) for state in moving)
+    if kind is not Kind.SERVO_JOINT:
+        late = 0.002 * (1 + end.skipped)
+        assert seconds == pytest.approx(lasts, abs=0.004 + late), "a speed expires in real time"
+        assert fastest == pytest.approx(slider * min(0.4, 5.0 * lasts * slider), abs=0.01)
+    rig.sim.control.clear("speed_slider")
+    done = rig.until(lambda state: rig.registers(state)[2] == Phase.STANDING)
+    assert max(map(abs, done.target_qd)) < 1e-3
+    assert done.runtime_state == PLAYING
+
+
+@pytest.mark.parametrize("kind", [Kind.SPEED_CARTESIAN, Kind.SPEED_JOINT])
+@pytest.mark.parametrize("slider", [0.5, 0.1])
+def test_a_slow_arm_stops_before_the_end_of_a_range_as_well(rig, kind, slider):
+    """The way of a stop is as long at any slider, though the arm is seen to be slower."""
+    rig.start()
+    rig.slow_down(slider)
+    down = kind is Kind.SPEED_CARTESIAN
+    speed = (0.0, 0.0, 0.0, 0.0, 0.0, -1.5 if down else 1.5)  # at HOME the tool points down
+    rig.channel.command(kind, speed, 5.0, LONG)
+    rig.until(lambda state: state.target_q[5] > 0.3)
+    rig.until(lambda state: max(map(abs, state.target_qd)) < 1e-3)
+    farthest = max(state.target_q[5] for state in rig.states)
+    assert 0.4 < farthest < RANGES.upper[5] + 1e-3
+
+
 def test_a_setting_does_not_disturb_a_motion(rig):
     rig.start()
     goal = (0.4, *HOME[1:])
@@ -235,7 +294,7 @@ def stream_through_stalls(rig: Rig, seconds: float, lump: float) -> Streamed:
     began = time.monotonic()
     sent: dict[int, float] = {}
     while (now := time.monotonic() - began) < seconds:
-        sent[rig.channel.command(Kind.SERVO_JOINT, (now, *HOME[1:]), 1.0, 300.0)] = now
+        sent[rig.channel.command(Kind.SERVO_JOINT, (now, *HOME[1:]), 300.0)] = now
         time.sleep(0.002)
     rig.sim.control.clear()
     rig.until_done(rig.channel.command(Kind.REST))
@@ -266,7 +325,7 @@ def test_commands_that_arrive_late_are_no_jump(rig):
 def test_the_program_goes_no_further_than_it_was_told_and_as_fast_as_it_may(rig):
     rig.start()
     goal = (2.0, *HOME[1:])
-    rig.channel.command(Kind.SERVO_JOINT, goal, 1.0, 300.0)
+    rig.channel.command(Kind.SERVO_JOINT, goal, 300.0)
     rig.until(lambda state: abs(state.target_q[0] - 2.0) < 1e-3 and state.target_qd[0] < 1e-3)
     assert max(state.target_q[0] for state in rig.states) < 2.0 + 1e-4
     assert max(state.target_qd[0] for state in rig.states) <= SPEEDS[0] * 1.001
@@ -300,7 +359,7 @@ def test_no_joint_leaves_its_range_whatever_is_commanded(rig, kind, values):
     """The second line behind the driver: the program knows the ranges itself."""
     rig.start()
     for _ in range(100):
-        rig.channel.command(kind, values, 1.0 if kind is Kind.SERVO_JOINT else 5.0, 300.0)
+        rig.channel.command(kind, values, 300.0 if kind is Kind.SERVO_JOINT else 5.0, 300.0)
         time.sleep(0.02)
     rig.until_done(rig.channel.command(Kind.REST))
     farthest = max(state.target_q[5] for state in rig.states)
@@ -329,7 +388,7 @@ def test_a_twist_into_a_singularity_stops_before_the_controller_trips(rig, kind)
 
 def test_quit_stops_and_ends_the_program(rig):
     rig.start()
-    rig.channel.command(Kind.SERVO_JOINT, (0.05, *HOME[1:]), 1.0, 300.0)
+    rig.channel.command(Kind.SERVO_JOINT, (0.05, *HOME[1:]), 300.0)
     rig.until(lambda state: state.target_qd[0] > 0.1)
     rig.channel.command(Kind.QUIT)
     ended = rig.until(lambda state: state.runtime_state == STOPPED)

@@ -93,8 +93,8 @@ class MotionControl:
         arm, compliance = self.arm, self.plant.compliance
         while any(arm.plan_qd) or compliance.coasts:
             self.claim()
-            step = deceleration * arm.dt * arm.scale
-            arm.command_velocity(approach(arm.plan_qd, (0.0,) * 6, step))
+            step = deceleration * arm.time_left
+            arm.command_velocity(approach(arm.commanded_qd, (0.0,) * 6, step))
             yield
 
     def stop_protectively(self, code: int) -> Generator[None, None, NoReturn]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from crtk_sim_backends.ur.program.programs import ProgramError
 from crtk_sim_backends.ur.safety.modes import RobotMode, RuntimeState, SafetyMode
-from crtk_sim_backends.ur.signals.variables import Version
+from crtk_sim_backends.ur.versions import Version
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller
