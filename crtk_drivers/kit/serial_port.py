@@ -110,11 +110,6 @@ class SerialPort:
         """Whether it is open; an unplugged one is until `close`."""
         return self._opened_as is not None
 
-    @property
-    def has_own_rate(self) -> bool:
-        """Whether its rate is set by a server, and not here."""
-        return self._server is not None
-
     def open(self, deadline: float = math.inf) -> None:
         """Open the port, or open it anew; found by its stable name if it has been open before.
 

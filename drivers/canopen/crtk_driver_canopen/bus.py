@@ -238,10 +238,6 @@ class CanLink:
             condition = self.condition if self.condition in FATAL else Condition.FULL
             self._lose(condition, f"for {self._full} cycles in a row", None)
 
-    def send_data(self, cob_id: int, data: bytes) -> bool:
-        """Send one frame; see `send`."""
-        return self.send(Frame(cob_id, data))
-
     def post(self, cob_id: int, data: bytes) -> None:
         """Have a frame sent, from any thread.
 

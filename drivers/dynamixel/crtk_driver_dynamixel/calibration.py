@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -97,29 +97,6 @@ class Calibration(Settings):
                 f"the calibration is not of this chain: {'; '.join(sorted(problems))}",
                 where=where,
                 remedy="Calibrate again: crtk-driver dynamixel calibrate.",
-            )
-
-    def check_homing_offsets(
-        self, read: Mapping[tuple[str, int], int], where: str = "calibration"
-    ) -> None:
-        """Make sure that the homing offsets in the servos are those with which it was made.
-
-        Args:
-            read: register Homing Offset by bus and id.
-
-        Raises:
-            ConfigError: they were changed since; says where.
-        """
-        changed = [
-            f"{s.joint} (servo {s.id} on {s.bus}) has {read[s.bus, s.id]} instead of {s.homing_offset}"
-            for s in self.servos
-            if (s.bus, s.id) in read and read[s.bus, s.id] != s.homing_offset
-        ]
-        if changed:
-            raise ConfigError(
-                f"homing offsets were changed since the calibration: {'; '.join(changed)}",
-                where=where,
-                remedy="Another program calibrated the arm, or a servo was replaced: calibrate again.",
             )
 
 

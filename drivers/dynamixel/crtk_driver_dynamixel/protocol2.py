@@ -68,8 +68,6 @@ ALERT: Final = 0x80
 """Bit of the error byte: Hardware Error Status of this servo is not 0."""
 
 _HEAD: Final = struct.Struct("<4sBH")
-_ITEM: Final = struct.Struct("<BHH")
-_RANGE: Final = struct.Struct("<HH")
 _U16: Final = struct.Struct("<H")
 _FRAME: Final = _HEAD.size + TAIL
 _SHORTEST: Final = 3
