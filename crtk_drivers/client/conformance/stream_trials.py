@@ -24,7 +24,6 @@ from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.samples import Array
 
 VELOCITY_TIME: Final = 0.5
-SILENCE_TIME: Final = 2.0
 ANGLE: Final = math.radians(5.0)
 SAME: Final = 1e-6
 RELATIVE_POSES: Final = ("servo_cr", "interpolate_cr", "move_cr")
