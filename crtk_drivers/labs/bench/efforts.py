@@ -64,23 +64,12 @@ LEAST: Final = 1e-6
 WORK = Quantity(
     "joints.effort.work", "work there and back", "J", Comparison.AT_LEAST, Worse.EITHER, 0.02
 )
-COULOMB = Quantity(
-    "joints.friction.coulomb", "dry friction", "N·m or N", Comparison.WITHIN, Worse.EITHER, 0.1
+COULOMB = Quantity.within("joints.friction.coulomb", "dry friction", "N·m or N", 0.1)
+VISCOUS = Quantity.within(
+    "joints.friction.viscous", "friction that grows with the speed", "N·m·s or N·s/m", 0.5
 )
-VISCOUS = Quantity(
-    "joints.friction.viscous",
-    "friction that grows with the speed",
-    "N·m·s or N·s/m",
-    Comparison.WITHIN,
-    Worse.EITHER,
-    0.5,
-)
-RIPPLE = Quantity(
-    "joints.friction.ripple",
-    "ripple of the effort at constant speed",
-    "N·m or N",
-    Comparison.AT_MOST,
-    guard=0.1,
+RIPPLE = Quantity.at_most(
+    "joints.friction.ripple", "ripple of the effort at constant speed", "N·m or N", 0.1
 )
 
 

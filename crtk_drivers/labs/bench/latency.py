@@ -52,7 +52,7 @@ ALIKE: Final = 0.6
 GRID: Final = 1e-3
 """Seconds between the delays that are tried."""
 
-LATENCY = Quantity("motion.latency.delay", "latency", "ms", Comparison.AT_MOST, guard=2.0)
+LATENCY = Quantity.at_most("motion.latency.delay", "latency", "ms", 2.0)
 PEAK = Quantity(
     "motion.latency.peak", "correlation at that delay", "", Comparison.TOLD, Worse.LOWER, 0.05
 )

@@ -32,12 +32,8 @@ SLOWED: Final = 0.5
 UNSEEN: Final = 0.05
 """Share of the time of a joint in which samples may stay away for five periods and more."""
 
-JUMP = Quantity(
-    "joints.range.step",
-    "largest step of a sample over what the velocity limit allows",
-    "",
-    Comparison.AT_MOST,
-    guard=0.2,
+JUMP = Quantity.at_most(
+    "joints.range.step", "largest step of a sample over what the velocity limit allows", "", 0.2
 )
 SEEN = Quantity(
     "joints.range.seen",
