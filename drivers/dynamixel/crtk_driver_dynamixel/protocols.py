@@ -31,14 +31,6 @@ class Codec(Protocol):
         """Write."""
         ...
 
-    def reg_write(self, id: int, address: int, data: bytes) -> bytes:
-        """Register a write."""
-        ...
-
-    def action(self, id: int) -> bytes:
-        """Do what was registered."""
-        ...
-
     def reboot(self, id: int) -> bytes:
         """Restart."""
         ...
