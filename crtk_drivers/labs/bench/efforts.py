@@ -25,8 +25,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import vector
 
-__all__ = ["TESTS"]
-
 STROKES: Final = (0.5, 1.0, 2.0)
 """Seconds of a stroke one way, about; longer where a joint would be faster than in any small motion."""
 

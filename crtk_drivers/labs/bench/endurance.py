@@ -19,8 +19,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import Array, JointState, vector
 
-__all__ = ["TESTS"]
-
 MINUTES: Final = 1.0
 """Of the quick suite; ten times as long in a nightly one."""
 

@@ -18,8 +18,6 @@ from crtk_drivers.labs.verdicts.judging import Bound, Findings, Quantity
 from crtk_drivers.samples import Wrench, vector
 from crtk_drivers.state import OperatingState
 
-__all__ = ["TESTS"]
-
 HELD: Final = 1.0
 """Seconds for which a bias must hold, in the quick suite."""
 

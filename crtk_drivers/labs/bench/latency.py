@@ -24,8 +24,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import JointState, Vector, vector
 
-__all__ = ["TESTS", "delay"]
-
 SEQUENCE: Final = (1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 1, 1, 0, 1, 0)
 """Of the greatest length of four bits: repeated, it looks like itself at no other delay."""
 

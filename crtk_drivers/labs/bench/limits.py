@@ -26,8 +26,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import Vector, vector
 
-__all__ = ["TESTS", "peak_speed"]
-
 TOO_FAST: Final = 1.2
 """Times the velocity limit that a stream asks for."""
 

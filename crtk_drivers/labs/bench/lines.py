@@ -21,8 +21,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import Array, Pose, Vector, vector
 
-__all__ = ["TESTS"]
-
 LENGTHS: Final = (0.2, 0.1, 0.05)
 """m: of the lines that are looked for, the longest first."""
 

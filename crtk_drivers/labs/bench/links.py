@@ -28,8 +28,6 @@ from crtk_drivers.labs.verdicts.estimates import Estimate, exact, within
 from crtk_drivers.labs.verdicts.judging import Bound, Findings, Measurement, Quantity
 from crtk_drivers.samples import JointState
 
-__all__ = ["TESTS"]
-
 CUT: Final = 3.0
 """Seconds for which the link is lost."""
 

@@ -18,8 +18,6 @@ from crtk_drivers.labs.verdicts.judging import Bound, Findings, Measurement, Qua
 from crtk_drivers.samples import Array
 from crtk_drivers.state import OperatingState
 
-__all__ = ["TESTS"]
-
 SILENT: Final = 0.7
 """Seconds of silence, beside the time after which the link counts as lost."""
 

@@ -35,8 +35,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import Array, JointState, Pose, Vector, vector
 
-__all__ = ["TESTS"]
-
 FREQUENCIES: Final = {
     1.0: (1.0, 4.0),
     3.0: (0.5, 1.0, 2.0, 4.0, 8.0),

@@ -24,8 +24,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import vector
 
-__all__ = ["TESTS"]
-
 SLOWED: Final = 0.5
 """Share of its velocity limit at which a joint goes through its range, at the most."""
 

@@ -24,8 +24,6 @@ from crtk_drivers.errors import ConnectionFailed, DeviceError
 from crtk_drivers.labs.bench import programs
 from crtk_drivers.plugins import NetworkLink
 
-__all__ = ["Mode", "RelayProcess"]
-
 CHUNK: Final = 65536
 
 CONNECT_TIMEOUT: Final = 2.0

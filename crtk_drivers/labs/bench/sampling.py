@@ -21,8 +21,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import Vector
 
-__all__ = ["TESTS"]
-
 REST: Final = 3.0
 """Seconds of the quick suite."""
 

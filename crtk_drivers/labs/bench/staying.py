@@ -24,8 +24,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import JointState, Pose, Value, Vector, vector
 
-__all__ = ["TESTS", "away", "still"]
-
 BEFORE: Final = 0.4
 SETTLES: Final = 0.4
 AFTER: Final = 1.0

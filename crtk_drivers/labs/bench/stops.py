@@ -26,8 +26,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import Array, JointState, Vector, vector
 
-__all__ = ["RUN", "TESTS", "begin_motion", "motion"]
-
 RUN: Final = 0.5
 """Seconds of motion before the stop."""
 

@@ -24,8 +24,6 @@ from crtk_drivers.labs.verdicts.judging import (
 from crtk_drivers.samples import JointState, Vector, vector
 from crtk_drivers.state import OperatingState
 
-__all__ = ["TESTS"]
-
 SEEN: Final = 8.0
 """Seconds of the motion that both see, in the quick suite."""
 

@@ -24,8 +24,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import Array, Vector, vector
 
-__all__ = ["TESTS"]
-
 POSES: Final = 8
 """Orientations; of fewer than `FEWEST` nothing is said."""
 

@@ -16,19 +16,6 @@ from typing import Final
 
 from crtk_drivers.labs.verdicts.estimates import Estimate
 
-__all__ = [
-    "Bound",
-    "Comparison",
-    "Findings",
-    "Measurement",
-    "Plot",
-    "Quantity",
-    "Series",
-    "Verdict",
-    "Worse",
-    "verdict_of",
-]
-
 MARGIN: Final = 0.1
 """Share of a bound: a value that passes, but is that near to it, is told as marginal."""
 

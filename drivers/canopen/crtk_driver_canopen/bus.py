@@ -38,8 +38,6 @@ try:
 except ImportError as error:  # pragma: no cover - the extra is installed where tests run
     raise MissingExtra("python-can", "canopen") from error
 
-__all__ = ["BusAddress", "CanLink", "Handler", "Record"]
-
 Handler = Callable[[bytes, float], None]
 """Takes the data of a frame, and when it was received in monotonic seconds."""
 

@@ -23,8 +23,6 @@ from crtk_driver_dynamixel.replies import (
 )
 from crtk_drivers.kit.serial_port import SerialPort
 
-__all__ = ["BROADCAST", "Bus", "Ping", "ServoLink"]
-
 BROADCAST: Final = protocol2.BROADCAST
 _PING_LENGTH: Final = MappingProxyType({1: 0, 2: 3})
 

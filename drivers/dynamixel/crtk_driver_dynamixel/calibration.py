@@ -25,17 +25,6 @@ from crtk_driver_dynamixel.units import Servo
 from crtk_drivers.config import Settings, from_file, load
 from crtk_drivers.errors import ConfigError
 
-__all__ = [
-    "Calibration",
-    "ServoCalibration",
-    "calibrate",
-    "load_calibration",
-    "save_calibration",
-    "turn_shift",
-    "unshifted",
-    "write_whole",
-]
-
 Identity = tuple[str, str, int, str]
 """Joint, bus, id and model of a servo: they have no serial number to tell it by."""
 

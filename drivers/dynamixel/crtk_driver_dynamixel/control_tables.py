@@ -24,8 +24,6 @@ from typing_extensions import override
 
 from crtk_drivers.errors import ConfigError, MissingExtra
 
-__all__ = ["Coding", "ControlTable", "IndirectBlock", "Item", "control_table", "model_files"]
-
 
 class Coding(StrEnum):
     """How the bytes of an item stand for a number; little-endian all of them."""

@@ -15,8 +15,6 @@ from typing_extensions import override
 
 from crtk_drivers.errors import ConfigError
 
-__all__ = ["Finger", "Jaw", "Linear", "SliderCrank"]
-
 _ROUNDING = 1e-12
 
 

@@ -30,8 +30,6 @@ from crtk_drivers.device import JointLimits
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.samples import Vector
 
-__all__ = ["Chain", "ChainServo"]
-
 Follow = Literal["goals", "secondary_id", "cable"]
 _SPEED_SHARE = 0.9
 """Of the no-load speed, where no limit is given: what remains under load, and below the register's limit."""

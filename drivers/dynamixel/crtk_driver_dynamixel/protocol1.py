@@ -18,25 +18,6 @@ from typing_extensions import override
 from crtk_driver_dynamixel import framing
 from crtk_driver_dynamixel.framing import Status
 
-__all__ = [
-    "BROADCAST",
-    "ERRORS",
-    "HARDWARE",
-    "TAIL",
-    "Instruction",
-    "StatusParser",
-    "bulk_read",
-    "error_text",
-    "packet",
-    "ping",
-    "read",
-    "reboot",
-    "seal",
-    "status_size",
-    "sync_write",
-    "write",
-]
-
 HEADER: Final = b"\xff\xff"
 BROADCAST: Final = 0xFE
 HIGHEST_ID: Final = 253

@@ -21,33 +21,6 @@ from crtk_driver_dynamixel import framing
 from crtk_driver_dynamixel.crc import crc16
 from crtk_driver_dynamixel.framing import Status
 
-__all__ = [
-    "ALERT",
-    "BROADCAST",
-    "ERRORS",
-    "HEADER",
-    "SEQUENCE",
-    "STATUS",
-    "TAIL",
-    "Instruction",
-    "Status",
-    "StatusParser",
-    "bulk_read",
-    "error_text",
-    "fast_bulk_read",
-    "fast_sync_read",
-    "packet",
-    "ping",
-    "read",
-    "reboot",
-    "seal",
-    "status_prefix",
-    "status_size",
-    "sync_read",
-    "sync_write",
-    "write",
-]
-
 HEADER: Final = b"\xff\xff\xfd\x00"
 BROADCAST: Final = 0xFE
 HIGHEST_ID: Final = 252

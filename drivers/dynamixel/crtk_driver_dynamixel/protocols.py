@@ -8,8 +8,6 @@ from typing import Final, Protocol
 
 from crtk_driver_dynamixel import protocol1, protocol2
 
-__all__ = ["PROTOCOLS", "Codec"]
-
 
 class Codec(Protocol):
     """What `protocol1` and `protocol2` have in common."""

@@ -19,18 +19,6 @@ from crtk_driver_dynamixel.control_tables import Coding, Item
 from crtk_driver_dynamixel.models import Family, Model, OperatingMode
 from crtk_drivers.samples import Vector, vector
 
-__all__ = [
-    "Counts",
-    "Scale",
-    "Scaling",
-    "Servo",
-    "decoded",
-    "encoded",
-    "read_number",
-    "record",
-    "write_number",
-]
-
 Counts = NDArray[np.int64]
 """One whole number a servo, as in the control table, signs put right."""
 
