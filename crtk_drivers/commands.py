@@ -78,6 +78,28 @@ class Payload(StrEnum):
     INVERSE_KINEMATICS = "inverse kinematics query"
 
 
+ROS_TYPES: Mapping[Payload, str] = MappingProxyType(
+    {
+        Payload.JOINT_STATE: "sensor_msgs/msg/JointState",
+        Payload.POSE: "geometry_msgs/msg/PoseStamped",
+        Payload.TWIST: "geometry_msgs/msg/TwistStamped",
+        Payload.WRENCH: "geometry_msgs/msg/WrenchStamped",
+        Payload.MATRIX: "std_msgs/msg/Float64MultiArray",
+        Payload.OPERATING_STATE: "crtk_msgs/msg/OperatingState",
+        Payload.TEXT: "crtk_msgs/msg/StringStamped",
+        Payload.EMPTY: "std_msgs/msg/Empty",
+        Payload.NUMBER: "std_msgs/msg/Float64",
+        Payload.FLAG: "std_msgs/msg/Bool",
+        Payload.NUMBERS: "std_msgs/msg/Float64MultiArray",
+        Payload.JOINT_SERVO: "crtk_msgs/msg/JointServo",
+        Payload.CARTESIAN_SERVO: "crtk_msgs/msg/CartesianServo",
+        Payload.FORWARD_KINEMATICS: "crtk_msgs/srv/QueryForwardKinematics",
+        Payload.INVERSE_KINEMATICS: "crtk_msgs/srv/QueryInverseKinematics",
+    }
+)
+"""The ROS type of each payload, as CRTK has it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Command:
     """One CRTK name and all that is known of it without a device.

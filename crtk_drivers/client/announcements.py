@@ -11,12 +11,12 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from crtk_drivers.client.move_handle import RemoteMove
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, CrtkError, DataTimeout, Reason
 from crtk_drivers.state import Status
 
 if TYPE_CHECKING:
     from crtk_drivers.client.inbox import Inbox, Received
-    from crtk_drivers.client.move_handle import RemoteMove
     from crtk_drivers.client.ros_link import Link
 
 logger = logging.getLogger(__name__)
@@ -311,14 +311,25 @@ class StatusTracker:
         finally:
             self.unwatch(watch)
 
-    def refused_lately(self, name: str) -> bool:
-        """Whether this command was refused a moment ago."""
+    def _refused_lately(self, name: str) -> bool:
         return time.monotonic() - self._refused_at.get(name, -RECENT) < RECENT
 
-    def follow(self, move: RemoteMove) -> None:
-        """Tell `move` what arrives from now on."""
+    def follow(self, name: str, stamp_ns: int, at_goal: Callable[[], bool | None]) -> RemoteMove:
+        """Return the handle of a move that is about to be sent; it is told what arrives from now on.
+
+        Args: see `RemoteMove`.
+        """
+        move = RemoteMove(
+            name,
+            stamp_ns=stamp_ns,
+            was_busy=self.latest.is_busy,
+            refused_before=self._refused_lately(name),
+            at_goal=at_goal,
+            lost=self.lost,
+        )
         with self._lock:
             self._moves = [other for other in self._moves if not other.has_ended] + [move]
+        return move
 
     def replace(self, name: str, but: RemoteMove | None = None) -> None:
         """`name` has taken the place of every move but one."""

@@ -14,7 +14,6 @@ from typing import Any
 
 import rclpy
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.time import Time
@@ -22,7 +21,7 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import Joy
 
 from crtk_drivers.client.ros_link import GRAPH_PERIOD, Caller, Link
-from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor
+from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor, spin
 
 __all__ = ["Joy", "Ral", "Rate"]
 
@@ -71,14 +70,7 @@ class _Shared:
         executor = make_executor(self.node.context)
         executor.add_node(self.node)
         try:
-            while not self.stopped.is_set() and self.node.context.ok():
-                try:
-                    executor.spin_once(timeout_sec=SPIN_PERIOD)
-                except ExternalShutdownException:
-                    return
-                except Exception:
-                    if not self.stopped.is_set():
-                        logger.exception("a ROS callback failed")
+            spin(executor, self.stopped)
         finally:
             executor.remove_node(self.node)
             executor.shutdown(timeout_sec=SPIN_PERIOD)

@@ -317,15 +317,7 @@ class RemoteDevice(DeviceFront):
             ready = outbox.accepts(goal)
             value = None if ready else value_for(command, goal, self.namespace)
             stamp = outbox.stamp(goal)
-            handle = RemoteMove(
-                name,
-                stamp_ns=stamp,
-                was_busy=tracker.latest.is_busy,
-                refused_before=tracker.refused_lately(name),
-                at_goal=goal_test(setpoint, value),
-                lost=tracker.lost,
-            )
-            tracker.follow(handle)
+            handle = tracker.follow(name, stamp, goal_test(setpoint, value))
             try:
                 self._send(outbox, command, goal if ready else value, stamp)
                 handle.confirm()

@@ -17,7 +17,7 @@ from typing import Any
 import rclpy
 from crtk_msgs.srv import TriggerOperatingState
 from rclpy.context import Context
-from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import serialize_message
@@ -25,7 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Empty, String
 
 from crtk_drivers.client.inbox import Inbox, Received, may_wait
-from crtk_drivers.commands import Command, Payload
+from crtk_drivers.commands import Payload
 from crtk_drivers.errors import (
     ConfigError,
     ConnectionFailed,
@@ -35,10 +35,9 @@ from crtk_drivers.errors import (
 )
 from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
-from crtk_drivers.ros.manifest import type_name
 from crtk_drivers.ros.messages import TYPES, pose_of, set_pose, stamp_ns
 from crtk_drivers.ros.plain import fill_plain
-from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor
+from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor, spin
 from crtk_drivers.samples import Pose, Text, Value, Vector, vector
 
 logger = logging.getLogger(__name__)
@@ -47,11 +46,6 @@ GRAPH_PERIOD = 0.005
 """Seconds between two looks at the graph while something is waited for."""
 
 _numbers = itertools.count(1)
-
-
-def ros_type(command: Command) -> str:
-    """Return the ROS name of what a command carries: ``sensor_msgs/msg/JointState``."""
-    return type_name(TYPES[command.payload])
 
 
 UNSPUN = 0.5
@@ -269,20 +263,11 @@ class Link:
             return
         self._executor = make_executor(self._context)
         self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._spin, name="crtk client", daemon=True)
+        self._thread = threading.Thread(
+            target=spin, args=(self._executor, self._stop), name="crtk client", daemon=True
+        )
         self._thread.start()
         atexit.register(self.close)
-
-    def _spin(self) -> None:
-        assert self._executor is not None
-        while not self._stop.is_set():
-            try:
-                self._executor.spin_once(timeout_sec=SPIN_PERIOD)
-            except ExternalShutdownException:
-                return
-            except Exception:
-                if not self._stop.is_set():
-                    logger.exception("a ROS callback failed")
 
     def close(self) -> None:
         """End everything that this link made. May be called twice; not from a callback."""

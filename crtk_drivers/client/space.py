@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from crtk_drivers.client.announcements import StatusTracker
 from crtk_drivers.client.discovery import POLL, SETTLE, Catalogue, Feature
-from crtk_drivers.commands import Direction, Payload
+from crtk_drivers.commands import ROS_TYPES, Direction, Payload
 from crtk_drivers.errors import ConnectionFailed
 
 if TYPE_CHECKING:
@@ -64,8 +64,6 @@ class Space:
         Raises:
             NotOffered: it does not exist on the other side, or is of another type there.
         """
-        from crtk_drivers.client.ros_link import ros_type
-
         features = self.features()
         feature = features.get(name)
         if feature is None:
@@ -73,7 +71,7 @@ class Space:
                 f"{self.namespace} does not offer {name}. "
                 f"It offers: {', '.join(features) or 'nothing at all'}."
             )
-        wanted = ros_type(feature.command)
+        wanted = ROS_TYPES[feature.command.payload]
         if feature.ros_type != wanted:
             raise NotOffered(
                 f"{feature.topic} is a {feature.ros_type} on the other side and a {wanted} here; in "

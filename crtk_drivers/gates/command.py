@@ -89,7 +89,6 @@ class CommandCheck:
         self._axes = axes or WrenchAxes()
         self._joints = capabilities.joints
         self._index = {name: i for i, name in enumerate(capabilities.joints)}
-        self._base_frame = capabilities.base_frame
         self._frames = {
             "": capabilities.base_frame,
             "local": "local",

@@ -18,8 +18,6 @@ from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.plugins import RunningSim
 from crtk_drivers.samples import Pose, Vector, Wrench, vector
 
-__all__ = ["GRAVITY", "UNKNOWN", "Carried", "Coupling"]
-
 GRAVITY: Final = 9.80665
 """m/s², against the z axis of the frame in which the arm tells its poses."""
 

@@ -45,18 +45,6 @@ from crtk_drivers.errors import ConfigError, CrtkError, PluginError
 from crtk_drivers.labs.carried import Carried
 from crtk_drivers.plugins import DevicePlugin
 
-__all__ = [
-    "BoundEntry",
-    "CarriedEntry",
-    "DeviceEntry",
-    "Lab",
-    "LabDevice",
-    "LabProgram",
-    "LabSettings",
-    "ToolEntry",
-    "load_lab",
-]
-
 NAME: Final = r"^[A-Za-z][A-Za-z0-9_]*$"
 """Of a device or a program: it becomes a ROS namespace, an attribute and a file."""
 

@@ -11,8 +11,6 @@ from typing import Final
 from crtk_drivers.state import Status
 from crtk_drivers.status.health import Health
 
-__all__ = ["REPORT_FD", "Report", "Reporter", "read_reports"]
-
 REPORT_FD: Final = "CRTK_DRIVERS_REPORT_FD"
 """Environment variable: the descriptor of the pipe that a device writes to."""
 

@@ -22,8 +22,6 @@ from crtk_drivers.labs.invocation import device_command, settings_text
 from crtk_drivers.labs.lab_file import Lab, LabDevice
 from crtk_drivers.labs.reports import REPORT_FD, Report, read_reports
 
-__all__ = ["Child", "Phase", "Supervisor"]
-
 FIRST_DELAY: Final = 1.0
 LONGEST_DELAY: Final = 30.0
 """Seconds before a process that ended is started again; twice as long each time."""

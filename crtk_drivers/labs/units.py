@@ -16,8 +16,6 @@ from crtk_drivers.labs.invocation import device_command, settings_text
 from crtk_drivers.labs.lab_file import Lab, LabDevice
 from crtk_drivers.labs.supervisor import FIRST_DELAY, LONGEST_DELAY, STOP_TIMEOUT, USAGE_ERROR
 
-__all__ = ["units_of", "write_units"]
-
 HEADER: Final = "# Written by crtk-driver up --systemd; it is written anew the next time.\n"
 
 _ENVIRONMENT: Final = (

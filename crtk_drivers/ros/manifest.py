@@ -30,9 +30,9 @@ from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from crtk_drivers.commands import ROS_TYPES
 from crtk_drivers.device import READINGS
 from crtk_drivers.engine import Engine
-from crtk_drivers.ros.messages import TYPES
 from crtk_drivers.ros.names import Frames
 
 SCHEMA = "crtk_capabilities/1"
@@ -62,7 +62,7 @@ def manifest(
     commands = {
         name: {
             "name": ros_names[name],
-            "type": type_name(TYPES[command.payload]),
+            "type": ROS_TYPES[command.payload],
             "direction": command.direction.value,
             "level": command.level.value,
             "units": command.units,
@@ -87,7 +87,7 @@ def manifest(
         "inputs": {
             name: {
                 "name": ros_names[name],
-                "type": type_name(TYPES[taken.payload]),
+                "type": ROS_TYPES[taken.payload],
                 "summary": taken.summary,
             }
             for name, taken in engine.inputs.items()
@@ -95,7 +95,7 @@ def manifest(
         "readings": {
             name: {
                 "name": ros_names[f"{READINGS}/{name}"],
-                "type": type_name(TYPES[reading.payload]),
+                "type": ROS_TYPES[reading.payload],
                 "summary": reading.summary,
             }
             for name, reading in engine.readings.items()

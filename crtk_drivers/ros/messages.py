@@ -12,40 +12,18 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from builtin_interfaces.msg import Time
-from crtk_msgs.msg import CartesianServo as CartesianServoMessage
-from crtk_msgs.msg import JointServo as JointServoMessage
 from crtk_msgs.msg import OperatingState as OperatingStateMessage
-from crtk_msgs.msg import StringStamped
-from crtk_msgs.srv import QueryForwardKinematics, QueryInverseKinematics
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from sensor_msgs.msg import JointState as JointStateMessage
-from std_msgs.msg import Bool, Empty, Float64, Float64MultiArray
 
-from crtk_drivers.commands import Payload
+from crtk_drivers.commands import ROS_TYPES, Payload
+from crtk_drivers.ros.plain import message_class
 from crtk_drivers.samples import Pose, vector
 from crtk_drivers.state import Status
 
 TYPES: Mapping[Payload, type] = MappingProxyType(
-    {
-        Payload.JOINT_STATE: JointStateMessage,
-        Payload.POSE: PoseStamped,
-        Payload.TWIST: TwistStamped,
-        Payload.WRENCH: WrenchStamped,
-        Payload.MATRIX: Float64MultiArray,
-        Payload.OPERATING_STATE: OperatingStateMessage,
-        Payload.TEXT: StringStamped,
-        Payload.EMPTY: Empty,
-        Payload.NUMBER: Float64,
-        Payload.FLAG: Bool,
-        Payload.NUMBERS: Float64MultiArray,
-        Payload.JOINT_SERVO: JointServoMessage,
-        Payload.CARTESIAN_SERVO: CartesianServoMessage,
-        Payload.FORWARD_KINEMATICS: QueryForwardKinematics,
-        Payload.INVERSE_KINEMATICS: QueryInverseKinematics,
-    }
+    {payload: message_class(name) for payload, name in ROS_TYPES.items()}
 )
-"""The ROS type of each payload."""
+"""The ROS class of each payload."""
 
 _SECOND = 1_000_000_000
 

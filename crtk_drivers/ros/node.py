@@ -11,6 +11,7 @@ from rclpy.context import Context
 from std_msgs.msg import String
 from typing_extensions import override
 
+from crtk_drivers.commands import ROS_TYPES
 from crtk_drivers.config import NodeConfig
 from crtk_drivers.device import READINGS
 from crtk_drivers.engine import Engine, Observer
@@ -18,8 +19,7 @@ from crtk_drivers.errors import CommandRefused
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.description import DescriptionTopic
 from crtk_drivers.ros.diagnostics import Diagnostics
-from crtk_drivers.ros.manifest import manifest, type_name
-from crtk_drivers.ros.messages import TYPES
+from crtk_drivers.ros.manifest import manifest
 from crtk_drivers.ros.mismatches import TypeConflicts
 from crtk_drivers.ros.names import AMONG_DRIVERS, NODE_NAME, Frames
 from crtk_drivers.ros.operating_state import StatusTopic
@@ -176,8 +176,7 @@ class DriverNode:
             f"{READINGS}/{name}": reading.payload for name, reading in self._engine.readings.items()
         }
         expected = {
-            endpoint.topic_name: type_name(TYPES[payloads[name]])
-            for name, endpoint in endpoints.items()
+            endpoint.topic_name: ROS_TYPES[payloads[name]] for name, endpoint in endpoints.items()
         }
         self._thread.job("graph", TypeConflicts(self.node, expected).check, GRAPH_RATE)
         return names

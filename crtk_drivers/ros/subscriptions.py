@@ -9,19 +9,17 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
 
 from rclpy.subscription import Subscription
 
-from crtk_drivers.commands import Command, Direction, Payload
+from crtk_drivers.commands import ROS_TYPES, Command, Direction, Payload
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
-from crtk_drivers.ros.manifest import type_name
 from crtk_drivers.ros.messages import TYPES
 from crtk_drivers.ros.names import Frames
 from crtk_drivers.ros.senders import AttributedSubscription, Sender, Senders
@@ -33,10 +31,6 @@ from crtk_drivers.status.throttle import Throttle
 logger = logging.getLogger(__name__)
 
 FAILURE_INTERVAL = 2.0
-
-_TYPE_NAMES: Mapping[Payload, str] = MappingProxyType(
-    {payload: name for payload, kind in TYPES.items() if (name := type_name(kind)) in cdr.READABLE}
-)
 
 
 class CommandTopics:
@@ -112,7 +106,7 @@ class CommandTopics:
     ) -> tuple[Value, int]:
         """Return the value of a message, in the device's own frame, and its stamp."""
         try:
-            found = cdr.decode(_TYPE_NAMES[payload], data, is_exact=is_exact)
+            found = cdr.decode(ROS_TYPES[payload], data, is_exact=is_exact)
         except ValueError as error:
             refusal = _refused(name, data, error, self._engine.where)
             self._engine.report_refusal(refusal)

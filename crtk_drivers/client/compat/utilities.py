@@ -18,7 +18,6 @@ from crtk_drivers.client.announcements import StatusTracker
 from crtk_drivers.client.compat.handles import WaitMoveHandle
 from crtk_drivers.client.goals import goal_test
 from crtk_drivers.client.inbox import Inbox, Received
-from crtk_drivers.client.move_handle import RemoteMove
 from crtk_drivers.client.ral import Ral
 from crtk_drivers.client.ros_link import Caller, Outbox
 from crtk_drivers.commands import COMMANDS, Command, Direction, Level, Payload
@@ -188,15 +187,7 @@ class Utils:
         source = "setpoint_js" if command.payload is Payload.JOINT_STATE else "setpoint_cp"
         setpoint = None if command.is_relative else self._inboxes.get(source)
         stamp = outbox.stamp(goal)
-        move = RemoteMove(
-            name,
-            stamp_ns=stamp,
-            was_busy=tracker.latest.is_busy,
-            refused_before=tracker.refused_lately(name),
-            at_goal=goal_test(setpoint, value),
-            lost=tracker.lost,
-        )
-        tracker.follow(move)
+        move = tracker.follow(name, stamp, goal_test(setpoint, value))
         self._send(command, outbox, goal if ready else value, stamp=stamp)
         tracker.replace(name, but=move)
         return WaitMoveHandle(move)

@@ -10,7 +10,6 @@ import numpy as np
 
 from crtk_drivers.client.conformance.findings import (
     conforms,
-    diverges,
     not_offered,
     undetermined,
 )
@@ -52,8 +51,7 @@ TURNS: Final = 3
 
 def first_command(trial: Trial) -> None:
     """STA-11."""
-    if not trial.offers("servo_jp", "setpoint_js"):
-        trial.note("STA-11", not_offered("not both servo_jp and setpoint_js"))
+    if trial.lacks(("servo_jp", "setpoint_js"), "STA-11"):
         return
     if not trial.reach("disable", "DISABLED") or not trial.reach("enable", "ENABLED"):
         raise Stopped(f"it stays {trial.word()} after disable and enable")
@@ -61,19 +59,18 @@ def first_command(trial: Trial) -> None:
     goal = _part(here, trial.away(trial.expected.step), 0.25)
     trial.probe.send("servo_jp", goal)
     acts = trial.probe.wait(lambda: _off(trial, goal) <= 0.1 * far(goal, here), 1.0)
-    trial.note(
+    trial.judge(
         "STA-11",
-        conforms("the first command after ENABLED acts")
-        if acts
-        else diverges("the first command after ENABLED does nothing"),
+        acts,
+        "the first command after ENABLED acts",
+        "the first command after ENABLED does nothing",
     )
     trial.go(here)
 
 
 def burst(trial: Trial) -> None:
     """QOS-5."""
-    if not trial.offers("servo_jp", "setpoint_js"):
-        trial.note("QOS-5", not_offered("not both servo_jp and setpoint_js"))
+    if trial.lacks(("servo_jp", "setpoint_js"), "QOS-5"):
         return
     here = trial.here()
     away = _part(here, trial.away(trial.expected.step), 0.5)
@@ -96,15 +93,14 @@ def burst(trial: Trial) -> None:
         f"{AMOUNT} positions at once: the last is the setpoint after {1e3 * max(0.0, last):.0f} ms"
     )
     good = last <= PERIODS * period + LEAST_TIME
-    trial.note("QOS-5", conforms(told) if good else diverges(told))
+    trial.judge("QOS-5", good, told)
     trial.hold()
     trial.go(here)
 
 
 def flood(trial: Trial) -> None:
     """INP-7."""
-    if not trial.offers("servo_jp", "setpoint_js"):
-        trial.note("INP-7", not_offered("not both servo_jp and setpoint_js"))
+    if trial.lacks(("servo_jp", "setpoint_js"), "INP-7"):
         return
     here = trial.here()
     goal = _part(here, trial.away(trial.expected.step), 0.25)
@@ -117,7 +113,7 @@ def flood(trial: Trial) -> None:
     delay = _delay(trial, here, goal)
     told = f"alone after {1e3 * alone:.0f} ms, after {count} commands after {1e3 * delay:.0f} ms"
     good = delay <= alone + BACKLOG_TIME
-    trial.note("INP-7", conforms(told) if good else diverges(told))
+    trial.judge("INP-7", good, told)
     trial.hold()
     trial.go(here)
 
@@ -134,8 +130,7 @@ def _delay(trial: Trial, here: Sequence[float], goal: Sequence[float]) -> float:
 
 def far_step(trial: Trial) -> None:
     """MOV-15."""
-    if not trial.offers("servo_jp"):
-        trial.note("MOV-15", not_offered("no servo_jp"))
+    if trial.lacks(("servo_jp",), "MOV-15"):
         return
     declared = trial.velocity
     if declared is None:
@@ -153,15 +148,14 @@ def far_step(trial: Trial) -> None:
     else:
         peak = max((speed for _, speed in speeds(trace, trial.joint)), default=0.0)
         told = f"a step of {far(goal, here):.2f}: at {peak:.2f} at most, {declared:.2f} is declared"
-        trial.note("MOV-15", conforms(told) if peak <= OVER * declared else diverges(told))
+        trial.judge("MOV-15", peak <= OVER * declared, told)
     trial.enable()
     trial.go(here)
 
 
 def interpolated(trial: Trial) -> None:
     """MOV-20."""
-    if not trial.offers("interpolate_jp"):
-        trial.note("MOV-20", not_offered("no interpolate_jp"))
+    if trial.lacks(("interpolate_jp",), "MOV-20"):
         return
     here, target = trial.here(), trial.away(trial.expected.stroke)
     began = trial.probe.now()
@@ -178,14 +172,13 @@ def interpolated(trial: Trial) -> None:
         mean, least = float(np.mean(middle)), min(middle)
         told = f"goals at {GOAL_RATE:.0f} Hz: at {100 * least / max(mean, 1e-9):.0f} % of its speed"
         good = mean > 0.0 and least >= SLOWEST * mean
-        trial.note("MOV-20", conforms(told) if good else diverges(f"{told} it nearly stops"))
+        trial.judge("MOV-20", good, told, f"{told} it nearly stops")
     trial.go(here)
 
 
 def changes_of_kind(trial: Trial) -> None:
     """MOV-21."""
-    if not trial.offers("servo_jp", "move_jp", "servo_jv", "hold"):
-        trial.note("MOV-21", not_offered("not all of servo_jp, move_jp, servo_jv and hold"))
+    if trial.lacks(("servo_jp", "move_jp", "servo_jv", "hold"), "MOV-21"):
         return
     here, target = trial.here(), trial.away(trial.expected.stroke)
     velocity = tuple(np.subtract(trial.away(trial.expected.step), here) / HALF)
@@ -193,9 +186,7 @@ def changes_of_kind(trial: Trial) -> None:
     trial.stream("servo_jp", ramp(here, target, 1.2))
     changes = [trial.probe.now()]
     trial.probe.send("move_jp", here)
-    trial.probe.wait(
-        lambda: far(trial.here(), here) <= trial.expected.arrival, trial.expected.move_time
-    )
+    trial.arrives(here)
     changes.append(trial.probe.now())
     trial.stream("servo_jv", [velocity] * int(STREAM_RATE * HALF))
     changes.append(trial.probe.now())
@@ -209,14 +200,13 @@ def changes_of_kind(trial: Trial) -> None:
     else:
         told = f"at {max(soon):.3f} at most after a change, at {max(else_):.3f} otherwise"
         limit = JUMP * max(else_) + 2.0 * trial.still / WINDOW
-        trial.note("MOV-21", conforms(told) if max(soon) <= limit else diverges(told))
+        trial.judge("MOV-21", max(soon) <= limit, told)
     trial.go(here)
 
 
 def two_clients(trial: Trial) -> None:
     """MOV-25."""
-    if not trial.offers("servo_jp", "servo_jv", "setpoint_js"):
-        trial.note("MOV-25", not_offered("not all of servo_jp, servo_jv and setpoint_js"))
+    if trial.lacks(("servo_jp", "servo_jv", "setpoint_js"), "MOV-25"):
         return
     here = trial.here()
     velocity = tuple(np.subtract(trial.away(trial.expected.step), here) / TWO_CLIENTS_TIME)
@@ -237,7 +227,7 @@ def two_clients(trial: Trial) -> None:
     else:
         turns = sum(now is not before for before, now in pairwise(kinds))
         told = f"the setpoint changes its kind {turns} times in {TWO_CLIENTS_TIME:g} s"
-        trial.note("MOV-25", conforms(told) if turns <= TURNS else diverges(told))
+        trial.judge("MOV-25", turns <= TURNS, told)
     trial.enable()
     trial.go(here)
 
@@ -262,7 +252,7 @@ def slower_moves(trial: Trial) -> None:
         trial.probe.send(name, (1.0 if before is None else before,))
     told = f"{times[0]:.2f} s at a ratio of 1, {times[1]:.2f} s at {RATIO}"
     slower = times[1] >= SLOWER * times[0]
-    trial.note("MOV-24", conforms(told) if slower else diverges(told))
+    trial.judge("MOV-24", slower, told)
     trial.go(here)
 
 
@@ -270,9 +260,7 @@ def _duration(trial: Trial, target: Sequence[float]) -> float:
     """Move, and return how long the joints were on their way: s."""
     before, began = trial.here(), trial.probe.now()
     trial.probe.send("move_jp", target)
-    trial.probe.wait(
-        lambda: far(trial.here(), target) <= trial.expected.arrival, trial.expected.move_time
-    )
+    trial.arrives(target)
     trial.at_rest()
     heard = [e for e in trial.probe.trace(began).joints.get("measured_js", ()) if e.stamp_ns]
     length = far(target, before)
@@ -283,8 +271,7 @@ def _duration(trial: Trial, target: Sequence[float]) -> float:
 def efforts(trial: Trial) -> None:
     """SPT-4."""
     heard = trial.probe.joints("measured_js")
-    if not trial.offers("servo_jf", "setpoint_js"):
-        trial.note("SPT-4", not_offered("not both servo_jf and setpoint_js"))
+    if trial.lacks(("servo_jf", "setpoint_js"), "SPT-4"):
         return
     if heard is None or len(heard.effort) != len(heard.position):
         trial.note("SPT-4", undetermined("no effort is measured that would hold it"))
@@ -302,7 +289,7 @@ def efforts(trial: Trial) -> None:
     else:
         wrong = [e for e in during if e.position or e.velocity or not e.effort]
         words = f"{len(wrong)} of {len(during)} setpoints are not of effort alone"
-        trial.note("SPT-4", diverges(words) if wrong else conforms("effort alone"))
+        trial.judge("SPT-4", not wrong, "effort alone", words)
     trial.go(here)
 
 

@@ -16,13 +16,13 @@ from crtk_drivers.client.conformance.findings import (
     undetermined,
 )
 from crtk_drivers.client.conformance.observed import (
-    ROS_TYPES,
     STATE_SERVICE,
     Endpoint,
     Observation,
 )
 from crtk_drivers.commands import (
     FRAMES,
+    ROS_TYPES,
     SUB_NAMESPACES,
     Command,
     Kind,

@@ -35,37 +35,25 @@ SOON: Final = 0.15
 
 def arrives(trial: Trial) -> None:
     """MOV-16, BSY-2, GOL-1, SPT-6."""
-    clauses = ("MOV-16", "BSY-2", "GOL-1", "SPT-6")
-    if not trial.offers("move_jp"):
-        for clause in clauses:
-            trial.note(clause, not_offered("no move_jp"))
+    if trial.lacks(("move_jp",), "MOV-16", "BSY-2", "GOL-1", "SPT-6"):
         return
     begin, target = trial.here(), trial.away(trial.expected.stroke)
     began = trial.probe.now()
     trial.probe.send("move_jp", target)
-    arrived = trial.probe.wait(
-        lambda: far(trial.here(), target) <= trial.expected.arrival, trial.expected.move_time
-    )
+    arrived = trial.arrives(target)
     at = trial.probe.now()
-    trial.probe.wait(lambda: not _busy(trial), BUSY_FALLS + trial.expected.wait)
+    trial.probe.wait(lambda: not trial.is_busy, BUSY_FALLS + trial.expected.wait)
     stands = trial.at_rest()
     trace = trial.probe.trace(began)
     off = far(trial.here(), target)
     near = arrived and stands and off <= trial.expected.arrival
     told = f"{off:.1e} from the goal"
-    trial.note(
-        "MOV-16", conforms(told) if near else diverges(told if stands else "it does not stand")
-    )
+    trial.judge("MOV-16", near, told, told if stands else "it does not stand")
     if stands and off < 0.5 * far(begin, target):
         trial.note("BSY-2", _busy_meanwhile(trace, at))
         trial.note("SPT-6", _on_the_way(trace, trial.joint, target))
     trial.note("GOL-1", _goal(trial, "goal_js", target))
     trial.go(begin)
-
-
-def _busy(trial: Trial) -> bool:
-    state = trial.probe.state()
-    return state is not None and state.is_busy
 
 
 def _busy_meanwhile(trace: Trace, arrived: float) -> Finding:
@@ -115,15 +103,14 @@ def _goal(trial: Trial, name: str, target: tuple[float, ...]) -> Finding:
 
 def to_where_it_is(trial: Trial) -> None:
     """BSY-3."""
-    if not trial.offers("move_jp", "operating_state"):
-        trial.note("BSY-3", not_offered("no move_jp"))
+    if trial.lacks(("move_jp", "operating_state"), "BSY-3"):
         return
     began = trial.probe.now()
     trial.probe.send("move_jp", trial.here())
     trial.probe.wait(
         lambda: any(e.is_busy for e in trial.probe.trace(began).states), trial.expected.wait
     )
-    trial.probe.wait(lambda: not _busy(trial), HERE_TIME)
+    trial.probe.wait(lambda: not trial.is_busy, HERE_TIME)
     trial.probe.sleep(trial.expected.wait / 2.0)
     said = [each.is_busy for each in trial.probe.trace(began).states]
     edges = [now for before, now in zip([False, *said], said, strict=False) if now is not before]
@@ -141,8 +128,7 @@ def to_where_it_is(trial: Trial) -> None:
 
 def pre_empted(trial: Trial) -> None:
     """MOV-18."""
-    if not trial.offers("move_jp"):
-        trial.note("MOV-18", not_offered("no move_jp"))
+    if trial.lacks(("move_jp",), "MOV-18"):
         return
     begin, target = trial.here(), trial.away(trial.expected.stroke)
     if not _on_its_way(trial, begin, target):
@@ -151,7 +137,7 @@ def pre_empted(trial: Trial) -> None:
     began = trial.probe.now()
     trial.probe.send("move_jp", begin)
     trial.probe.sleep(trial.expected.wait / 4.0)
-    trial.probe.wait(lambda: not _busy(trial), trial.expected.move_time)
+    trial.probe.wait(lambda: not trial.is_busy, trial.expected.move_time)
     trial.at_rest()
     heard = trial.probe.trace(began).joints.get("measured_js", ())
     reached = [e.at - began for e in heard if far(e.position, target) <= trial.expected.arrival]
@@ -180,9 +166,7 @@ def _on_its_way(trial: Trial, begin: tuple[float, ...], target: tuple[float, ...
 
 def held(trial: Trial) -> None:
     """MOV-22, BSY-5."""
-    if not trial.offers("move_jp", "hold"):
-        for clause in ("MOV-22", "BSY-5"):
-            trial.note(clause, not_offered("not both move_jp and hold"))
+    if trial.lacks(("move_jp", "hold"), "MOV-22", "BSY-5"):
         return
     begin, target = trial.here(), trial.away(trial.expected.stroke)
     _on_its_way(trial, begin, target)
@@ -190,16 +174,15 @@ def held(trial: Trial) -> None:
     word = trial.word()
     if word != "ENABLED":
         trial.note("MOV-22", diverges(f"hold leads to {word}"))
-    free = trial.probe.wait(lambda: not _busy(trial), trial.expected.stop_time)
-    trial.note("BSY-5", conforms("not busy after hold") if free else diverges("busy after hold"))
+    free = trial.probe.wait(lambda: not trial.is_busy, trial.expected.stop_time)
+    trial.judge("BSY-5", free, "not busy after hold", "busy after hold")
     trial.enable()
     trial.go(begin)
 
 
 def disabled_on_the_way(trial: Trial) -> None:
     """STA-13."""
-    if not trial.offers("move_jp", "state_command"):
-        trial.note("STA-13", not_offered("no move_jp"))
+    if trial.lacks(("move_jp", "state_command"), "STA-13"):
         return
     begin, target = trial.here(), trial.away(trial.expected.stroke)
     _on_its_way(trial, begin, target)
@@ -236,37 +219,29 @@ def _stopped(
 
 def relative_moves(trial: Trial) -> None:
     """MOV-19."""
-    if not trial.offers("move_jr"):
-        trial.note("MOV-19", not_offered("no move_jr"))
+    if trial.lacks(("move_jr",), "MOV-19"):
         return
     begin, target = trial.here(), trial.away(trial.expected.stroke)
     way = tuple(np.subtract(target, begin))
     goal = tuple(np.add(begin, 2.0 * np.array(way)))
     trial.probe.send("move_jr", way)
-    trial.probe.wait(
-        lambda: far(trial.here(), target) <= trial.expected.arrival, trial.expected.move_time
-    )
-    trial.probe.wait(lambda: not _busy(trial), trial.expected.wait)
+    trial.arrives(target)
+    trial.probe.wait(lambda: not trial.is_busy, trial.expected.wait)
     trial.at_rest()
     trial.probe.send("move_jr", way)
-    trial.probe.wait(
-        lambda: far(trial.here(), goal) <= trial.expected.arrival, trial.expected.move_time
-    )
+    trial.arrives(goal)
     trial.at_rest()
     off = far(trial.here(), goal)
     told = f"after two in a row {off:.1e} from their sum"
-    trial.note("MOV-19", conforms(told) if off <= trial.expected.arrival else diverges(told))
+    trial.judge("MOV-19", off <= trial.expected.arrival, told)
     trial.probe.send("move_jr", tuple(-2.0 * np.array(way)))
-    trial.probe.wait(
-        lambda: far(trial.here(), begin) <= trial.expected.arrival, trial.expected.move_time
-    )
+    trial.arrives(begin)
     trial.at_rest()
 
 
 def poses(trial: Trial) -> None:
     """MOV-17."""
-    if not trial.offers("move_cp", "measured_cp"):
-        trial.note("MOV-17", not_offered("no move_cp"))
+    if trial.lacks(("move_cp", "measured_cp"), "MOV-17"):
         return
     begin, joints = trial.pose(), trial.here()
     target = list(begin)
@@ -291,8 +266,7 @@ def poses(trial: Trial) -> None:
 
 def refused_goal(trial: Trial) -> None:
     """GOL-2."""
-    if not trial.offers("move_jp", "goal_js"):
-        trial.note("GOL-2", not_offered("not both move_jp and goal_js"))
+    if trial.lacks(("move_jp", "goal_js"), "GOL-2"):
         return
     before = trial.probe.joints("goal_js")
     bad = (*trial.here()[:-1], math.nan)
@@ -302,7 +276,7 @@ def refused_goal(trial: Trial) -> None:
     same = before is after or (
         before is not None and after is not None and before.position == after.position
     )
-    trial.note("GOL-2", conforms("unchanged") if same else diverges("a refused goal is told"))
+    trial.judge("GOL-2", same, "unchanged", "a refused goal is told")
 
 
 def dead_topics(trial: Trial) -> None:

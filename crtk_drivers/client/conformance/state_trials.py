@@ -115,7 +115,7 @@ def homing(trial: Trial) -> None:
         trial.note("HOM-2", undetermined("needs --may-home: it moves as it likes"))
         return
     trial.probe.send("state_command", text="unhome")
-    if not trial.probe.wait(lambda: not _is_homed(trial), trial.expected.wait):
+    if not trial.probe.wait(lambda: not trial.is_homed, trial.expected.wait):
         told = "it stays homed after unhome"
         trial.note(
             "HOM-2",
@@ -129,7 +129,7 @@ def homing(trial: Trial) -> None:
     trial.enable()
     began = trial.probe.now()
     trial.probe.send("state_command", text="home")
-    homed = trial.probe.wait(lambda: _is_homed(trial), trial.expected.home_time)
+    homed = trial.probe.wait(lambda: trial.is_homed, trial.expected.home_time)
     took = trial.probe.now() - began
     was_busy = any(each.is_busy for each in trial.probe.trace(began).states)
     if not homed:
@@ -138,23 +138,13 @@ def homing(trial: Trial) -> None:
     if not was_busy and took > AT_ONCE:
         trial.note("HOM-2", diverges(f"homed {took:.2f} s after home, and never busy meanwhile"))
         return
-    trial.probe.wait(lambda: not _is_busy(trial), trial.expected.wait)
-    trial.note(
+    trial.probe.wait(lambda: not trial.is_busy, trial.expected.wait)
+    trial.judge(
         "HOM-2",
-        diverges("still busy after home")
-        if _is_busy(trial)
-        else conforms(f"unhome clears is_homed, home sets it after {took:.2f} s"),
+        not trial.is_busy,
+        f"unhome clears is_homed, home sets it after {took:.2f} s",
+        "still busy after home",
     )
-
-
-def _is_homed(trial: Trial) -> bool:
-    heard = trial.probe.state()
-    return heard is not None and heard.is_homed
-
-
-def _is_busy(trial: Trial) -> bool:
-    heard = trial.probe.state()
-    return heard is not None and heard.is_busy
 
 
 def enabling(trial: Trial) -> None:
@@ -166,8 +156,7 @@ def enabling(trial: Trial) -> None:
     took = trial.probe.now() - began
     trial.note("STA-5", conforms(f"ENABLED after {took:.2f} s"))
     _nothing_moves(trial, "MOV-2", "enable", before, began)
-    if not trial.offers("setpoint_js"):
-        trial.note("SPT-9", not_offered("no setpoint_js"))
+    if trial.lacks(("setpoint_js",), "SPT-9"):
         return
     heard = [
         e
@@ -180,7 +169,7 @@ def enabling(trial: Trial) -> None:
     off = far(heard[-1].position, trial.here())
     told = f"setpoint and measurement are {off:.1e} apart"
     near = off <= max(trial.still, trial.expected.arrival)
-    trial.note("SPT-9", conforms(told) if near else diverges(told))
+    trial.judge("SPT-9", near, told)
 
 
 def in_enabled(trial: Trial) -> None:
@@ -286,7 +275,7 @@ def bad_input(trial: Trial) -> None:
         trial.note("INP-9", diverges(f"it is {trial.word()} after bad input"))
         raise Stopped("it did not survive bad input")
     publishes = bool(alive.joints.get("measured_js"))
-    trial.note("INP-9", conforms("still ENABLED") if publishes else diverges("it went silent"))
+    trial.judge("INP-9", publishes, "still ENABLED", "it went silent")
 
 
 Bad = tuple[str, str, tuple[float, ...], dict[str, object]]

@@ -24,7 +24,6 @@ from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.samples import Array
 
 VELOCITY_TIME: Final = 0.5
-SILENCE_TIME: Final = 2.0
 ANGLE: Final = math.radians(5.0)
 SAME: Final = 1e-6
 RELATIVE_POSES: Final = ("servo_cr", "interpolate_cr", "move_cr")
@@ -36,8 +35,7 @@ BURST: Final = 4
 
 def positions(trial: Trial) -> None:
     """MOV-4 to MOV-6, and all that is judged of a stream of joint positions."""
-    if not trial.offers("servo_jp"):
-        trial.note("MOV-4", not_offered("no servo_jp"))
+    if trial.lacks(("servo_jp",), "MOV-4"):
         return
     begin, target = trial.here(), trial.away(trial.expected.step)
     if not trial.offers("setpoint_js"):
@@ -48,9 +46,7 @@ def positions(trial: Trial) -> None:
     began = trial.probe.now()
     trial.stream("servo_jp", ramp(begin, target), names=names)
     trial.stream("servo_jp", [target] * int(STREAM_RATE * 0.2), names=names)
-    arrived = trial.probe.wait(
-        lambda: far(trial.here(), target) <= trial.expected.arrival, trial.expected.stop_time
-    )
+    arrived = trial.arrives(target, trial.expected.stop_time)
     trial.at_rest()
     trace = trial.probe.trace(began)
     last = trace.sent[-1].numbers
@@ -61,22 +57,20 @@ def positions(trial: Trial) -> None:
         trial.note("MOV-4", diverges(f"it ends {off:.4f} from the newest command"))
         trial.go(begin)
         return
-    trial.note(
+    trial.judge(
         "MOV-4",
-        conforms("measured follows the newest command")
-        if ends
-        else diverges("the setpoint is not the newest command"),
+        ends,
+        "measured follows the newest command",
+        "the setpoint is not the newest command",
     )
     trial.note("MOV-5", conforms("positions alone are followed"))
     for clause, judge in JOINT_STREAM_JUDGES.items():
         trial.note(clause, judge(trace, begin, target))
     began = trial.probe.now()
     trial.stream("servo_jp", ramp(target, begin), stamped=False)
-    back = trial.probe.wait(
-        lambda: far(trial.here(), begin) <= trial.expected.arrival, trial.expected.stop_time
-    )
+    back = trial.arrives(begin, trial.expected.stop_time)
     told = "without names, stamp and frame"
-    trial.note("MOV-6", conforms(f"followed {told}") if back else diverges(f"ignored {told}"))
+    trial.judge("MOV-6", back, f"followed {told}", f"ignored {told}")
     trial.go(begin)
 
 
@@ -111,20 +105,18 @@ def names_in_another_order(trial: Trial) -> None:
     )
     trial.probe.sleep(0.3)
     moved = trial.displaced(began, before)
-    trial.note(
+    trial.judge(
         "MOV-7",
-        conforms("names are heeded, or refused")
-        if moved <= trial.still
-        else diverges(f"two joints exchanged by name: one moves by {moved:.4f}"),
+        moved <= trial.still,
+        "names are heeded, or refused",
+        f"two joints exchanged by name: one moves by {moved:.4f}",
     )
     trial.go(begin)
 
 
 def increments(trial: Trial) -> None:
     """MOV-11 and QOS-6."""
-    if not trial.offers("servo_jr", "setpoint_js"):
-        trial.note("MOV-11", not_offered("no servo_jr, or no setpoint_js"))
-        trial.note("QOS-6", not_offered("no servo_jr, or no setpoint_js"))
+    if trial.lacks(("servo_jr", "setpoint_js"), "MOV-11", "QOS-6"):
         return
     begin = trial.here()
     way = np.subtract(trial.away(trial.expected.step), begin)
@@ -164,10 +156,7 @@ def _sum(trial: Trial, way: np.ndarray, burst: int) -> Finding:
 
 def velocities(trial: Trial) -> None:
     """MOV-12 to MOV-14, SPT-3, SPT-5 and DAT-11."""
-    clauses = ("MOV-12", "MOV-13", "MOV-14", "SPT-3", "SPT-5", "DAT-11")
-    if not trial.offers("servo_jv"):
-        for clause in clauses:
-            trial.note(clause, not_offered("no servo_jv"))
+    if trial.lacks(("servo_jv",), "MOV-12", "MOV-13", "MOV-14", "SPT-3", "SPT-5", "DAT-11"):
         return
     begin = trial.here()
     way = np.subtract(trial.away(trial.expected.step), begin)
@@ -254,9 +243,7 @@ def _invalid_pose(trace: Trace) -> Finding:
 
 def poses(trial: Trial) -> None:
     """MOV-8, MOV-9 and SPT-7."""
-    if not trial.offers("servo_cp", "measured_cp"):
-        for clause in ("MOV-8", "MOV-9", "SPT-7"):
-            trial.note(clause, not_offered("no servo_cp"))
+    if trial.lacks(("servo_cp", "measured_cp"), "MOV-8", "MOV-9", "SPT-7"):
         return
     begin, joints = trial.pose(), trial.here()
     own = trial.probe.cartesian("setpoint_cp")
@@ -266,7 +253,7 @@ def poses(trial: Trial) -> None:
     trial.probe.sleep(trial.expected.wait / 2.0)
     moved = trial.displaced(began, joints)
     told = f"the setpoint sent back moves a joint by {moved:.1e}"
-    trial.note("MOV-9", conforms(told) if moved <= trial.still else diverges(told))
+    trial.judge("MOV-9", moved <= trial.still, told)
     if moved > trial.still:
         trial.go(joints)
         return
@@ -287,7 +274,7 @@ def poses(trial: Trial) -> None:
         trial.at_rest()
     if trial.offers("setpoint_js"):
         told = "setpoint_js follows servo_cp"
-        trial.note("SPT-7", conforms(told) if changed else diverges("setpoint_js does not change"))
+        trial.judge("SPT-7", changed, told, "setpoint_js does not change")
     trial.go(joints)
 
 

@@ -14,7 +14,7 @@ from typing import Final, Protocol, TypeVar
 import numpy as np
 
 from crtk_drivers.client.conformance.expectations import Expectations, JointRange
-from crtk_drivers.client.conformance.findings import Finding
+from crtk_drivers.client.conformance.findings import Finding, conforms, diverges, not_offered
 from crtk_drivers.client.conformance.observed import (
     CartesianHeard,
     JointsHeard,
@@ -150,6 +150,20 @@ class Trial:
         """Whether the device has all of these."""
         return all(name in self.commands for name in names)
 
+    def judge(self, clause: str, is_so: bool, told: str, otherwise: str = "") -> None:
+        """Keep that it is as CRTK asks, or that it is not, in words that may differ."""
+        self.note(clause, conforms(told) if is_so else diverges(otherwise or told))
+
+    def lacks(self, names: Sequence[str], *clauses: str) -> bool:
+        """Whether the device has not all of these; then that is what is found of the clauses."""
+        if self.offers(*names):
+            return False
+        *most, last = names
+        told = f"not all of {', '.join(most)} and {last}" if most else f"no {last}"
+        for clause in clauses:
+            self.note(clause, not_offered(told))
+        return True
+
     # --------------------------------------------------------------------------------- where it is
 
     def here(self) -> tuple[float, ...]:
@@ -200,7 +214,24 @@ class Trial:
         """Return how far any joint was from `before` at most."""
         return furthest(self.probe.trace(since), before)
 
+    def arrives(self, target: Numbers, within: float | None = None) -> bool:
+        """Wait until the joints are at a position; return whether they are in time: that of a move."""
+        limit = self.expected.move_time if within is None else within
+        return self.probe.wait(lambda: far(self.here(), target) <= self.expected.arrival, limit)
+
     # -------------------------------------------------------------------------------------- states
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it says so."""
+        heard = self.probe.state()
+        return heard is not None and heard.is_busy
+
+    @property
+    def is_homed(self) -> bool:
+        """Whether it says so."""
+        heard = self.probe.state()
+        return heard is not None and heard.is_homed
 
     def word(self) -> str:
         """Return the newest operating state."""

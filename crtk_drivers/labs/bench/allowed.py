@@ -12,8 +12,6 @@ from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Suite
 from crtk_drivers.labs.lab_file import LabDevice
 
-__all__ = ["FAULTS", "BenchOptions", "Carrier", "lacking", "not_allowed", "unguarded"]
-
 FASTEST_TRAVEL: Final = 0.5
 """Share of its speed at which a real device may go through its space."""
 

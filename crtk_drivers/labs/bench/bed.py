@@ -36,8 +36,6 @@ from crtk_drivers.samples import JointState, Number, Pose, Value, Vector, Wrench
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.health import Health
 
-__all__ = ["Bed", "Broken", "Process", "Processes", "Tripped", "paced"]
-
 SMALL_ANGLE: Final = 0.1
 """rad: how far a joint goes at most from where it is in a small motion."""
 

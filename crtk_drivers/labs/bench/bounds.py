@@ -12,8 +12,6 @@ from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs.lab_file import BoundEntry, Lab
 from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Quantity, Worse
 
-__all__ = ["OWN_GROUP", "bound_trouble", "bounded", "check_bounds"]
-
 OWN_GROUP: Final = "lab"
 """First part of the ids of what a lab's own tests measure."""
 

@@ -11,8 +11,6 @@ from crtk_drivers.device import Capabilities
 from crtk_drivers.samples import Stamp, Value, Vector
 from crtk_drivers.state import Status
 
-__all__ = ["EFFORT", "About", "ClientOrder", "Failed", "Glance", "HostOrder"]
-
 EFFORT: Final = "measured_js.effort"
 """Stands beside CRTK names for a ``measured_js`` that has efforts."""
 

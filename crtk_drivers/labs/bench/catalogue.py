@@ -28,8 +28,6 @@ from crtk_drivers.labs.bench import (
 from crtk_drivers.labs.bench.declared import BenchTest, Suite
 from crtk_drivers.labs.verdicts.judging import Quantity
 
-__all__ = ["ACQUISITIONS", "QUANTITIES", "TESTS", "chosen"]
-
 TESTS: Final[tuple[BenchTest, ...]] = tuple(
     sorted(
         (

@@ -19,8 +19,6 @@ from crtk_drivers.labs.bench.calls import ClientOrder
 from crtk_drivers.labs.bench.door import Door
 from crtk_drivers.labs.bench.stops import RUN, motion
 
-__all__ = ["main", "start_client"]
-
 PRESENCE: Final = 30.0
 """Seconds that it stays, if nobody kills it."""
 

@@ -54,8 +54,6 @@ from crtk_drivers.samples import Pose, Vector, Wrench
 from crtk_drivers.session import start_sim_of
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
-__all__ = ["hosted", "main", "start_conductor"]
-
 START_TIMEOUT: Final = 40.0
 LEAVE_TIMEOUT: Final = 10.0
 

@@ -25,9 +25,6 @@ from crtk_drivers.labs.verdicts.estimates import Estimate, within
 from crtk_drivers.labs.verdicts.judging import Bound, Findings, Measurement, Plot, Quantity, Verdict
 from crtk_drivers.samples import Array, Vector
 
-__all__ = ["BUSY", "Acquisition", "BenchTest", "Safety", "Subject", "Suite"]
-
-
 BUSY: Final = 5e-3
 """Seconds by which the bench's own timer, which paces what it sends, may be late."""
 

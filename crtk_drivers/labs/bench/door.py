@@ -11,8 +11,6 @@ from crtk_drivers.errors import CrtkError, DeviceError
 from crtk_drivers.labs.bench.calls import Failed
 from crtk_drivers.samples import Value
 
-__all__ = ["Door", "DoorClosed", "Refused"]
-
 ANSWER_TIMEOUT: Final = 2.0
 """Seconds for an answer, beside what the call itself may take."""
 

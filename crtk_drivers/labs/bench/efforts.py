@@ -25,8 +25,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import vector
 
-__all__ = ["TESTS"]
-
 STROKES: Final = (0.5, 1.0, 2.0)
 """Seconds of a stroke one way, about; longer where a joint would be faster than in any small motion."""
 
@@ -64,23 +62,12 @@ LEAST: Final = 1e-6
 WORK = Quantity(
     "joints.effort.work", "work there and back", "J", Comparison.AT_LEAST, Worse.EITHER, 0.02
 )
-COULOMB = Quantity(
-    "joints.friction.coulomb", "dry friction", "N·m or N", Comparison.WITHIN, Worse.EITHER, 0.1
+COULOMB = Quantity.within("joints.friction.coulomb", "dry friction", "N·m or N", 0.1)
+VISCOUS = Quantity.within(
+    "joints.friction.viscous", "friction that grows with the speed", "N·m·s or N·s/m", 0.5
 )
-VISCOUS = Quantity(
-    "joints.friction.viscous",
-    "friction that grows with the speed",
-    "N·m·s or N·s/m",
-    Comparison.WITHIN,
-    Worse.EITHER,
-    0.5,
-)
-RIPPLE = Quantity(
-    "joints.friction.ripple",
-    "ripple of the effort at constant speed",
-    "N·m or N",
-    Comparison.AT_MOST,
-    guard=0.1,
+RIPPLE = Quantity.at_most(
+    "joints.friction.ripple", "ripple of the effort at constant speed", "N·m or N", 0.1
 )
 
 

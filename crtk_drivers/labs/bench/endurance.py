@@ -14,13 +14,10 @@ from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import exact, in_percent, share
 from crtk_drivers.labs.verdicts.judging import (
     Bound,
-    Comparison,
     Findings,
     Quantity,
 )
 from crtk_drivers.samples import Array, JointState, vector
-
-__all__ = ["TESTS"]
 
 MINUTES: Final = 1.0
 """Of the quick suite; ten times as long in a nightly one."""
@@ -40,19 +37,9 @@ FEWEST: Final = 6
 MOST_LATE: Final = 0.5
 """% of the periods of a device that may be late."""
 
-DRIFT = Quantity(
-    "motion.endurance.drift",
-    "drift of where it arrives",
-    "mrad or mm",
-    Comparison.AT_MOST,
-    guard=0.2,
-)
-REFUSED = Quantity(
-    "motion.endurance.refused", "commands refused", "", Comparison.AT_MOST, guard=0.5
-)
-LATE = Quantity(
-    "motion.endurance.late", "periods over twice the declared", "%", Comparison.AT_MOST, guard=0.2
-)
+DRIFT = Quantity.at_most("motion.endurance.drift", "drift of where it arrives", "mrad or mm", 0.2)
+REFUSED = Quantity.at_most("motion.endurance.refused", "commands refused", "", 0.5)
+LATE = Quantity.at_most("motion.endurance.late", "periods over twice the declared", "%", 0.2)
 
 
 def _cycles(bed: Bed) -> None:

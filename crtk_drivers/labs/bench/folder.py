@@ -16,8 +16,6 @@ from crtk_drivers.labs.bench import history, report
 from crtk_drivers.labs.bench.results import DeviceResult, Run, write_run, write_whole
 from crtk_drivers.labs.lab_file import Lab, LabDevice
 
-__all__ = ["begun", "default_folder", "described", "finish", "make_folder"]
-
 
 def default_folder(lab: Lab) -> Path:
     """Return where a run of a lab goes that begins now."""

@@ -14,11 +14,9 @@ from crtk_drivers.labs.bench.signals import noise, resolution
 from crtk_drivers.labs.bench.silence import BACK, BUSY, LOOK
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import Estimate, exact, student_t
-from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Findings, Quantity
+from crtk_drivers.labs.verdicts.judging import Bound, Findings, Quantity
 from crtk_drivers.samples import Wrench, vector
 from crtk_drivers.state import OperatingState
-
-__all__ = ["TESTS"]
 
 HELD: Final = 1.0
 """Seconds for which a bias must hold, in the quick suite."""
@@ -48,13 +46,9 @@ WAITED: Final = 2.0
 STAYS: Final = 0.2
 """Seconds that it is told for."""
 
-LEFT = Quantity("force.bias.left", "what a bias leaves", "N or N·m", Comparison.AT_MOST, guard=0.01)
-TRUSTED = Quantity(
-    "force.power.trusted", "valid data without a doubt of the bias", "", Comparison.AT_MOST
-)
-TOLD = Quantity(
-    "force.saturation.told", "until saturation is told", "s", Comparison.AT_MOST, guard=0.05
-)
+LEFT = Quantity.at_most("force.bias.left", "what a bias leaves", "N or N·m", 0.01)
+TRUSTED = Quantity.at_most("force.power.trusted", "valid data without a doubt of the bias", "")
+TOLD = Quantity.at_most("force.saturation.told", "until saturation is told", "s", 0.05)
 
 
 # ------------------------------------------------------------------------------------------------ bias

@@ -22,21 +22,6 @@ from crtk_drivers.labs.bench.results import DeviceResult, Measured, Run, read_ru
 from crtk_drivers.labs.lab_file import Lab
 from crtk_drivers.labs.verdicts.judging import Verdict, number, with_unit
 
-__all__ = [
-    "BASELINE",
-    "INDEX",
-    "Earlier",
-    "Key",
-    "add_to_index",
-    "by_key",
-    "compared",
-    "earlier_of",
-    "key_of",
-    "make_baseline",
-    "read_index",
-    "worse",
-]
-
 INDEX: Final = "index.jsonl"
 """Beside the folders of runs: one measurement a line."""
 

@@ -33,8 +33,6 @@ from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
-__all__ = ["Host", "Visitor", "main"]
-
 MARGIN: Final = 2.0
 """Seconds in which a device must measure, beside twice what its configuration gives it to connect."""
 

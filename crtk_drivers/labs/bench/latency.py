@@ -24,8 +24,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import JointState, Vector, vector
 
-__all__ = ["TESTS", "delay"]
-
 SEQUENCE: Final = (1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 1, 1, 0, 1, 0)
 """Of the greatest length of four bits: repeated, it looks like itself at no other delay."""
 
@@ -52,7 +50,7 @@ ALIKE: Final = 0.6
 GRID: Final = 1e-3
 """Seconds between the delays that are tried."""
 
-LATENCY = Quantity("motion.latency.delay", "latency", "ms", Comparison.AT_MOST, guard=2.0)
+LATENCY = Quantity.at_most("motion.latency.delay", "latency", "ms", 2.0)
 PEAK = Quantity(
     "motion.latency.peak", "correlation at that delay", "", Comparison.TOLD, Worse.LOWER, 0.05
 )

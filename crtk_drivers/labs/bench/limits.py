@@ -26,8 +26,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import Vector, vector
 
-__all__ = ["TESTS", "peak_speed"]
-
 TOO_FAST: Final = 1.2
 """Times the velocity limit that a stream asks for."""
 
@@ -59,23 +57,9 @@ WINDOWS: Final = (0.08, 0.25, 0.4)
 BEYOND: Final = 1e-3
 """rad (m): by which a joint may be past the end of its range, where a step of its encoder is less."""
 
-SPEED = Quantity(
-    "limits.speed.peak", "greatest speed over its limit", "", Comparison.AT_MOST, guard=0.02
-)
-SHORT = Quantity(
-    "limits.speed.short",
-    "greatest speed in 80 ms over its limit",
-    "",
-    Comparison.TOLD,
-    guard=0.03,
-)
-END = Quantity(
-    "limits.range.beyond",
-    "way past the end of the range",
-    "mrad or mm",
-    Comparison.AT_MOST,
-    guard=0.2,
-)
+SPEED = Quantity.at_most("limits.speed.peak", "greatest speed over its limit", "", 0.02)
+SHORT = Quantity.told("limits.speed.short", "greatest speed in 80 ms over its limit", "", 0.03)
+END = Quantity.at_most("limits.range.beyond", "way past the end of the range", "mrad or mm", 0.2)
 REFUSED = Quantity(
     "limits.commands.refused",
     "commands refused meanwhile",

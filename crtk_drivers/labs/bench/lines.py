@@ -14,15 +14,12 @@ from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import exact, within
 from crtk_drivers.labs.verdicts.judging import (
     Bound,
-    Comparison,
     Findings,
     Measurement,
     Plot,
     Quantity,
 )
 from crtk_drivers.samples import Array, Pose, Vector, vector
-
-__all__ = ["TESTS"]
 
 LENGTHS: Final = (0.2, 0.1, 0.05)
 """m: of the lines that are looked for, the longest first."""
@@ -48,10 +45,8 @@ AT_SPEED: Final = 0.2
 STALL: Final = 3.0
 """Periods without a sample that make the speed of a line worth nothing."""
 
-DISTANCE = Quantity(
-    "motion.line.distance", "greatest distance from a line", "mm", Comparison.AT_MOST, guard=0.05
-)
-RIPPLE = Quantity("motion.line.ripple", "ripple of the speed", "%", Comparison.AT_MOST, guard=1.0)
+DISTANCE = Quantity.at_most("motion.line.distance", "greatest distance from a line", "mm", 0.05)
+RIPPLE = Quantity.at_most("motion.line.ripple", "ripple of the speed", "%", 1.0)
 
 
 # -------------------------------------------------------------------------------------------- acquisition

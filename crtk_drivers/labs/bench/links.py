@@ -25,10 +25,8 @@ from crtk_drivers.labs.bench.silence import (
 from crtk_drivers.labs.bench.stops import begin_motion
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import Estimate, exact, within
-from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Findings, Measurement, Quantity
+from crtk_drivers.labs.verdicts.judging import Bound, Findings, Measurement, Quantity
 from crtk_drivers.samples import JointState
-
-__all__ = ["TESTS"]
 
 CUT: Final = 3.0
 """Seconds for which the link is lost."""
@@ -44,39 +42,15 @@ STANDS: Final = 2e-3
 
 WAYS: Final = (Mode.DEAF, Mode.SILENT, Mode.CLOSED)
 
-TIME = Quantity(
-    "stop.link_lost.time",
-    "time to stand, while only it is heard",
-    "s",
-    Comparison.AT_MOST,
-    guard=0.02,
-)
-WAY = Quantity(
-    "stop.link_lost.distance",
-    "way after the link was lost",
-    "mrad or mm",
-    Comparison.AT_MOST,
-    guard=3.0,
-)
-AFTER = Quantity(
-    "stop.link_lost.after",
-    "way after the link is back",
-    "mrad or mm",
-    Comparison.AT_MOST,
-    guard=0.5,
-)
+TIME = Quantity.at_most("stop.link_lost.time", "time to stand, while only it is heard", "s", 0.02)
+WAY = Quantity.at_most("stop.link_lost.distance", "way after the link was lost", "mrad or mm", 3.0)
+AFTER = Quantity.at_most("stop.link_lost.after", "way after the link is back", "mrad or mm", 0.5)
 TOLD: Final = Silence(
-    restamped=Quantity(
-        "loss.link.restamped", "fresh stamps after the last sample", "", Comparison.AT_MOST
-    ),
-    invalid=Quantity(
-        "loss.link.invalid", "until data are told as invalid", "s", Comparison.AT_MOST, guard=0.01
-    ),
-    fault=Quantity("loss.link.fault", "until FAULT", "s", Comparison.AT_MOST, guard=0.02),
+    restamped=Quantity.at_most("loss.link.restamped", "fresh stamps after the last sample", ""),
+    invalid=Quantity.at_most("loss.link.invalid", "until data are told as invalid", "s", 0.01),
+    fault=Quantity.at_most("loss.link.fault", "until FAULT", "s", 0.02),
 )
-RETURNS = Quantity(
-    "loss.link.return", "until it measures again", "s", Comparison.AT_MOST, guard=0.5
-)
+RETURNS = Quantity.at_most("loss.link.return", "until it measures again", "s", 0.5)
 
 
 def _lost_in_motion(bed: Bed) -> None:

@@ -13,8 +13,6 @@ from pathlib import Path
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs.lab_file import Lab
 
-__all__ = ["alone"]
-
 
 @contextmanager
 def alone(lab: Lab) -> Iterator[tuple[int, ...]]:

@@ -14,11 +14,9 @@ from crtk_drivers.labs.bench.silence import BACK, MOVED, Silence, looked, way_al
 from crtk_drivers.labs.bench.stops import begin_motion
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import exact
-from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Findings, Measurement, Quantity
+from crtk_drivers.labs.verdicts.judging import Bound, Findings, Measurement, Quantity
 from crtk_drivers.samples import Array
 from crtk_drivers.state import OperatingState
-
-__all__ = ["TESTS"]
 
 SILENT: Final = 0.7
 """Seconds of silence, beside the time after which the link counts as lost."""
@@ -27,36 +25,18 @@ DEAD: Final = 3.0
 """Seconds for which the driver is not there."""
 
 TOLD: Final = Silence(
-    restamped=Quantity(
-        "loss.silence.restamped", "fresh stamps after the last sample", "", Comparison.AT_MOST
-    ),
-    invalid=Quantity(
-        "loss.silence.invalid",
-        "until data are told as invalid",
-        "s",
-        Comparison.AT_MOST,
-        guard=0.01,
-    ),
-    fault=Quantity("loss.silence.fault", "until FAULT", "s", Comparison.AT_MOST, guard=0.02),
+    restamped=Quantity.at_most("loss.silence.restamped", "fresh stamps after the last sample", ""),
+    invalid=Quantity.at_most("loss.silence.invalid", "until data are told as invalid", "s", 0.01),
+    fault=Quantity.at_most("loss.silence.fault", "until FAULT", "s", 0.02),
 )
-RETURNS = Quantity(
-    "loss.return.time", "until it measures again", "s", Comparison.AT_MOST, guard=0.5
+RETURNS = Quantity.at_most("loss.return.time", "until it measures again", "s", 0.5)
+RETURN_MOVED = Quantity.at_most("loss.return.moved", "largest way meanwhile", "mrad or mm", 0.2)
+KILLED_WAY = Quantity.at_most("stop.driver_killed.distance", "way after kill -9", "mrad or mm", 3.0)
+FROZEN_WAY = Quantity.at_most(
+    "stop.driver_frozen.distance", "way while it is frozen", "mrad or mm", 3.0
 )
-RETURN_MOVED = Quantity(
-    "loss.return.moved", "largest way meanwhile", "mrad or mm", Comparison.AT_MOST, guard=0.2
-)
-KILLED_WAY = Quantity(
-    "stop.driver_killed.distance", "way after kill -9", "mrad or mm", Comparison.AT_MOST, guard=3.0
-)
-FROZEN_WAY = Quantity(
-    "stop.driver_frozen.distance",
-    "way while it is frozen",
-    "mrad or mm",
-    Comparison.AT_MOST,
-    guard=3.0,
-)
-FROZEN_AFTER = Quantity(
-    "stop.driver_frozen.after", "way after it goes on", "mrad or mm", Comparison.AT_MOST, guard=0.5
+FROZEN_AFTER = Quantity.at_most(
+    "stop.driver_frozen.after", "way after it goes on", "mrad or mm", 0.5
 )
 
 

@@ -11,8 +11,6 @@ from crtk_drivers.config import SpaceConfig
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.carried import UNKNOWN, Carried
 
-__all__ = ["Acquired", "Asked", "Began", "DeviceOrder", "Lost", "Reached", "RunOrder"]
-
 
 @dataclass(frozen=True)
 class DeviceOrder:

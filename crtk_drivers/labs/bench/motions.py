@@ -35,8 +35,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import Array, JointState, Pose, Vector, vector
 
-__all__ = ["TESTS"]
-
 FREQUENCIES: Final = {
     1.0: (1.0, 4.0),
     3.0: (0.5, 1.0, 2.0, 4.0, 8.0),
@@ -67,78 +65,33 @@ SETTLES: Final = 0.5
 STEP: Final = 0.5
 """Share of the reach of a small motion that one move goes."""
 
-GAIN = Quantity("motion.bode.gain", "gain", "", Comparison.WITHIN, Worse.EITHER, 0.02)
+GAIN = Quantity.within("motion.bode.gain", "gain", "", 0.02)
 PHASE = Quantity("motion.bode.phase", "phase", "deg", Comparison.TOLD, Worse.LOWER, 3.0)
-ERROR = Quantity("motion.bode.error", "rms left over", "mrad or mm", Comparison.TOLD, guard=0.1)
-LAG = Quantity("motion.lag.lag", "lag", "ms", Comparison.AT_MOST, guard=2.0)
-SLOPE = Quantity(
-    "joints.velocity.slope",
-    "velocity over the derivative of position",
-    "",
-    Comparison.WITHIN,
-    Worse.EITHER,
-    0.01,
+ERROR = Quantity.told("motion.bode.error", "rms left over", "mrad or mm", 0.1)
+LAG = Quantity.at_most("motion.lag.lag", "lag", "ms", 2.0)
+SLOPE = Quantity.within(
+    "joints.velocity.slope", "velocity over the derivative of position", "", 0.01
 )
-DELAY = Quantity(
-    "joints.velocity.delay",
-    "velocity behind the derivative",
-    "ms",
-    Comparison.WITHIN,
-    Worse.EITHER,
-    2.0,
+DELAY = Quantity.within("joints.velocity.delay", "velocity behind the derivative", "ms", 2.0)
+FROZEN = Quantity.at_most(
+    "sampling.frozen.share", "samples that repeat the one before in motion", "%", 1.0
 )
-FROZEN = Quantity(
-    "sampling.frozen.share",
-    "samples that repeat the one before in motion",
-    "%",
-    Comparison.AT_MOST,
-    guard=1.0,
+SEEN = Quantity.at_least("motion.rate.seen", "commands whose stamp a setpoint carries", "%", 1.0)
+ECHO = Quantity.at_most("motion.rate.age", "p99 from command to setpoint", "ms", 2.0)
+ARRIVAL = Quantity.at_most("motion.arrival.error", "distance from the goal", "mrad or mm", 0.2)
+OVERSHOOT = Quantity.at_most("motion.step.overshoot", "overshoot", "%", 0.3)
+SETTLING = Quantity.at_most("motion.step.settling", "settling after the end of a move", "s", 0.02)
+REPEATABILITY = Quantity.told(
+    "motion.repeatability.encoder", "encoder repeatability, l + 3 S", "mrad or mm", 0.05
 )
-SEEN = Quantity(
-    "motion.rate.seen",
-    "commands whose stamp a setpoint carries",
-    "%",
-    Comparison.AT_LEAST,
-    Worse.LOWER,
-    1.0,
+DIRECTION = Quantity.at_most(
+    "motion.direction.distance", "between arrivals from both sides", "mrad or mm", 0.1
 )
-ECHO = Quantity(
-    "motion.rate.age", "p99 from command to setpoint", "ms", Comparison.AT_MOST, guard=2.0
+POSITION_AGREES = Quantity.at_most(
+    "joints.kinematics.position", "measured pose off the kinematics", "mm", 0.02
 )
-ARRIVAL = Quantity(
-    "motion.arrival.error", "distance from the goal", "mrad or mm", Comparison.AT_MOST, guard=0.2
-)
-OVERSHOOT = Quantity("motion.step.overshoot", "overshoot", "%", Comparison.AT_MOST, guard=0.3)
-SETTLING = Quantity(
-    "motion.step.settling", "settling after the end of a move", "s", Comparison.AT_MOST, guard=0.02
-)
-REPEATABILITY = Quantity(
-    "motion.repeatability.encoder",
-    "encoder repeatability, l + 3 S",
-    "mrad or mm",
-    Comparison.TOLD,
-    guard=0.05,
-)
-DIRECTION = Quantity(
-    "motion.direction.distance",
-    "between arrivals from both sides",
-    "mrad or mm",
-    Comparison.AT_MOST,
-    guard=0.1,
-)
-POSITION_AGREES = Quantity(
-    "joints.kinematics.position",
-    "measured pose off the kinematics",
-    "mm",
-    Comparison.AT_MOST,
-    guard=0.02,
-)
-TURN_AGREES = Quantity(
-    "joints.kinematics.orientation",
-    "measured orientation off the kinematics",
-    "mrad",
-    Comparison.AT_MOST,
-    guard=0.05,
+TURN_AGREES = Quantity.at_most(
+    "joints.kinematics.orientation", "measured orientation off the kinematics", "mrad", 0.05
 )
 
 

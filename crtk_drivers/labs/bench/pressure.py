@@ -6,8 +6,6 @@ import time
 from pathlib import Path
 from typing import Final
 
-__all__ = ["Pressure"]
-
 _PRESSURE: Final = Path("/proc/pressure/cpu")
 
 

@@ -8,8 +8,6 @@ import subprocess
 import sys
 from collections.abc import Sequence
 
-__all__ = ["start"]
-
 
 def start(
     module: str,

@@ -24,20 +24,14 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import vector
 
-__all__ = ["TESTS"]
-
 SLOWED: Final = 0.5
 """Share of its velocity limit at which a joint goes through its range, at the most."""
 
 UNSEEN: Final = 0.05
 """Share of the time of a joint in which samples may stay away for five periods and more."""
 
-JUMP = Quantity(
-    "joints.range.step",
-    "largest step of a sample over what the velocity limit allows",
-    "",
-    Comparison.AT_MOST,
-    guard=0.2,
+JUMP = Quantity.at_most(
+    "joints.range.step", "largest step of a sample over what the velocity limit allows", "", 0.2
 )
 SEEN = Quantity(
     "joints.range.seen",

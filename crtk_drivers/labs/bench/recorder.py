@@ -20,8 +20,6 @@ from crtk_drivers.labs.bench.trace import Row
 from crtk_drivers.recording import Recorder, Recording
 from crtk_drivers.samples import Number, Stamp, Text, Value
 
-__all__ = ["SampleRecorder", "carrier_recording", "read_recording"]
-
 RECORDED: Final = (
     *("measured_js", "setpoint_js", "measured_cp", "measured_cv"),
     *("measured_cf", "raw/measured_cf"),

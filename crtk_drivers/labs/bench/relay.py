@@ -29,8 +29,6 @@ from crtk_drivers.plugins import DeviceLink
 if TYPE_CHECKING:
     from crtk_drivers.labs.bench.serial_relay import SerialLine
 
-__all__ = ["Mode", "RelayProcess"]
-
 CHUNK: Final = 65536
 
 CONNECT_TIMEOUT: Final = 2.0

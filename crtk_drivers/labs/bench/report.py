@@ -16,8 +16,6 @@ from crtk_drivers.labs.verdicts.judging import Plot, Series, Verdict, number
 from crtk_drivers.labs.verdicts.junit import Case, Suite, junit_xml
 from crtk_drivers.labs.verdicts.svg_plot import svg
 
-__all__ = ["ABORTED", "EXIT_CODES", "exit_code", "html", "junit", "summary"]
-
 KINDS: Final[Mapping[Verdict, str]] = {
     Verdict.PASS: "good",
     Verdict.FAIL: "bad",

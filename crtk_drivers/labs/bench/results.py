@@ -19,20 +19,6 @@ from crtk_drivers.labs.bench.declared import BenchTest
 from crtk_drivers.labs.verdicts.judging import Findings, Measurement, Verdict, verdict_of
 from crtk_drivers.labs.verdicts.judging import Plot as PlotValue
 
-__all__ = [
-    "SCHEMA",
-    "DeviceResult",
-    "Measured",
-    "Plot",
-    "Result",
-    "Run",
-    "measured_of",
-    "read_run",
-    "test_of",
-    "write_run",
-    "write_whole",
-]
-
 SCHEMA: Final = "crtk_bench/1"
 
 LARGEST: Final = 200 * 1024 * 1024

@@ -42,8 +42,6 @@ from crtk_drivers.labs.lab_file import BoundEntry, Lab, LabDevice, load_lab
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict
 from crtk_drivers.status.stop_request import StopRequest
 
-__all__ = ["Judge", "Progress", "judged_again", "run_bench", "take_power"]
-
 POLL_PERIOD: Final = 0.1
 
 END_TIMEOUT: Final = 60.0

@@ -14,16 +14,12 @@ from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import exact, in_percent, quantile, share, within
 from crtk_drivers.labs.verdicts.judging import (
     Bound,
-    Comparison,
     Findings,
     Measurement,
     Plot,
     Quantity,
-    Worse,
 )
 from crtk_drivers.samples import Vector
-
-__all__ = ["TESTS"]
 
 REST: Final = 3.0
 """Seconds of the quick suite."""
@@ -54,54 +50,23 @@ AT_REST: Final = Acquisition(
     "rest", "Reads, and does nothing else.", Safety.READ, _rest, suite=Suite.REST
 )
 
-RATE = Quantity(
-    "sampling.rate.error", "rate against declared", "%", Comparison.WITHIN, Worse.EITHER, 0.3
+RATE = Quantity.within("sampling.rate.error", "rate against declared", "%", 0.3)
+LOSS = Quantity.at_most("sampling.rate.gaps", "share of lost cycles", "%", 0.1)
+JITTER = Quantity.at_most("sampling.jitter.p99", "p99 of the period's error", "% of a period", 5.0)
+LATE = Quantity.at_most("sampling.jitter.late", "periods over twice the declared", "%", 0.2)
+ORDER = Quantity.at_most("sampling.stamps.order", "stamps that do not increase", "")
+FUTURE = Quantity.at_most("sampling.stamps.future", "stamps in the future", "")
+CLOCK = Quantity.within("sampling.stamps.slope", "device's clock against host's", "ppm", 100.0)
+TOGETHER = Quantity.at_least(
+    "sampling.stamps.together", "poses and wrenches with the stamp of the joints", "%"
 )
-LOSS = Quantity("sampling.rate.gaps", "share of lost cycles", "%", Comparison.AT_MOST, guard=0.1)
-JITTER = Quantity(
-    "sampling.jitter.p99",
-    "p99 of the period's error",
-    "% of a period",
-    Comparison.AT_MOST,
-    guard=5.0,
-)
-LATE = Quantity(
-    "sampling.jitter.late", "periods over twice the declared", "%", Comparison.AT_MOST, guard=0.2
-)
-ORDER = Quantity("sampling.stamps.order", "stamps that do not increase", "", Comparison.AT_MOST)
-FUTURE = Quantity("sampling.stamps.future", "stamps in the future", "", Comparison.AT_MOST)
-CLOCK = Quantity(
-    "sampling.stamps.slope",
-    "device's clock against host's",
-    "ppm",
-    Comparison.WITHIN,
-    Worse.EITHER,
-    100.0,
-)
-TOGETHER = Quantity(
-    "sampling.stamps.together",
-    "poses and wrenches with the stamp of the joints",
-    "%",
-    Comparison.AT_LEAST,
-    Worse.LOWER,
-)
-AGE = Quantity("sampling.age.p99", "p99 of the age on arrival", "ms", Comparison.AT_MOST, guard=1.0)
-SIGMA = Quantity("joints.noise.sigma", "noise at rest", "mrad or mm", Comparison.TOLD, guard=0.02)
-DRIFT = Quantity(
-    "joints.noise.drift", "drift at rest", "mrad or mm a minute", Comparison.AT_MOST, guard=0.5
-)
-FORCE_SIGMA = Quantity(
-    "force.noise.sigma", "noise of the greatest force", "N", Comparison.TOLD, guard=0.02
-)
-TORQUE_SIGMA = Quantity(
-    "force.noise.torque", "noise of the greatest torque", "N·m", Comparison.TOLD, guard=0.002
-)
-FORCE_LINE = Quantity(
-    "force.noise.mains", "line of the mains over the floor", "", Comparison.AT_MOST, guard=1.0
-)
-FORCE_DRIFT = Quantity(
-    "force.noise.drift", "drift of a force", "N a minute", Comparison.TOLD, guard=0.5
-)
+AGE = Quantity.at_most("sampling.age.p99", "p99 of the age on arrival", "ms", 1.0)
+SIGMA = Quantity.told("joints.noise.sigma", "noise at rest", "mrad or mm", 0.02)
+DRIFT = Quantity.at_most("joints.noise.drift", "drift at rest", "mrad or mm a minute", 0.5)
+FORCE_SIGMA = Quantity.told("force.noise.sigma", "noise of the greatest force", "N", 0.02)
+TORQUE_SIGMA = Quantity.told("force.noise.torque", "noise of the greatest torque", "N·m", 0.002)
+FORCE_LINE = Quantity.at_most("force.noise.mains", "line of the mains over the floor", "", 1.0)
+FORCE_DRIFT = Quantity.told("force.noise.drift", "drift of a force", "N a minute", 0.5)
 
 
 def _main_stream(trace: Trace) -> tuple[Vector, Vector]:

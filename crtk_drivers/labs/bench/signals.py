@@ -9,8 +9,6 @@ import numpy as np
 
 from crtk_drivers.samples import Array, Vector
 
-__all__ = ["Sine", "fit_sine", "largest_line", "noise", "resolution", "rest_time", "slope"]
-
 
 @dataclass(frozen=True, slots=True)
 class Sine:

@@ -16,18 +16,6 @@ from crtk_drivers.labs.verdicts.judging import Bound, Findings, Quantity
 from crtk_drivers.samples import Array, JointState, Stamp
 from crtk_drivers.state import OperatingState
 
-__all__ = [
-    "BACK",
-    "BUSY",
-    "LOOK",
-    "MOVED",
-    "ON_ITS_WAY",
-    "Silence",
-    "looked",
-    "reaction_alone",
-    "way_alone",
-]
-
 LOOK: Final = 0.01
 """Seconds between two looks."""
 

@@ -24,8 +24,6 @@ from crtk_drivers.labs.verdicts.judging import (
 )
 from crtk_drivers.samples import JointState, Pose, Value, Vector, vector
 
-__all__ = ["TESTS", "away", "still"]
-
 BEFORE: Final = 0.4
 SETTLES: Final = 0.4
 AFTER: Final = 1.0
@@ -44,28 +42,16 @@ MOVED_AT_DISABLE: Final = 5e-3
 NOISE_ALONE: Final = "six times the noise, 1 to 5 mrad"
 """Where what counts as a motion comes from."""
 
-ENABLED_STAYS = Quantity(
-    "staying.enable.moved", "largest way at enable", "mrad or mm", Comparison.AT_MOST, guard=0.2
+ENABLED_STAYS = Quantity.at_most("staying.enable.moved", "largest way at enable", "mrad or mm", 0.2)
+DISABLED_STAYS = Quantity.at_most(
+    "staying.disable.moved", "largest way at disable", "mrad or mm", 0.5
 )
-DISABLED_STAYS = Quantity(
-    "staying.disable.moved", "largest way at disable", "mrad or mm", Comparison.AT_MOST, guard=0.5
+REFUSED = Quantity.at_least("staying.refusals.refused", "refused of what must be", "%")
+REASONS = Quantity.at_least("staying.refusals.reasons", "refusals with the reason that fits", "%")
+REFUSED_STAYS = Quantity.at_most(
+    "staying.refusals.moved", "largest way meanwhile", "mrad or mm", 0.2
 )
-REFUSED = Quantity(
-    "staying.refusals.refused", "refused of what must be", "%", Comparison.AT_LEAST, Worse.LOWER
-)
-REASONS = Quantity(
-    "staying.refusals.reasons",
-    "refusals with the reason that fits",
-    "%",
-    Comparison.AT_LEAST,
-    Worse.LOWER,
-)
-REFUSED_STAYS = Quantity(
-    "staying.refusals.moved", "largest way meanwhile", "mrad or mm", Comparison.AT_MOST, guard=0.2
-)
-HUNTING = Quantity(
-    "joints.hunting.line", "largest line above 5 Hz", "mrad or mm", Comparison.AT_MOST, guard=0.02
-)
+HUNTING = Quantity.at_most("joints.hunting.line", "largest line above 5 Hz", "mrad or mm", 0.02)
 HUNTING_AT = Quantity(
     "joints.hunting.frequency", "its frequency", "Hz", Comparison.TOLD, Worse.EITHER, 1.0
 )

@@ -21,13 +21,10 @@ from crtk_drivers.labs.bench.trace import JointTrack, Trace
 from crtk_drivers.labs.verdicts.estimates import exact, within
 from crtk_drivers.labs.verdicts.judging import (
     Bound,
-    Comparison,
     Findings,
     Quantity,
 )
 from crtk_drivers.samples import Array, JointState, Vector, vector
-
-__all__ = ["RUN", "TESTS", "begin_motion", "motion"]
 
 RUN: Final = 0.5
 """Seconds of motion before the stop."""
@@ -58,32 +55,20 @@ TOLD: Final = {"client_killed": "kill -9 of the client"}
 """What people call an ending, if not by its name."""
 
 TIME = {
-    kind: Quantity(
-        f"stop.{kind}.time",
-        f"time to stand after {TOLD.get(kind, kind)}",
-        "s",
-        Comparison.AT_MOST,
-        guard=0.01,
+    kind: Quantity.at_most(
+        f"stop.{kind}.time", f"time to stand after {TOLD.get(kind, kind)}", "s", 0.01
     )
     for kind in ENDINGS
 }
 WAY = {
-    kind: Quantity(
-        f"stop.{kind}.distance",
-        f"way after {TOLD.get(kind, kind)}",
-        "mrad or mm",
-        Comparison.AT_MOST,
-        guard=1.0,
+    kind: Quantity.at_most(
+        f"stop.{kind}.distance", f"way after {TOLD.get(kind, kind)}", "mrad or mm", 1.0
     )
     for kind in ENDINGS
 }
 RETURN = {
-    kind: Quantity(
-        f"stop.{kind}.back",
-        f"way back after {TOLD.get(kind, kind)}",
-        "mrad or mm",
-        Comparison.AT_MOST,
-        guard=1.0,
+    kind: Quantity.at_most(
+        f"stop.{kind}.back", f"way back after {TOLD.get(kind, kind)}", "mrad or mm", 1.0
     )
     for kind in ENDINGS
 }

@@ -17,16 +17,12 @@ from crtk_drivers.labs.carried import UNKNOWN
 from crtk_drivers.labs.verdicts.estimates import exact, in_percent, mean, share
 from crtk_drivers.labs.verdicts.judging import (
     Bound,
-    Comparison,
     Findings,
     Plot,
     Quantity,
-    Worse,
 )
 from crtk_drivers.samples import JointState, Vector, vector
 from crtk_drivers.state import OperatingState
-
-__all__ = ["TESTS"]
 
 SEEN: Final = 8.0
 """Seconds of the motion that both see, in the quick suite."""
@@ -67,15 +63,9 @@ LATE: Final = 0.5
 
 BUSY: Final = 2e-3
 
-LAG = Quantity(
-    "together.motion.lag", "forces behind the pose", "ms", Comparison.WITHIN, Worse.EITHER, 2.0
-)
-ALSO_LATE = Quantity(
-    "together.neighbours.late", "late periods of the other one", "%", Comparison.AT_MOST, guard=0.3
-)
-STATES = Quantity(
-    "together.neighbours.states", "changes of state of the other one", "", Comparison.AT_MOST
-)
+LAG = Quantity.within("together.motion.lag", "forces behind the pose", "ms", 2.0)
+ALSO_LATE = Quantity.at_most("together.neighbours.late", "late periods of the other one", "%", 0.3)
+STATES = Quantity.at_most("together.neighbours.states", "changes of state of the other one", "")
 
 
 # -------------------------------------------------------------------------- one motion, seen by two

@@ -12,8 +12,6 @@ import numpy as np
 
 from crtk_drivers.samples import Array, JointState, Pose, Twist, Value, Vector, Wrench
 
-__all__ = ["Event", "JointTrack", "PoseTrack", "Row", "Trace", "VectorTrack"]
-
 Row = tuple[str, int, int, Any]
 """Topic, arrival and stamp in ns since the epoch (stamp 0: not valid), value."""
 

@@ -23,8 +23,6 @@ from crtk_drivers.samples import JointState, Pose
 from crtk_drivers.state import OperatingState
 from crtk_drivers.status.stop_request import StopRequest
 
-__all__ = ["Watch", "judged", "late_told"]
-
 PERIOD: Final = 0.02
 
 BEYOND: Final = 0.1

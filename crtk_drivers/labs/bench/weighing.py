@@ -17,16 +17,12 @@ from crtk_drivers.labs.carried import GRAVITY, UNKNOWN
 from crtk_drivers.labs.verdicts.estimates import Estimate, exact, mean, student_t, within
 from crtk_drivers.labs.verdicts.judging import (
     Bound,
-    Comparison,
     Findings,
     Measurement,
     Plot,
     Quantity,
-    Worse,
 )
 from crtk_drivers.samples import Array, Vector, vector
-
-__all__ = ["TESTS"]
 
 POSES: Final = 8
 """Orientations; of fewer than `FEWEST` nothing is said."""
@@ -64,26 +60,12 @@ FELT: Final = 20.0
 LEAST_FORCE: Final = 0.05
 """N: a weight, or a residual, that is smaller is none."""
 
-MASS = Quantity(
-    "force.weight.mass", "mass of the tool", "kg", Comparison.WITHIN, Worse.EITHER, 2e-3
+MASS = Quantity.within("force.weight.mass", "mass of the tool", "kg", 2e-3)
+CENTER_OFF = Quantity.at_most(
+    "force.weight.center", "centre of mass from where it is known", "mm", 0.5
 )
-CENTER_OFF = Quantity(
-    "force.weight.center",
-    "centre of mass from where it is known",
-    "mm",
-    Comparison.AT_MOST,
-    guard=0.5,
-)
-RESIDUAL = Quantity(
-    "force.weight.residual", "what no weight explains (rms)", "N", Comparison.AT_MOST, guard=0.02
-)
-FRAME = Quantity(
-    "force.frame.angle",
-    "gravity of sensor from that of the arm",
-    "deg",
-    Comparison.AT_MOST,
-    guard=0.2,
-)
+RESIDUAL = Quantity.at_most("force.weight.residual", "what no weight explains (rms)", "N", 0.02)
+FRAME = Quantity.at_most("force.frame.angle", "gravity of sensor from that of the arm", "deg", 0.2)
 
 
 # ----------------------------------------------------------------------------------------- the motion

@@ -12,21 +12,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = [
-    "Estimate",
-    "Z",
-    "exact",
-    "greatest",
-    "in_percent",
-    "line",
-    "mean",
-    "quantile",
-    "scaled",
-    "share",
-    "wider",
-    "within",
-]
-
 Z: Final = 1.959964
 """Two-sided 95 % of the normal distribution."""
 

@@ -6,8 +6,6 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from importlib.resources import files
 
-__all__ = ["Cell", "badge", "details", "page", "table", "text"]
-
 
 class Cell(str):
     """HTML as it is; any other text is escaped."""

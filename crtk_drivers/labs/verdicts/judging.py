@@ -16,19 +16,6 @@ from typing import Final
 
 from crtk_drivers.labs.verdicts.estimates import Estimate
 
-__all__ = [
-    "Bound",
-    "Comparison",
-    "Findings",
-    "Measurement",
-    "Plot",
-    "Quantity",
-    "Series",
-    "Verdict",
-    "Worse",
-    "verdict_of",
-]
-
 MARGIN: Final = 0.1
 """Share of a bound: a value that passes, but is that near to it, is told as marginal."""
 
@@ -80,6 +67,26 @@ class Quantity:
     comparison: Comparison
     worse: Worse = Worse.HIGHER
     guard: float = 0.0
+
+    @classmethod
+    def at_most(cls, id_: str, title: str, unit: str, guard: float = 0.0) -> Quantity:
+        """Return one of which less is better."""
+        return cls(id_, title, unit, Comparison.AT_MOST, Worse.HIGHER, guard)
+
+    @classmethod
+    def at_least(cls, id_: str, title: str, unit: str, guard: float = 0.0) -> Quantity:
+        """Return one of which more is better."""
+        return cls(id_, title, unit, Comparison.AT_LEAST, Worse.LOWER, guard)
+
+    @classmethod
+    def within(cls, id_: str, title: str, unit: str, guard: float = 0.0) -> Quantity:
+        """Return one that has one value that is right."""
+        return cls(id_, title, unit, Comparison.WITHIN, Worse.EITHER, guard)
+
+    @classmethod
+    def told(cls, id_: str, title: str, unit: str, guard: float = 0.0) -> Quantity:
+        """Return one without a bound, of which less is better."""
+        return cls(id_, title, unit, Comparison.TOLD, Worse.HIGHER, guard)
 
 
 @dataclass(frozen=True, slots=True)

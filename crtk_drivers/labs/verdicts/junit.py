@@ -10,8 +10,6 @@ from xml.etree import ElementTree
 
 from crtk_drivers.labs.verdicts.judging import Verdict
 
-__all__ = ["Case", "Suite", "junit_xml"]
-
 
 @dataclass(frozen=True, slots=True)
 class Case:

@@ -10,8 +10,6 @@ import numpy as np
 
 from crtk_drivers.labs.verdicts.judging import Plot, Series, number
 
-__all__ = ["svg"]
-
 WIDTH: Final = 720
 HEIGHT: Final = 250
 LEFT, RIGHT, TOP, BOTTOM = 64, 12, 40, 40

@@ -44,41 +44,116 @@ class Connection:
     source: Source
 
 
-def connect(
-    config: NetFtConfig,
-    web: WebPages,
-    source: Source | None,
-    known: Profile,
-    deadline: float,
-    tell: Callable[[Source], None],
-) -> Connection:
-    """Return a sensor that streams.
+@dataclass(frozen=True)
+class Connector:
+    """Reaches a sensor.
 
-    Args:
+    Attributes:
         config: of the device.
         web: its web server.
-        source: of the connection before, whose counters go on; None if there was none.
-        known: the family as it was known before, for a sensor that does not say what it is.
-        deadline: monotonic.
         tell: called with each source before it is opened, so that it can be aborted.
-
-    Raises:
-        ConnectionFailed: not in time.
-        ProtocolError: what it says of itself cannot be used.
     """
-    info = identify(config, web, deadline)
-    profile = PROFILES.get(config.profile) or (detect(info.product) if info.product else known)
-    if config.profile == "auto" and not info.product:
-        info = _with_problem(
-            info,
-            f"the sensor does not say what it is, and counts as {profile.name}: give `profile`",
+
+    config: NetFtConfig
+    web: WebPages
+    tell: Callable[[Source], None]
+
+    def connect(self, before: Source | None, known: Profile, deadline: float) -> Connection:
+        """Return a sensor that streams.
+
+        Args:
+            before: source of the connection before, whose counters go on; None if there was none.
+            known: the family as it was known before, for a sensor that does not say what it is.
+            deadline: monotonic.
+
+        Raises:
+            ConnectionFailed: not in time.
+            ProtocolError: what it says of itself cannot be used.
+        """
+        config, web = self.config, self.web
+        info = identify(config, web, deadline)
+        profile = PROFILES.get(config.profile) or (detect(info.product) if info.product else known)
+        if config.profile == "auto" and not info.product:
+            info = _with_problem(
+                info,
+                f"the sensor does not say what it is, and counts as {profile.name}: give `profile`",
+            )
+        page = None
+        if config.http and profile.has_web and info.tags:
+            page = info = settings.apply(web, info, profile, wanted_settings(config), deadline)
+            if config.scale is not None:
+                info = replace(info, scale=config.scale.scale)
+        return Connection(info, page, profile, self._open(profile, info, before, deadline))
+
+    def _open(
+        self, profile: Profile, info: SensorInfo, before: Source | None, deadline: float
+    ) -> Source:
+        config = self.config
+        if config.transport == "tcp":
+            return self._open_tcp(before, deadline)
+        left = deadline - time.monotonic()
+        share = _UDP_SHARE if config.transport == "auto" else 1.0
+        try:
+            if info.rdt_enabled is False:
+                raise ConnectionFailed(
+                    "RDT is switched off in the sensor",
+                    where=f"RDT {config.host}:{config.rdt_port}",
+                    remedy="Switch it on at the sensor's web page (Communications).",
+                )
+            return self._open_udp(profile, info, before, time.monotonic() + left * share)
+        except ConnectionFailed as error:
+            if config.transport == "udp":
+                raise
+            try:
+                source = self._open_tcp(before, deadline)
+            except DeviceError as second:
+                raise ConnectionFailed(
+                    f"{error.message}; over TCP: {second.message}",
+                    where=error.where,
+                    remedy=error.remedy,
+                ) from second
+            logger.warning("%s; measuring over TCP instead, with 16 bits", error.statement)
+            return source
+
+    def _open_udp(
+        self, profile: Profile, info: SensorInfo, before: Source | None, deadline: float
+    ) -> RdtStream:
+        config = self.config
+        if isinstance(before, RdtStream) and before.profile is profile:
+            stream = before
+        else:
+            stream = RdtStream(
+                config.host,
+                profile,
+                info.scale.factors,
+                port=config.rdt_port,
+                mode=Mode(config.mode),
+                rate=float(info.rdt_rate or min(profile.rate, 1000)),
+                receive_buffer=config.receive_buffer,
+            )
+        stream.factors = info.scale.factors
+        stream.tracker.rate = float(info.internal_rate or profile.rate)
+        self.tell(stream)
+        stream.open(deadline)
+        by_rdt = {profile.filter_by_rdt: config.sensor.filter_code}
+        if config.sensor.rdt_rate is not None:
+            by_rdt[profile.period_by_rdt] = max(1, round(1000.0 / config.sensor.rdt_rate))
+        for command, value in by_rdt.items():
+            if command is not None and value is not None:
+                stream.send_value(command, value)
+                stream.resume()
+        return stream
+
+    def _open_tcp(self, before: Source | None, deadline: float) -> TcpStream:
+        config = self.config
+        tcp = (
+            before
+            if isinstance(before, TcpStream)
+            else TcpStream(config.host, config.tcp_port, config.page_period)
         )
-    page = None
-    if config.http and profile.has_web and info.tags:
-        page = info = settings.apply(web, info, profile, wanted_settings(config), deadline)
-        if config.scale is not None:
-            info = replace(info, scale=config.scale.scale)
-    return Connection(info, page, profile, _open(config, profile, info, source, deadline, tell))
+        self.tell(tcp)
+        tcp.open(deadline)
+        return tcp
 
 
 def _with_problem(info: SensorInfo, problem: str) -> SensorInfo:
@@ -142,85 +217,3 @@ def wanted_settings(config: NetFtConfig) -> SensorSettings:
         buffer_size=sensor.buffer_size,
         tool_transform=None if transform is None else vector(transform),
     )
-
-
-def _open(
-    config: NetFtConfig,
-    profile: Profile,
-    info: SensorInfo,
-    before: Source | None,
-    deadline: float,
-    tell: Callable[[Source], None],
-) -> Source:
-    if config.transport == "tcp":
-        return _open_tcp(config, before, deadline, tell)
-    left = deadline - time.monotonic()
-    share = _UDP_SHARE if config.transport == "auto" else 1.0
-    try:
-        if info.rdt_enabled is False:
-            raise ConnectionFailed(
-                "RDT is switched off in the sensor",
-                where=f"RDT {config.host}:{config.rdt_port}",
-                remedy="Switch it on at the sensor's web page (Communications).",
-            )
-        return _open_udp(config, profile, info, before, time.monotonic() + left * share, tell)
-    except ConnectionFailed as error:
-        if config.transport == "udp":
-            raise
-        try:
-            source = _open_tcp(config, before, deadline, tell)
-        except DeviceError as second:
-            raise ConnectionFailed(
-                f"{error.message}; over TCP: {second.message}",
-                where=error.where,
-                remedy=error.remedy,
-            ) from second
-        logger.warning("%s; measuring over TCP instead, with 16 bits", error.statement)
-        return source
-
-
-def _open_udp(
-    config: NetFtConfig,
-    profile: Profile,
-    info: SensorInfo,
-    before: Source | None,
-    deadline: float,
-    tell: Callable[[Source], None],
-) -> RdtStream:
-    if isinstance(before, RdtStream) and before.profile is profile:
-        stream = before
-    else:
-        stream = RdtStream(
-            config.host,
-            profile,
-            info.scale.factors,
-            port=config.rdt_port,
-            mode=Mode(config.mode),
-            rate=float(info.rdt_rate or min(profile.rate, 1000)),
-            receive_buffer=config.receive_buffer,
-        )
-    stream.factors = info.scale.factors
-    stream.tracker.rate = float(info.internal_rate or profile.rate)
-    tell(stream)
-    stream.open(deadline)
-    by_rdt = {profile.filter_by_rdt: config.sensor.filter_code}
-    if config.sensor.rdt_rate is not None:
-        by_rdt[profile.period_by_rdt] = max(1, round(1000.0 / config.sensor.rdt_rate))
-    for command, value in by_rdt.items():
-        if command is not None and value is not None:
-            stream.send_value(command, value)
-            stream.resume()
-    return stream
-
-
-def _open_tcp(
-    config: NetFtConfig, before: Source | None, deadline: float, tell: Callable[[Source], None]
-) -> TcpStream:
-    tcp = (
-        before
-        if isinstance(before, TcpStream)
-        else TcpStream(config.host, config.tcp_port, config.page_period)
-    )
-    tell(tcp)
-    tcp.open(deadline)
-    return tcp

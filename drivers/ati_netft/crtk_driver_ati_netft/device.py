@@ -17,12 +17,12 @@ from pathlib import Path
 
 from typing_extensions import override
 
-from crtk_driver_ati_netft import connecting
 from crtk_driver_ati_netft.averaging import Averaging
 from crtk_driver_ati_netft.blocks import Block, BlockReader
 from crtk_driver_ati_netft.calibration import SensorInfo
 from crtk_driver_ati_netft.compensation import Tool, ToolFit, transfer
 from crtk_driver_ati_netft.config import NetFtConfig
+from crtk_driver_ati_netft.connecting import Connector
 from crtk_driver_ati_netft.monitor import LoadMonitor
 from crtk_driver_ati_netft.orientation import Arm, OrientationSource, rotation_of
 from crtk_driver_ati_netft.page_watch import JumpWatch, PageWatch
@@ -184,9 +184,8 @@ class NetFtDevice(Device):
 
     @override
     def open(self, deadline: float) -> None:
-        found = connecting.connect(
-            self._config, self.web, self._source, self.profile, deadline, self._about_to_open
-        )
+        connector = Connector(self._config, self.web, self._about_to_open)
+        found = connector.connect(self._source, self.profile, deadline)
         self.info = found.info
         if found.profile is not self.profile:
             self.profile = found.profile

@@ -40,8 +40,6 @@ from crtk_drivers.device import Steps
 from crtk_drivers.errors import ConnectionFailed, CrtkError, DataTimeout
 from crtk_drivers.samples import Stamp
 
-__all__ = ["ArmLink", "Outputs"]
-
 logger = logging.getLogger(__name__)
 
 NMT_TIME: Final = 1.0

@@ -14,9 +14,6 @@ from crtk_driver_canopen.sdo import Sdo
 from crtk_driver_canopen.statemachine import POWERED, Drive402, State, Status
 from crtk_driver_canopen.units import home_counts
 
-__all__ = ["Axis", "Feedback"]
-
-
 _MIRRORED: Final = 0.2
 """Part of the home position within which a joint is believed to stand at the negative of it."""
 

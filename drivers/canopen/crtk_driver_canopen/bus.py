@@ -38,8 +38,6 @@ try:
 except ImportError as error:  # pragma: no cover - the extra is installed where tests run
     raise MissingExtra("python-can", "canopen") from error
 
-__all__ = ["BusAddress", "CanLink", "Handler", "Record"]
-
 Handler = Callable[[bytes, float], None]
 """Takes the data of a frame, and when it was received in monotonic seconds."""
 
@@ -237,10 +235,6 @@ class CanLink:
             # A controller that went off the bus often only shows that its queue stays full.
             condition = self.condition if self.condition in FATAL else Condition.FULL
             self._lose(condition, f"for {self._full} cycles in a row", None)
-
-    def send_data(self, cob_id: int, data: bytes) -> bool:
-        """Send one frame; see `send`."""
-        return self.send(Frame(cob_id, data))
 
     def post(self, cob_id: int, data: bytes) -> None:
         """Have a frame sent, from any thread.

@@ -11,14 +11,6 @@ from typing import Final, NamedTuple
 
 from crtk_drivers.errors import ConnectionLost
 
-__all__ = [
-    "BusCounters",
-    "BusLost",
-    "Condition",
-    "condition_of_error",
-    "conditions_of_frame",
-]
-
 
 class Condition(StrEnum):
     """State of the bus, or what has just happened on it."""

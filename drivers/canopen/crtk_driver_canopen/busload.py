@@ -15,8 +15,6 @@ from typing_extensions import override
 from crtk_driver_canopen.pdo import Pdo
 from crtk_drivers.errors import ConfigError
 
-__all__ = ["BusLoad", "check_load", "cycle_load", "exact_bits", "plain_bits", "worst_bits"]
-
 _OVERHEAD: Final = 44
 _GAP: Final = 3
 _STUFFED: Final = 34

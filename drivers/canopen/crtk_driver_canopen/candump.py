@@ -10,8 +10,6 @@ from typing import Self, TextIO
 from crtk_driver_canopen.frames import ERROR, EXTENDED, REMOTE, Frame
 from crtk_drivers.errors import ConfigError
 
-__all__ = ["CandumpLog", "candump_line"]
-
 
 def candump_line(frame: Frame, channel: str) -> str:
     """Return a frame as ``candump -L`` writes it: ``(seconds) can0 181#3702...``."""

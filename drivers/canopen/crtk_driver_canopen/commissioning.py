@@ -43,8 +43,6 @@ from crtk_driver_canopen.units import (
 )
 from crtk_drivers.errors import ConfigError, DeviceError
 
-__all__ = ["Prepared", "prepare"]
-
 logger = logging.getLogger(__name__)
 
 _CYCLIC = frozenset({OpMode.CSP, OpMode.CSV, OpMode.CST, OpMode.IP})

@@ -21,8 +21,6 @@ from crtk_driver_canopen.master import Master
 from crtk_driver_canopen.pdo import Pdo, PdoGroup, check_cob_ids
 from crtk_driver_canopen.ports import message_of
 
-__all__ = ["SYNC", "Cycle", "CycleCounters", "KernelSync", "SentSync"]
-
 SYNC: Final = 0x080
 
 _SPARE: Final = 3

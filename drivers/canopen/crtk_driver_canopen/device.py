@@ -41,8 +41,6 @@ from crtk_drivers.kit import until
 from crtk_drivers.samples import JointState, Sample, Value, vector
 from crtk_drivers.state import OperatingState
 
-__all__ = ["CanopenDevice"]
-
 logger = logging.getLogger(__name__)
 
 STOP_TIME: Final = 1.0

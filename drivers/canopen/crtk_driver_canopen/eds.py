@@ -26,8 +26,6 @@ try:
 except ImportError as error:  # pragma: no cover - the extra is installed where tests run
     raise MissingExtra("canopen", "canopen") from error
 
-__all__ = ["MAX_SIZE", "DataSheet", "load", "repair"]
-
 MAX_SIZE: Final = 8 * 1024 * 1024
 """Largest file that is read, in bytes."""
 

@@ -8,8 +8,6 @@ from typing import Final, NamedTuple
 
 from typing_extensions import override
 
-__all__ = ["ERROR_CODES", "REGISTER_BITS", "Emergency", "decode", "error_text", "register_text"]
-
 REGISTER_BITS: Final[Mapping[int, str]] = MappingProxyType(
     {
         0: "generic",

@@ -11,8 +11,6 @@ from crtk_driver_canopen.scanning import Found, answering, survey
 from crtk_driver_canopen.tools import opened_master
 from crtk_drivers.plugins import Finder, FoundDevice
 
-__all__ = ["FINDER"]
-
 WAIT: Final = 0.3
 """Seconds for the last answer."""
 

@@ -18,8 +18,6 @@ from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.pdo import Pdo
 from crtk_driver_canopen.sdo import Sdo, SdoSilent
 
-__all__ = ["SYNC_TEXT", "ForeignMaster"]
-
 logger = logging.getLogger(__name__)
 
 REMEMBERED: Final = 1.0

@@ -7,8 +7,6 @@ from typing import Final, NamedTuple
 
 from crtk_drivers.errors import ProtocolError
 
-__all__ = ["ERROR", "EXTENDED", "REMOTE", "STANDARD", "Frame", "pack", "unpack"]
-
 EXTENDED: Final = 0x8000_0000
 """Flag in an identifier: it has 29 bits (CAN_EFF_FLAG)."""
 

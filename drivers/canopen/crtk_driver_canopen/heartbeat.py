@@ -18,17 +18,6 @@ from crtk_driver_canopen.sdo import ObjectIgnored, Sdo, SdoAborted
 from crtk_driver_canopen.statemachine import option_text
 from crtk_drivers.errors import DeviceError
 
-__all__ = [
-    "NMT_COMMANDS",
-    "HeartbeatWatch",
-    "NmtCommand",
-    "NmtState",
-    "NodeLife",
-    "ensure_abort_option",
-    "ensure_heartbeat",
-    "nmt_text",
-]
-
 
 class NmtState(IntEnum):
     """States of a node, as its heartbeat tells them."""

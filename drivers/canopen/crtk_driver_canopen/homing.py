@@ -16,8 +16,6 @@ from typing import Final
 from crtk_driver_canopen.modes import ModeBits, OpMode, mode_text
 from crtk_driver_canopen.statemachine import Control, State, decode
 
-__all__ = ["METHODS", "Homing", "HomingCode", "HomingPhase", "homing_code", "method_text"]
-
 
 def _numbered(first: int, texts: tuple[str, ...]) -> dict[int, str]:
     return dict(enumerate(texts, start=first))

@@ -10,8 +10,6 @@ from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.sdo import Sdo, SdoAborted
 from crtk_drivers.errors import DeviceError
 
-__all__ = ["Identity", "WrongDevice", "check_identity", "read_identity"]
-
 SERVO_PROFILE = 402
 
 

@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterable, Mapping
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import CrtkError, DeviceError
 
-__all__ = ["NodeJobs", "one_by_one"]
-
 logger = logging.getLogger(__name__)
 
 

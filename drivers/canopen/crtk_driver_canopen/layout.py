@@ -13,8 +13,6 @@ from crtk_driver_canopen.objects import OBJECTS, Entry
 from crtk_driver_canopen.pdo import Direction, Pdo, PdoGroup, check_cob_ids, default_cob_id
 from crtk_drivers.errors import ConfigError
 
-__all__ = ["CobIds", "Layout", "plan"]
-
 _SDO_RATE = 20.0
 """SDO requests per second that are reckoned with while the arm moves."""
 

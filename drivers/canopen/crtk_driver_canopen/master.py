@@ -24,8 +24,6 @@ from crtk_driver_canopen.heartbeat import (
 from crtk_driver_canopen.transfers import SdoChannel
 from crtk_drivers.errors import DataTimeout
 
-__all__ = ["ALL_NODES", "BootUp", "Event", "Master"]
-
 ALL_NODES: Final = 0
 NODES: Final = range(1, 128)
 

@@ -9,21 +9,6 @@ from typing import Final, NamedTuple
 
 from crtk_driver_canopen.statemachine import State, decode
 
-__all__ = [
-    "MODES",
-    "TARGETS",
-    "WAYS",
-    "HandshakePhase",
-    "ModeBits",
-    "ModeChange",
-    "OpMode",
-    "SetpointHandshake",
-    "Way",
-    "mode_text",
-    "status_text",
-    "supported",
-]
-
 
 class OpMode(IntEnum):
     """Modes of operation (6060, 6061)."""

@@ -28,8 +28,6 @@ from crtk_drivers.device import Goal, Mode, MoveProgress, Setpoint
 from crtk_drivers.errors import CommandRefused, CrtkError, MotionAborted
 from crtk_drivers.samples import Vector, vector
 
-__all__ = ["MODE_TIME", "STREAMED", "Motion", "braking_time"]
-
 MODE_TIME: Final = 2.0
 """Seconds in which all drives show a mode of operation."""
 

@@ -13,17 +13,6 @@ from typing import Final, NamedTuple
 
 from typing_extensions import override
 
-__all__ = [
-    "AXIS_STEP",
-    "OBJECTS",
-    "Entry",
-    "ObjectType",
-    "is_command",
-    "object_text",
-    "object_type",
-    "parse_object",
-]
-
 AXIS_STEP: Final = 0x800
 """Distance between the objects of two axes of one node (CiA 402-2, multi-axis)."""
 

@@ -19,8 +19,6 @@ from crtk_driver_canopen.objects import (
 from crtk_driver_canopen.sdo import Sdo
 from crtk_drivers.errors import ConfigError
 
-__all__ = ["write_parameters"]
-
 logger = logging.getLogger(__name__)
 
 _STANDARD: Final = {(entry.index, entry.sub): entry for entry in OBJECTS.values()}

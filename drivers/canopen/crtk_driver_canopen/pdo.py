@@ -21,22 +21,6 @@ from crtk_driver_canopen.objects import Entry, ObjectType, object_text
 from crtk_driver_canopen.sdo import MISSING, Sdo, SdoAborted
 from crtk_drivers.errors import ConfigError, DeviceError, ProtocolError
 
-__all__ = [
-    "MOST_PDOS",
-    "PREDEFINED",
-    "Direction",
-    "Pdo",
-    "PdoGroup",
-    "PdoMismatch",
-    "check_cob_ids",
-    "configure",
-    "default_cob_id",
-    "disable",
-    "read_back",
-    "read_cob_id",
-    "set_deadline",
-]
-
 
 class Direction(StrEnum):
     """Of a PDO, as the node sees it."""

@@ -18,8 +18,6 @@ from can.interfaces.socketcan import SocketcanBus
 from crtk_driver_canopen.bus_state import Condition, condition_of_error
 from crtk_driver_canopen.frames import ERROR, EXTENDED, REMOTE, Frame, pack, unpack
 
-__all__ = ["HubPort", "MessagePort", "Port", "SocketPort", "message_of", "port_of"]
-
 
 class Port(Protocol):
     """Exchanges the frames of one bus. Belongs to one thread."""

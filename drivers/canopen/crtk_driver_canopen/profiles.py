@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.sdo import Sdo
 
-__all__ = ["ProfileRates", "arrival", "shared_rates", "velocities_from_motion"]
-
 _U32: Final = 0xFFFFFFFF
 
 _LEAST: Final = 1e-9

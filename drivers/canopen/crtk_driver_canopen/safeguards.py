@@ -20,16 +20,6 @@ from crtk_drivers.errors import DeviceError
 if TYPE_CHECKING:
     from crtk_driver_canopen.config import JointConfig
 
-__all__ = [
-    "PositionLimits",
-    "ensure_error_behaviour",
-    "ensure_options",
-    "note_following_error",
-    "position_limits",
-    "write_position_limits",
-    "write_speed_limits",
-]
-
 HEADROOM: Final = 1.2
 """A drive's own limit of speed for that of the joint: control loops go a little beyond their setpoint."""
 

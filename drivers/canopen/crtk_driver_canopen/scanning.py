@@ -14,8 +14,6 @@ from crtk_driver_canopen.modes import OpMode, supported
 from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.sdo import Sdo, SdoAborted, SdoSilent
 
-__all__ = ["Axis", "Found", "answering", "survey"]
-
 AXES: Final = 8
 
 _ASKING: Final = 0.0005

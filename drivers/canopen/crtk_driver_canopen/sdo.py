@@ -12,17 +12,6 @@ from typing import Final, Protocol
 from crtk_driver_canopen.objects import Entry, object_text
 from crtk_drivers.errors import ConfigError, DataTimeout, DeviceError, ProtocolError
 
-__all__ = [
-    "ABORTS",
-    "MISSING",
-    "ObjectIgnored",
-    "Sdo",
-    "SdoAborted",
-    "SdoPort",
-    "SdoSilent",
-    "abort_text",
-]
-
 ABORTS: Final[Mapping[int, str]] = MappingProxyType(
     {
         0x05030000: "toggle bit not alternated",

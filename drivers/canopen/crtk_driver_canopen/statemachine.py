@@ -16,24 +16,6 @@ from enum import IntFlag, StrEnum
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-__all__ = [
-    "OPTION_CODES",
-    "POWERED",
-    "STATUSWORDS",
-    "TIMEOUTS",
-    "TRANSITIONS",
-    "Control",
-    "Drive402",
-    "Failure",
-    "Pattern",
-    "State",
-    "Status",
-    "Transition",
-    "decode",
-    "next_transition",
-    "option_text",
-]
-
 
 class State(StrEnum):
     """States of a drive."""

@@ -29,8 +29,6 @@ from crtk_drivers.errors import ConfigError, CrtkError, DeviceError
 if TYPE_CHECKING:
     from crtk_driver_canopen.config import CanopenConfig, JointConfig
 
-__all__ = ["RPDO_TIMEOUT", "LastResort", "leave_holding", "quick_stop_frame", "secure"]
-
 logger = logging.getLogger(__name__)
 
 RPDO_TIMEOUT: Final = 0x8250

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Final
 
-__all__ = ["UNHEARD", "PositionTarget"]
-
 UNHEARD: Final = 1
 """Cycles in a row without the position of an axis that do not matter: a frame may be lost, or come late."""
 

@@ -26,8 +26,6 @@ from crtk_drivers.config import Settings
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import Tool
 
-__all__ = ["TOOLS", "ScanOptions", "SdoOptions", "opened_master", "scan", "sdo"]
-
 _OUT = Console(highlight=False)
 
 

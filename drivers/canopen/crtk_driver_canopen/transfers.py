@@ -23,8 +23,6 @@ try:
 except ImportError as error:  # pragma: no cover - the extra is installed where tests run
     raise MissingExtra("canopen", "canopen") from error
 
-__all__ = ["SdoChannel"]
-
 ATTEMPTS: Final = 2
 """Times that a transfer is tried when no answer comes. All that the driver writes may be written twice."""
 

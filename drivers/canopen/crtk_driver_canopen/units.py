@@ -23,19 +23,6 @@ from crtk_driver_canopen.sdo import Sdo
 from crtk_drivers.errors import CommandRefused, ConfigError, Reason
 from crtk_drivers.samples import Vector, vector
 
-__all__ = [
-    "GroupUnits",
-    "JointRange",
-    "JointScale",
-    "JointUnits",
-    "UnitObjects",
-    "check_wire",
-    "home_counts",
-    "interpolation_period",
-    "read_unit_objects",
-    "resolve",
-]
-
 TURN: Final = 2.0 * math.pi
 
 _ANGLES: Final[Mapping[int, float]] = MappingProxyType(

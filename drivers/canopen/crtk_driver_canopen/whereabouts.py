@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Final
 
-__all__ = ["HASTE", "Whereabouts"]
-
 HASTE: Final = 10.0
 """Times its greatest velocity with which a joint may move, pushed or falling, and be believed."""
 

@@ -21,8 +21,6 @@ from crtk_driver_dynamixel.groups import GroupRead, GroupResult
 from crtk_driver_dynamixel.servo_state import ServoState
 from crtk_driver_dynamixel.units import Counts, decoded, read_number, record
 
-__all__ = ["BlockReads", "Member"]
-
 
 class Member(NamedTuple):
     """One servo that is read.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
-from crtk_driver_dynamixel import protocol1, protocol2
+from crtk_driver_dynamixel import protocol2
 from crtk_driver_dynamixel.groups import GroupRead, GroupResult, GroupWrite, Item
 from crtk_driver_dynamixel.line import Line, LineCounters
 from crtk_driver_dynamixel.matching import Slot
@@ -22,8 +22,6 @@ from crtk_driver_dynamixel.replies import (
     failure_error,
 )
 from crtk_drivers.kit.serial_port import SerialPort
-
-__all__ = ["BROADCAST", "Bus", "Ping", "ServoLink"]
 
 BROADCAST: Final = protocol2.BROADCAST
 _PING_LENGTH: Final = MappingProxyType({1: 0, 2: 3})
@@ -204,38 +202,9 @@ class Bus:
         request = self._codec(id).write(id, address, data)
         self._command(id, request, f"write of {data.hex(' ')} at {address}", attempts, patience)
 
-    def reg_write(self, id: int, address: int, data: bytes, *, attempts: int = 2) -> None:
-        """Register a write for the next `action`; raises as `write`."""
-        request = self._codec(id).reg_write(id, address, data)
-        self._command(id, request, f"registered write at {address}", attempts)
-
-    def action(self, id: int = BROADCAST) -> None:
-        """Do what `reg_write` registered; raises as `write`."""
-        self._command(id, self._codec(id).action(id), "action")
-
     def reboot(self, id: int) -> None:
         """Restart: torque goes off, the hardware error is cleared, RAM is reset; raises as `write`."""
         self._command(id, self._codec(id).reboot(id), "reboot")
-
-    def factory_reset(
-        self, id: int, keep: protocol2.Reset = protocol2.Reset.ID_AND_BAUD_RATE
-    ) -> None:
-        """Reset the control table; raises as `write`. Protocol 1.0 keeps neither id nor baud rate."""
-        one = self.link(id).protocol == 1
-        request = protocol1.factory_reset(id) if one else protocol2.factory_reset(id, keep)
-        self._command(id, request, "factory reset", patience=0.1)
-
-    def clear_multi_turn(self, id: int) -> None:
-        """Forget the turns of the present position, refused while it moves; raises as `write`."""
-        self._command(id, protocol2.clear_multi_turn(id), "clear of the turns")
-
-    def backup(self, id: int) -> None:
-        """Store the control table, refused while torque is on; raises as `write`."""
-        self._command(id, protocol2.backup(id), "backup", patience=0.1)
-
-    def restore(self, id: int) -> None:
-        """Load what `backup` has stored, and reboot; refused while torque is on; raises as `write`."""
-        self._command(id, protocol2.restore(id), "restore", patience=0.1)
 
     # Several servos
 
@@ -279,10 +248,6 @@ class Bus:
         """Write the same range of several servos of one protocol; nobody answers."""
         codec = PROTOCOLS[self.common_protocol(list(values))]
         self.line.send(codec.sync_write(address, length, values))
-
-    def bulk_write(self, items: Sequence[tuple[int, int, bytes]]) -> None:
-        """Write (id, address, data) to several servos of protocol 2.0; nobody answers."""
-        self.line.send(protocol2.bulk_write(items))
 
     def common_protocol(self, ids: Sequence[int]) -> int:
         """Return the protocol of servos.

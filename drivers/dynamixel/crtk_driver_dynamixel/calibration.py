@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -24,17 +24,6 @@ from crtk_driver_dynamixel.models import OperatingMode
 from crtk_driver_dynamixel.units import Servo
 from crtk_drivers.config import Settings, from_file, load
 from crtk_drivers.errors import ConfigError
-
-__all__ = [
-    "Calibration",
-    "ServoCalibration",
-    "calibrate",
-    "load_calibration",
-    "save_calibration",
-    "turn_shift",
-    "unshifted",
-    "write_whole",
-]
 
 Identity = tuple[str, str, int, str]
 """Joint, bus, id and model of a servo: they have no serial number to tell it by."""
@@ -97,29 +86,6 @@ class Calibration(Settings):
                 f"the calibration is not of this chain: {'; '.join(sorted(problems))}",
                 where=where,
                 remedy="Calibrate again: crtk-driver dynamixel calibrate.",
-            )
-
-    def check_homing_offsets(
-        self, read: Mapping[tuple[str, int], int], where: str = "calibration"
-    ) -> None:
-        """Make sure that the homing offsets in the servos are those with which it was made.
-
-        Args:
-            read: register Homing Offset by bus and id.
-
-        Raises:
-            ConfigError: they were changed since; says where.
-        """
-        changed = [
-            f"{s.joint} (servo {s.id} on {s.bus}) has {read[s.bus, s.id]} instead of {s.homing_offset}"
-            for s in self.servos
-            if (s.bus, s.id) in read and read[s.bus, s.id] != s.homing_offset
-        ]
-        if changed:
-            raise ConfigError(
-                f"homing offsets were changed since the calibration: {'; '.join(changed)}",
-                where=where,
-                remedy="Another program calibrated the arm, or a servo was replaced: calibrate again.",
             )
 
 

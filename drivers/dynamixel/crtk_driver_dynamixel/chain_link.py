@@ -39,8 +39,6 @@ from crtk_drivers.samples import Stamp
 
 logger = logging.getLogger(__name__)
 
-__all__ = ["ChainLink", "lost"]
-
 PATIENCE: Final = 0.05
 """Seconds allowed to adapter and system while the chain is opened: whatever is done first is slow."""
 

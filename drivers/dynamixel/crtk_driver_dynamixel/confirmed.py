@@ -10,8 +10,6 @@ from crtk_driver_dynamixel.servo_state import Values
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import DeviceFault
 
-__all__ = ["make_sure", "stubborn", "wrong"]
-
 
 def make_sure(link: ChainLink, wanted: Mapping[int, Values], *, written: bool = False) -> Steps:
     """Write registers, by the place of their servo, until they hold these values.

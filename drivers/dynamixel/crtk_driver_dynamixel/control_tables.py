@@ -24,8 +24,6 @@ from typing_extensions import override
 
 from crtk_drivers.errors import ConfigError, MissingExtra
 
-__all__ = ["Coding", "ControlTable", "IndirectBlock", "Item", "control_table", "model_files"]
-
 
 class Coding(StrEnum):
     """How the bytes of an item stand for a number; little-endian all of them."""
@@ -65,11 +63,6 @@ class Item:
     def signed(self) -> bool:
         """Whether it can be below zero."""
         return self.coding is not Coding.UNSIGNED
-
-    @property
-    def needs_torque_off(self) -> bool:
-        """Whether the servo refuses writes while its torque is on (error 7, Access)."""
-        return self.eeprom or self.name.startswith("indirect_address")
 
     @property
     def range(self) -> tuple[int, int]:
@@ -156,11 +149,7 @@ POSITION: Final = ("present_position",)
 VELOCITY: Final = ("present_velocity", "present_speed")
 EFFORT: Final = ("present_current", "current", "present_load")
 """What is measured, by the names that models have for it, the better one first."""
-GOAL_VELOCITY: Final = ("goal_velocity", "moving_speed")
-GOAL_EFFORT: Final = ("goal_current", "goal_torque")
 VOLTAGE: Final = ("present_input_voltage", "present_voltage")
-TEMPERATURE: Final = ("present_temperature", "present_motor_temperature")
-HARDWARE_ERROR: Final = ("hardware_error_status", "error_code")
 
 
 _CODINGS: Final[Mapping[Coding, frozenset[str]]] = MappingProxyType(

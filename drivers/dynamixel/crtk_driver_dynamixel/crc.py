@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Final, Protocol
 
-__all__ = ["crc16", "table_crc16"]
-
 _POLYNOMIAL: Final = 0x8005
 
 

@@ -44,8 +44,6 @@ from crtk_drivers.state import OperatingState
 
 logger = logging.getLogger(__name__)
 
-__all__ = ["ArmDevice", "GripperDevice", "make_device"]
-
 GRIPPER: Final = "gripper"
 """Namespace of the gripper."""
 

@@ -11,8 +11,6 @@ from crtk_driver_dynamixel.tool_options import BAUDS
 from crtk_driver_dynamixel.tools import require_libraries
 from crtk_drivers.plugins import Finder, FoundDevice
 
-__all__ = ["FINDER"]
-
 IDS: Final = range(31)
 """Ids that are asked; `crtk-driver dynamixel scan` asks all."""
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import NamedTuple
 
-__all__ = ["Status", "StatusParser"]
-
 
 class Status(NamedTuple):
     """A status packet.

@@ -19,8 +19,6 @@ from crtk_driver_dynamixel.modes import Modes
 from crtk_driver_dynamixel.units import Counts
 from crtk_drivers.commands import Kind
 
-__all__ = ["SentGoals"]
-
 MOST_REFUSED: Final = 3
 """Times in a row that a servo may be found with another goal than it was sent."""
 STUCK_TIME: Final = 1.0

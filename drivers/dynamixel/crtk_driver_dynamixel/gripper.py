@@ -15,18 +15,11 @@ from typing_extensions import override
 
 from crtk_drivers.errors import ConfigError
 
-__all__ = ["Finger", "Jaw", "Linear", "SliderCrank"]
-
 _ROUNDING = 1e-12
 
 
 class Finger(ABC):
     """How an opening depends on the servo's angle (rad, at the horn, after sign, gear and offset)."""
-
-    @property
-    @abstractmethod
-    def is_prismatic(self) -> bool:
-        """Whether openings are in m; otherwise in rad."""
 
     @abstractmethod
     def opening(self, angle: float) -> float:
@@ -86,11 +79,6 @@ class SliderCrank(Finger):
                 remedy="Measure both between their pins: the rod is longer than the horn.",
             )
 
-    @property
-    @override
-    def is_prismatic(self) -> bool:
-        return True
-
     @override
     def opening(self, angle: float) -> float:
         across = self.horn * math.cos(angle)
@@ -142,11 +130,6 @@ class Linear(Finger):
                 remedy="Give the change of the opening for one radian of the servo.",
             )
 
-    @property
-    @override
-    def is_prismatic(self) -> bool:
-        return True
-
     @override
     def opening(self, angle: float) -> float:
         return self.travel * angle + self.gap
@@ -163,11 +146,6 @@ class Linear(Finger):
 @dataclass(frozen=True, slots=True)
 class Jaw(Finger):
     """A jaw that turns with the servo: its opening is the servo's angle, in rad."""
-
-    @property
-    @override
-    def is_prismatic(self) -> bool:
-        return False
 
     @override
     def opening(self, angle: float) -> float:

@@ -23,8 +23,6 @@ from crtk_driver_dynamixel.protocol2 import (
     status_size,
 )
 
-__all__ = ["FastReply", "PlainReplies", "Whole", "WholeReply"]
-
 
 class Whole(NamedTuple):
     """What all servos answered: their data, and their error bytes, of which only the alert can be set."""

@@ -21,8 +21,6 @@ from crtk_driver_dynamixel.protocols import PROTOCOLS
 from crtk_driver_dynamixel.replies import Failure, Reply
 from crtk_drivers.kit.serial_port import SerialPort
 
-__all__ = ["GroupRead", "GroupResult", "GroupWrite", "Item"]
-
 LEAVE_OUT_AFTER: Final = 3
 """Times in a row that a servo is silent before it is left out."""
 TRY_EVERY: Final = 10

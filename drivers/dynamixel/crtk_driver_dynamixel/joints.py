@@ -30,8 +30,6 @@ from crtk_drivers.device import JointLimits
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.samples import Vector
 
-__all__ = ["Chain", "ChainServo"]
-
 Follow = Literal["goals", "secondary_id", "cable"]
 _SPEED_SHARE = 0.9
 """Of the no-load speed, where no limit is given: what remains under load, and below the register's limit."""
@@ -190,10 +188,6 @@ class Chain:
     def _effort_modes(self) -> set[OperatingMode | None]:
         return {servo.effort_mode for servo in self.servos if servo.joint < len(self.joints)}
 
-    def on_bus(self, bus: str) -> tuple[int, ...]:
-        """Return the places of the servos on a bus."""
-        return tuple(i for i, servo in enumerate(self.servos) if servo.bus == bus)
-
     def of_joint(self, joint: int) -> tuple[int, ...]:
         """Return the places of a joint's servos, the first one first."""
         return tuple(np.flatnonzero(self._joint_of == joint).tolist())
@@ -217,11 +211,6 @@ class Chain:
         known = values if valid is None else np.where(valid, values, np.nan)
         sums: Vector = np.add.reduceat(known, self._first)
         return sums
-
-    def spread(self, positions: Vector) -> Vector:
-        """Return how far the servos of each joint are apart (joints,), in rad; NaN if one is not known."""
-        most: Vector = np.maximum.reduceat(positions, self._first)
-        return most - np.minimum.reduceat(positions, self._first)
 
     def to_servos(self, values: Vector) -> Vector:
         """Return positions or velocities (servos,) for the joints' (joints,)."""

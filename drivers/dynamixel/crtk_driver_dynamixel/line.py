@@ -26,8 +26,6 @@ from crtk_driver_dynamixel.protocols import PROTOCOLS
 from crtk_driver_dynamixel.replies import Counters, Failure, Reply
 from crtk_drivers.kit.serial_port import SerialPort
 
-__all__ = ["Line", "LineCounters"]
-
 
 @dataclass(slots=True)
 class LineCounters:

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from crtk_driver_dynamixel.framing import Status
 from crtk_driver_dynamixel.replies import Failure, Reply
 
-__all__ = ["Matcher", "Slot"]
-
 
 @dataclass(frozen=True, slots=True)
 class Slot:

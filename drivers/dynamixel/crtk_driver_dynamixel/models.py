@@ -17,18 +17,6 @@ from typing import Final
 
 from crtk_drivers.errors import ConfigError
 
-__all__ = [
-    "GOALS",
-    "HARDWARE_ERRORS",
-    "MODELS",
-    "Family",
-    "Model",
-    "OperatingMode",
-    "hardware_error_text",
-    "model_named",
-    "model_numbered",
-]
-
 TURN: Final = 2.0 * math.pi
 RPM: Final = TURN / 60.0
 """One revolution per minute, in rad/s."""

@@ -24,8 +24,6 @@ from crtk_drivers.commands import Kind
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import DeviceFault
 
-__all__ = ["BY_HAND", "Modes"]
-
 BY_HAND: Final = "Move the joint into its range by hand, with the torque off, and enable again."
 
 NEAR: Final = 512

@@ -17,8 +17,6 @@ import numpy as np
 from crtk_driver_dynamixel.units import Servo
 from crtk_drivers.samples import Vector, vector
 
-__all__ = ["Motors"]
-
 MADE_UP: Final = 0.9
 """Of the voltage that a turning motor induces: all of it, by a speed from the cycle before, could keep a
 joint turning that nothing drives."""

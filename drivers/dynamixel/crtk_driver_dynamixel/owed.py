@@ -12,8 +12,6 @@ from itertools import count
 
 from crtk_driver_dynamixel.framing import Status
 
-__all__ = ["Owed"]
-
 _Key = tuple[int, int]
 """Id of the servo, and bytes of the reply's data."""
 

@@ -17,8 +17,6 @@ from crtk_driver_dynamixel.joints import Chain, ChainServo, servo_range
 from crtk_driver_dynamixel.models import OperatingMode
 from crtk_driver_dynamixel.servo_state import ServoState
 
-__all__ = ["OwnLimit", "own_limits", "wider"]
-
 TOLD: Final = 3
 """Limits that are told one by one; `crtk-driver dynamixel limits --no-write` tells all."""
 

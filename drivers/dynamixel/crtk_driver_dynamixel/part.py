@@ -36,8 +36,6 @@ from crtk_drivers.errors import DeviceFault, StopUnconfirmed
 
 logger = logging.getLogger(__name__)
 
-__all__ = ["Part"]
-
 SETTLE_TIME: Final = 0.5
 """Seconds in which a servo that was silent is heard again, after it was enabled."""
 CUT_POWER: Final = "Switch the supply of the servos off if it moves."

@@ -14,8 +14,6 @@ from crtk_driver_dynamixel.servo_state import KEPT, Values
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import TransitionFailed
 
-__all__ = ["ATTEMPTS", "recover", "set_up"]
-
 ATTEMPTS: Final = 10
 """Times that something is tried until a servo has done it."""
 REBOOT_TIME: Final = 3.0

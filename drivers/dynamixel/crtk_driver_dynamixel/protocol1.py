@@ -18,28 +18,6 @@ from typing_extensions import override
 from crtk_driver_dynamixel import framing
 from crtk_driver_dynamixel.framing import Status
 
-__all__ = [
-    "BROADCAST",
-    "ERRORS",
-    "HARDWARE",
-    "TAIL",
-    "Instruction",
-    "StatusParser",
-    "action",
-    "bulk_read",
-    "error_text",
-    "factory_reset",
-    "packet",
-    "ping",
-    "read",
-    "reboot",
-    "reg_write",
-    "seal",
-    "status_size",
-    "sync_write",
-    "write",
-]
-
 HEADER: Final = b"\xff\xff"
 BROADCAST: Final = 0xFE
 HIGHEST_ID: Final = 253
@@ -58,9 +36,6 @@ class Instruction(IntEnum):
     PING = 0x01
     READ = 0x02
     WRITE = 0x03
-    REG_WRITE = 0x04
-    ACTION = 0x05
-    FACTORY_RESET = 0x06
     REBOOT = 0x08
     SYNC_WRITE = 0x83
     BULK_READ = 0x92
@@ -141,21 +116,6 @@ def read(id: int, address: int, length: int) -> bytes:
 def write(id: int, address: int, data: bytes) -> bytes:
     """Write; a broadcast is not replied to."""
     return packet(id, Instruction.WRITE, _byte(address) + data)
-
-
-def reg_write(id: int, address: int, data: bytes) -> bytes:
-    """Register a write for the next `action`."""
-    return packet(id, Instruction.REG_WRITE, _byte(address) + data)
-
-
-def action(id: int) -> bytes:
-    """Do what `reg_write` registered."""
-    return packet(id, Instruction.ACTION)
-
-
-def factory_reset(id: int) -> bytes:
-    """Reset the control table, id and baud rate included."""
-    return packet(id, Instruction.FACTORY_RESET)
 
 
 def reboot(id: int) -> bytes:

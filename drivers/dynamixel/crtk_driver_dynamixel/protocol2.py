@@ -21,41 +21,6 @@ from crtk_driver_dynamixel import framing
 from crtk_driver_dynamixel.crc import crc16
 from crtk_driver_dynamixel.framing import Status
 
-__all__ = [
-    "ALERT",
-    "BROADCAST",
-    "ERRORS",
-    "HEADER",
-    "SEQUENCE",
-    "STATUS",
-    "TAIL",
-    "Instruction",
-    "Reset",
-    "Status",
-    "StatusParser",
-    "action",
-    "backup",
-    "bulk_read",
-    "bulk_write",
-    "clear_multi_turn",
-    "error_text",
-    "factory_reset",
-    "fast_bulk_read",
-    "fast_sync_read",
-    "packet",
-    "ping",
-    "read",
-    "reboot",
-    "reg_write",
-    "restore",
-    "seal",
-    "status_prefix",
-    "status_size",
-    "sync_read",
-    "sync_write",
-    "write",
-]
-
 HEADER: Final = b"\xff\xff\xfd\x00"
 BROADCAST: Final = 0xFE
 HIGHEST_ID: Final = 252
@@ -68,8 +33,6 @@ ALERT: Final = 0x80
 """Bit of the error byte: Hardware Error Status of this servo is not 0."""
 
 _HEAD: Final = struct.Struct("<4sBH")
-_ITEM: Final = struct.Struct("<BHH")
-_RANGE: Final = struct.Struct("<HH")
 _U16: Final = struct.Struct("<H")
 _FRAME: Final = _HEAD.size + TAIL
 _SHORTEST: Final = 3
@@ -85,26 +48,12 @@ class Instruction(IntEnum):
     PING = 0x01
     READ = 0x02
     WRITE = 0x03
-    REG_WRITE = 0x04
-    ACTION = 0x05
-    FACTORY_RESET = 0x06
     REBOOT = 0x08
-    CLEAR = 0x10
-    BACKUP = 0x20
     SYNC_READ = 0x82
     SYNC_WRITE = 0x83
     FAST_SYNC_READ = 0x8A
     BULK_READ = 0x92
-    BULK_WRITE = 0x93
     FAST_BULK_READ = 0x9A
-
-
-class Reset(IntEnum):
-    """What a factory reset leaves as it is."""
-
-    NOTHING = 0xFF
-    ID = 0x01
-    ID_AND_BAUD_RATE = 0x02
 
 
 ERRORS: Final[Mapping[int, str]] = MappingProxyType(
@@ -154,10 +103,6 @@ def seal(unsealed: bytes | bytearray) -> bytes:
     return data + crc16(data).to_bytes(TAIL, "little")
 
 
-def _target(address: int, data: bytes) -> bytes:
-    return _u16(address) + data
-
-
 def _u16(number: int) -> bytes:
     if not 0 <= number <= 0xFFFF:
         raise ValueError(f"not an address or length of a control table: {number}")
@@ -188,42 +133,12 @@ def read(id: int, address: int, length: int) -> bytes:
 
 def write(id: int, address: int, data: bytes) -> bytes:
     """Write; a broadcast is not replied to."""
-    return packet(id, Instruction.WRITE, _target(address, data))
-
-
-def reg_write(id: int, address: int, data: bytes) -> bytes:
-    """Register a write for the next `action`."""
-    return packet(id, Instruction.REG_WRITE, _target(address, data))
-
-
-def action(id: int) -> bytes:
-    """Do what `reg_write` registered."""
-    return packet(id, Instruction.ACTION)
-
-
-def factory_reset(id: int, keep: Reset) -> bytes:
-    """Reset the control table and reboot. A broadcast of `Reset.NOTHING` is refused by newer firmware."""
-    return packet(id, Instruction.FACTORY_RESET, bytes((keep,)))
+    return packet(id, Instruction.WRITE, _u16(address) + data)
 
 
 def reboot(id: int) -> bytes:
     """Restart: torque goes off, the hardware error is cleared, RAM is reset."""
     return packet(id, Instruction.REBOOT)
-
-
-def clear_multi_turn(id: int) -> bytes:
-    """Forget the turns of the present position; refused while it moves."""
-    return packet(id, Instruction.CLEAR, b"\x01\x44\x58\x4c\x22")
-
-
-def backup(id: int) -> bytes:
-    """Store the control table in the servo's backup area; refused while torque is on."""
-    return packet(id, Instruction.BACKUP, b"\x01CTRL")
-
-
-def restore(id: int) -> bytes:
-    """Load what `backup` has stored, and reboot; refused while torque is on."""
-    return packet(id, Instruction.BACKUP, b"\x02CTRL")
 
 
 def sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
@@ -261,15 +176,6 @@ def bulk_read(items: Sequence[tuple[int, int, int]]) -> bytes:
 def fast_bulk_read(items: Sequence[tuple[int, int, int]]) -> bytes:
     """Ask for (id, address, length) of several servos; they reply with one status between them."""
     return packet(BROADCAST, Instruction.FAST_BULK_READ, _items(items))
-
-
-def bulk_write(items: Sequence[tuple[int, int, bytes]]) -> bytes:
-    """Write (id, address, data) to several servos, each id once. There is no reply."""
-    _distinct([id for id, _, _ in items])
-    listed = b"".join(
-        [bytes((id,)) + _u16(address) + _u16(len(data)) + data for id, address, data in items]
-    )
-    return packet(BROADCAST, Instruction.BULK_WRITE, listed)
 
 
 def status_size(parameters: int) -> int:

@@ -8,8 +8,6 @@ from typing import Final, Protocol
 
 from crtk_driver_dynamixel import protocol1, protocol2
 
-__all__ = ["PROTOCOLS", "Codec"]
-
 
 class Codec(Protocol):
     """What `protocol1` and `protocol2` have in common."""
@@ -29,14 +27,6 @@ class Codec(Protocol):
 
     def write(self, id: int, address: int, data: bytes) -> bytes:
         """Write."""
-        ...
-
-    def reg_write(self, id: int, address: int, data: bytes) -> bytes:
-        """Register a write."""
-        ...
-
-    def action(self, id: int) -> bytes:
-        """Do what was registered."""
         ...
 
     def reboot(self, id: int) -> bytes:

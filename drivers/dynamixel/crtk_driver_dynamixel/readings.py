@@ -16,8 +16,6 @@ from crtk_driver_dynamixel.servo_state import Values
 from crtk_driver_dynamixel.units import Counts
 from crtk_drivers.samples import Stamp
 
-__all__ = ["HEALTH", "MEASURED", "SLOW", "Frame", "Health"]
-
 MEASURED: Final[Mapping[str, Sequence[str]]] = {
     "position": POSITION,
     "velocity": VELOCITY,

@@ -18,8 +18,6 @@ from crtk_driver_dynamixel.joints import ChainServo, servo_range
 from crtk_driver_dynamixel.models import OperatingMode
 from crtk_driver_dynamixel.servo_state import position_limits
 
-__all__ = ["Setting", "eeprom", "obstacles", "ram", "watchdog_count"]
-
 REVERSE: Final = 0x01
 TIME_BASED: Final = 0x04
 TORQUE_ON_BY_GOAL: Final = 0x08

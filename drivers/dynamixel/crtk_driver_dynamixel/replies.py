@@ -9,16 +9,6 @@ from typing import NamedTuple
 from crtk_driver_dynamixel.protocols import PROTOCOLS
 from crtk_drivers.errors import DataTimeout, DeviceError, ProtocolError
 
-__all__ = [
-    "Counters",
-    "Failure",
-    "Reply",
-    "ServoCorrupt",
-    "ServoRefused",
-    "ServoSilent",
-    "failure_error",
-]
-
 
 class Failure(StrEnum):
     """Why a servo's data are missing."""

@@ -11,8 +11,6 @@ from crtk_driver_dynamixel.joints import ChainServo
 from crtk_driver_dynamixel.models import Family
 from crtk_driver_dynamixel.units import read_number, write_number
 
-__all__ = ["KEPT", "ServoState", "Values", "position_limits", "runs"]
-
 Values = Mapping[str, int]
 """Numbers by the name of their register, signs put right."""
 

@@ -18,8 +18,6 @@ from crtk_driver_dynamixel.models import GOALS, OperatingMode
 from crtk_driver_dynamixel.modes import Modes
 from crtk_driver_dynamixel.servo_state import Values
 
-__all__ = ["STOP_TIME", "Stopping"]
-
 EAGER: Final = 5
 """Cycles in each of which servos are read back; then in every other one, as that takes the line's time."""
 STOP_TIME: Final = 0.5

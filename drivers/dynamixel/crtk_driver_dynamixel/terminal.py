@@ -36,8 +36,6 @@ from crtk_drivers.errors import ConfigError, ConnectionFailed
 from crtk_drivers.kit.serial_port import SerialPort
 from crtk_drivers.kit.serial_server import parse_address
 
-__all__ = ["Found", "calibrate", "info", "scan", "scan_bus"]
-
 TABLE_START: Final = 3
 """Bytes of model number and firmware, with which every table of protocol 1.0 begins."""
 

@@ -8,16 +8,6 @@ from pydantic import Field, field_validator
 
 from crtk_drivers.config import Settings
 
-__all__ = [
-    "BAUDS",
-    "IDS",
-    "CalibrateOptions",
-    "InfoOptions",
-    "LimitsOptions",
-    "ScanOptions",
-    "numbers",
-]
-
 BAUDS: Final = (57_600, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 115_200, 9_600)
 """Rates that servos have, the common ones first; 57600 is the factory's."""
 IDS: Final = range(253)

@@ -17,8 +17,6 @@ from crtk_driver_dynamixel.tool_options import (
 from crtk_drivers.errors import ConfigError, MissingExtra
 from crtk_drivers.plugins import Tool
 
-__all__ = ["TOOLS", "require_libraries"]
-
 
 def require_libraries() -> None:
     """Make sure that what the driver needs is installed; the plugin itself loads without.

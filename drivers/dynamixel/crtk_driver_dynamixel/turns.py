@@ -21,8 +21,6 @@ from crtk_driver_dynamixel.units import Servo
 from crtk_drivers.config import Settings, from_file, load
 from crtk_drivers.errors import ConfigError
 
-__all__ = ["Placed", "Turns", "TurnsFile", "has_turned", "placed"]
-
 logger = logging.getLogger(__name__)
 
 MOST_OFF: Final = 0.25

@@ -8,9 +8,8 @@ once). What a count is worth is told by `crtk_driver_dynamixel.models`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -19,19 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 from crtk_driver_dynamixel.control_tables import Coding, Item
 from crtk_driver_dynamixel.models import Family, Model, OperatingMode
 from crtk_drivers.samples import Vector, vector
-
-__all__ = [
-    "Counts",
-    "Scale",
-    "Scaling",
-    "Servo",
-    "decoded",
-    "encoded",
-    "item_scale",
-    "read_number",
-    "record",
-    "write_number",
-]
 
 Counts = NDArray[np.int64]
 """One whole number a servo, as in the control table, signs put right."""
@@ -303,68 +289,3 @@ def _symmetric(factor: Vector, most: ArrayLike) -> Scale:
 
 def _positive(factor: Vector, most: Vector) -> Scale:
     return _symmetric(factor, most).limited(np.zeros_like(factor), most)
-
-
-@dataclass(frozen=True, slots=True)
-class ItemScale:
-    """What one count of a single item is worth: a factor and its unit."""
-
-    factor: float
-    unit: str
-
-
-_FIXED: Final[Mapping[str, ItemScale]] = MappingProxyType(
-    {
-        "bus_watchdog": ItemScale(0.02, "s"),
-        "max_voltage_limit": ItemScale(0.1, "V"),
-        "min_voltage_limit": ItemScale(0.1, "V"),
-        "present_input_voltage": ItemScale(0.1, "V"),
-        "present_inverter_temperature": ItemScale(1.0, "°C"),
-        "present_load": ItemScale(_LOAD_UNIT, ""),
-        "present_motor_temperature": ItemScale(1.0, "°C"),
-        "present_temperature": ItemScale(1.0, "°C"),
-        "present_voltage": ItemScale(0.1, "V"),
-        "realtime_tick": ItemScale(0.001, "s"),
-        "return_delay_time": ItemScale(2e-6, "s"),
-        "temperature_limit": ItemScale(1.0, "°C"),
-    }
-)
-
-_BY_FAMILY: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
-    {
-        "acceleration_limit": ("acceleration_unit", "rad/s²"),
-        "goal_position": ("position_unit", "rad"),
-        "goal_velocity": ("velocity_unit", "rad/s"),
-        "homing_offset": ("position_unit", "rad"),
-        "max_position_limit": ("position_unit", "rad"),
-        "min_position_limit": ("position_unit", "rad"),
-        "moving_speed": ("velocity_unit", "rad/s"),
-        "moving_threshold": ("velocity_unit", "rad/s"),
-        "position_trajectory": ("position_unit", "rad"),
-        "present_position": ("position_unit", "rad"),
-        "present_speed": ("velocity_unit", "rad/s"),
-        "present_velocity": ("velocity_unit", "rad/s"),
-        "profile_acceleration": ("acceleration_unit", "rad/s²"),
-        "profile_velocity": ("velocity_unit", "rad/s"),
-        "velocity_limit": ("velocity_unit", "rad/s"),
-        "velocity_trajectory": ("velocity_unit", "rad/s"),
-    }
-)
-
-_CURRENTS: Final = frozenset({"current", "current_limit", "goal_current", "present_current"})
-_PWMS: Final = frozenset({"goal_pwm", "present_pwm", "pwm_limit"})
-
-
-def item_scale(name: str, model: Model) -> ItemScale:
-    """Return what a count of an item is worth at the servo itself; a plain number if it has no unit.
-
-    Positions are counted from 0, not from the middle.
-    """
-    if name in _BY_FAMILY:
-        attribute, unit = _BY_FAMILY[name]
-        return ItemScale(float(getattr(model.family, attribute)), unit)
-    if name in _CURRENTS:
-        return ItemScale(model.current_unit, "A")
-    if name in _PWMS and model.family.full_pwm:
-        return ItemScale(1.0 / model.family.full_pwm, "")
-    return _FIXED.get(name, ItemScale(1.0, ""))

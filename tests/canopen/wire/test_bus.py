@@ -16,6 +16,7 @@ from crtk_driver_canopen.bus import BusAddress, CanLink
 from crtk_driver_canopen.bus_state import BusLost, Condition
 from crtk_driver_canopen.candump import CandumpLog
 from crtk_driver_canopen.cycle import Cycle, KernelSync, SentSync
+from crtk_driver_canopen.frames import Frame
 from crtk_driver_canopen.heartbeat import (
     NmtCommand,
     NmtState,
@@ -94,7 +95,7 @@ def test_a_bus_that_cannot_be_opened(where: BusAddress, error: type[Exception], 
         link.open()
     assert not link.is_open
     with pytest.raises(BusLost, match="not open"):
-        link.send_data(0, b"")
+        link.send(Frame(0, b""))
 
 
 # SDO
@@ -477,7 +478,7 @@ def test_an_interface_that_fails_is_given_up(
     link.bus.shutdown()
     link._port = MessagePort(FailingBus(fail))
     with pytest.raises(BusLost, match=str(condition)) as caught:
-        link.send_data(0x80, b"")
+        link.send(Frame(0x80, b""))
     assert caught.value.condition is condition
 
 

@@ -26,7 +26,7 @@ from crtk_drivers.client.conformance.findings import (
     together,
     undetermined,
 )
-from crtk_drivers.client.conformance.observed import ROS_TYPES, Graph, Observation
+from crtk_drivers.client.conformance.observed import Graph, Observation
 from crtk_drivers.client.conformance.outcome import Outcome, plain_data, statement
 from crtk_drivers.client.conformance.report_files import html, junit, write_report
 from crtk_drivers.client.conformance.rounds import (
@@ -37,6 +37,7 @@ from crtk_drivers.client.conformance.rounds import (
     judge,
 )
 from crtk_drivers.client.conformance.trials import STEPS, chosen_steps, excuse
+from crtk_drivers.commands import ROS_TYPES
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.ros.manifest import type_name
 from crtk_drivers.ros.messages import TYPES

@@ -150,14 +150,6 @@ def test_another_chain_is_refused() -> None:
         twice.check([WHO])
 
 
-def test_changed_homing_offsets_are_found() -> None:
-    found = calibrate([(WHO, Servo(XM))], [2100], [0], [0.0], in_eeprom=True)
-    found.check_homing_offsets({("main", 3): -52})
-    found.check_homing_offsets({("main", 4): 17})
-    with pytest.raises(ConfigError, match=r"elbow \(servo 3 on main\) has 0 instead of -52"):
-        found.check_homing_offsets({("main", 3): 0})
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -103,9 +103,3 @@ def test_impossible_cranks(horn: float, rod: float) -> None:
 def test_impossible_travel(travel: float) -> None:
     with pytest.raises(ConfigError, match="a travel of"):
         Linear(travel)
-
-
-def test_units() -> None:
-    assert SliderCrank(0.02, 0.03).is_prismatic
-    assert Linear(0.01).is_prismatic
-    assert not Jaw().is_prismatic

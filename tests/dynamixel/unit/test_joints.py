@@ -64,8 +64,6 @@ def test_order_and_buses(arm: Chain) -> None:
         ("wrist", "right", 1),
         ("gripper", "right", 9),
     ]
-    assert arm.on_bus("main") == (0, 1, 2, 3)
-    assert arm.on_bus("right") == (4, 5)
     assert [arm.of_joint(i) for i in range(4)] == [(0,), (1, 2, 3), (4,), (5,)]
     assert [s.is_first for s in arm.servos] == [True, True, False, False, True, True]
     assert [s.follow for s in arm.servos][1:4] == ["goals", "goals", "secondary_id"]
@@ -100,13 +98,6 @@ def test_efforts_add_up_and_are_shared(arm: Chain) -> None:
     assert arm.efforts(servos).tolist() == [1.0, 6.0, 3.0, 0.5]
     valid = np.array([True, True, False, True, True, True])
     np.testing.assert_equal(arm.efforts(servos, valid), [1.0, math.nan, 3.0, 0.5])
-
-
-def test_spread_tells_servos_that_disagree(arm: Chain) -> None:
-    spread = arm.spread(np.array([1.0, 0.2, 0.25, 0.1, 3.0, 0.0]))
-    np.testing.assert_allclose(spread, [0.0, 0.15, 0.0, 0.0])
-    spread = arm.spread(np.array([1.0, 0.2, math.nan, 0.1, 3.0, 0.0]))
-    assert np.isnan(spread).tolist() == [False, True, False, False]
 
 
 def test_limits_from_models_and_keys(arm: Chain) -> None:

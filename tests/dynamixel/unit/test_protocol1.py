@@ -24,12 +24,6 @@ MANUAL = {
     "ping": (protocol1.ping(1), "FF FF 01 02 01 FB"),
     "read": (protocol1.read(1, 43, 1), "FF FF 01 04 02 2B 01 CC"),
     "write": (protocol1.write(0xFE, 3, b"\x01"), "FF FF FE 04 03 03 01 F6"),
-    "action": (protocol1.action(0xFE), "FF FF FE 02 05 FA"),
-    "factory reset": (protocol1.factory_reset(0), "FF FF 00 02 06 F7"),
-    "reg write": (
-        protocol1.reg_write(1, 0x1E, bytes.fromhex("F4 01")),
-        "FF FF 01 05 04 1E F4 01 E2",
-    ),
     "sync write": (
         protocol1.sync_write(
             0x1E,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from crtk_driver_dynamixel import protocol2
 from crtk_driver_dynamixel.framing import Status
-from crtk_driver_dynamixel.protocol2 import Reset, StatusParser
+from crtk_driver_dynamixel.protocol2 import StatusParser
 from rigs.dynamixel_packets import NASTY, Wire, fast_status2, status2
 
 DATA = st.one_of(NASTY, st.binary(max_size=24))
@@ -36,19 +36,7 @@ MANUAL = {
         protocol2.write(1, 116, bytes.fromhex("00 02 00 00")),
         "FF FF FD 00 01 09 00 03 74 00 00 02 00 00 CA 89",
     ),
-    "reg write": (
-        protocol2.reg_write(1, 104, bytes.fromhex("C8 00 00 00")),
-        "FF FF FD 00 01 09 00 04 68 00 C8 00 00 00 AE 8E",
-    ),
-    "action": (protocol2.action(1), "FF FF FD 00 01 03 00 05 02 CE"),
-    "factory reset": (protocol2.factory_reset(1, Reset.ID), "FF FF FD 00 01 04 00 06 01 A1 E6"),
     "reboot": (protocol2.reboot(1), "FF FF FD 00 01 03 00 08 2F 4E"),
-    "clear": (
-        protocol2.clear_multi_turn(1),
-        "FF FF FD 00 01 08 00 10 01 44 58 4C 22 B1 DC",
-    ),
-    # The manual prints 92 F5, which is no CRC of these bytes; see its other packets.
-    "restore": (protocol2.restore(1), "FF FF FD 00 01 08 00 20 02 43 54 52 4C 9E F5"),
     "sync read": (
         protocol2.sync_read([1, 2], 132, 4),
         "FF FF FD 00 FE 09 00 82 84 00 04 00 01 02 CE FA",
@@ -60,10 +48,6 @@ MANUAL = {
     "bulk read": (
         protocol2.bulk_read([(1, 144, 2), (2, 146, 1)]),
         "FF FF FD 00 FE 0D 00 92 01 90 00 02 00 02 92 00 01 00 1A 05",
-    ),
-    "bulk write": (
-        protocol2.bulk_write([(1, 32, b"\xa0\x00"), (2, 31, b"\x50")]),
-        "FF FF FD 00 FE 10 00 93 01 20 00 02 00 A0 00 02 1F 00 01 00 50 B7 68",
     ),
     "fast sync read": (
         protocol2.fast_sync_read([3, 7, 4], 132, 4),
@@ -99,10 +83,6 @@ def test_statuses_of_the_manual(text, status):
     assert StatusParser().feed(bytes.fromhex(text)) == [status]
 
 
-def test_other_instructions_have_their_code():
-    assert protocol2.backup(1)[7:13] == b"\x20\x01CTRL"
-
-
 @pytest.mark.parametrize("id", [-1, 253, 255, 256])
 def test_an_id_that_no_servo_has(id):
     with pytest.raises(ValueError, match="id"):
@@ -116,7 +96,6 @@ def test_an_id_that_no_servo_has(id):
         lambda: protocol2.sync_read([], 132, 4),
         lambda: protocol2.sync_read([0xFE], 132, 4),
         lambda: protocol2.bulk_read([(1, 132, 4), (1, 144, 2)]),
-        lambda: protocol2.bulk_write([(1, 132, b"a"), (1, 144, b"b")]),
         lambda: protocol2.sync_write(116, 4, {1: b"abc"}),
         lambda: protocol2.read(1, -1, 4),
         lambda: protocol2.read(1, 0x10000, 4),

@@ -10,13 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crtk_driver_dynamixel.control_tables import PROTOCOL_1, Item, control_table, model_files
-from crtk_driver_dynamixel.models import MODELS, Model, OperatingMode
+from crtk_driver_dynamixel.models import MODELS, OperatingMode
 from crtk_driver_dynamixel.units import (
     Scaling,
     Servo,
     decoded,
     encoded,
-    item_scale,
     read_number,
     record,
     write_number,
@@ -176,22 +175,3 @@ def test_limits_can_only_become_narrower() -> None:
     scale = Scaling.of([Servo(XM, torque_constant=1.0)]).current.limited([-10_000], [100])
     assert scale.to_counts([-100.0])[0] == -1193
     assert scale.to_counts([100.0])[0] == 100
-
-
-@pytest.mark.parametrize(
-    ("name", "model", "factor", "unit"),
-    [
-        ("present_input_voltage", XM, 0.1, "V"),
-        ("present_temperature", XM, 1.0, "°C"),
-        ("return_delay_time", XM, 2e-6, "s"),
-        ("current_limit", MODELS["xh430-v350"], 0.00134, "A"),
-        ("pwm_limit", XM, 1.0 / 885, ""),
-        ("velocity_limit", XM, 0.0239808, "rad/s"),
-        ("present_speed", MODELS["ax-12a"], 0.111 * math.tau / 60, "rad/s"),
-        ("moving", XM, 1.0, ""),
-    ],
-)
-def test_units_of_single_items(name: str, model: Model, factor: float, unit: str) -> None:
-    scale = item_scale(name, model)
-    assert scale.factor == pytest.approx(factor, rel=1e-5)
-    assert scale.unit == unit

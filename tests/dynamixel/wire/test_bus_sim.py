@@ -93,15 +93,6 @@ def test_refusals(mixed):
         mixed.write(1, 11, b"\x63")
 
 
-def test_registered_writes_wait_for_the_action(mixed):
-    for id in (1, 2):
-        mixed.write(id, 65, b"\0")
-        mixed.reg_write(id, 65, b"\1")
-        assert mixed.read(id, 65, 1) == b"\0"
-    mixed.action()
-    assert [mixed.read(id, 65, 1) for id in (1, 2)] == [b"\1", b"\1"]
-
-
 def test_a_servo_is_restarted(mixed):
     mixed.write(2, 65, b"\1")
     mixed.reboot(2)
@@ -109,17 +100,6 @@ def test_a_servo_is_restarted(mixed):
     while not mixed.ping_many([2]) and time.monotonic() < deadline:
         pass
     assert mixed.read(2, 65, 1) == b"\0"
-
-
-def test_turns_backup_and_reset(mixed):
-    mixed.clear_multi_turn(1)
-    mixed.backup(1)
-    mixed.factory_reset(3)
-    deadline = time.monotonic() + WAIT
-    while not mixed.ping_many([3]) and time.monotonic() < deadline:
-        pass
-    assert mixed.read(3, 7, 1) == b"\3"
-    mixed.write(3, 9, b"\0")
 
 
 def test_groups_of_both_protocols_on_one_line(mixed):
@@ -146,9 +126,6 @@ def test_groups_are_written(mixed):
     goals = struct.pack("<4i", 2000, 2001, 2002, 2003)
     write.run(goals)
     assert read.run().block == goals
-    mixed.bulk_write([(1, 116, struct.pack("<i", 2010)), (2, 65, b"\1")])
-    assert mixed.read(1, 116, 4) == struct.pack("<i", 2010)
-    assert mixed.read(2, 65, 1) == b"\1"
     legacy = mixed.write_group(LEGACY, 30, 2)
     legacy.run(struct.pack("<2H", 1000, 1001))
     assert mixed.bulk_read([(7, 30, 2), (8, 30, 2)]).block == struct.pack("<2H", 1000, 1001)

@@ -48,16 +48,8 @@ def test_ping_read_and_write():
 @pytest.mark.parametrize(
     ("call", "request_bytes"),
     [
-        (lambda bus: bus.reg_write(1, 116, b"abcd"), protocol2.reg_write(1, 116, b"abcd")),
-        (lambda bus: bus.action(1), protocol2.action(1)),
+        (lambda bus: bus.write(1, 116, b"abcd"), protocol2.write(1, 116, b"abcd")),
         (lambda bus: bus.reboot(1), protocol2.reboot(1)),
-        (
-            lambda bus: bus.factory_reset(1),
-            protocol2.factory_reset(1, protocol2.Reset.ID_AND_BAUD_RATE),
-        ),
-        (lambda bus: bus.clear_multi_turn(1), protocol2.clear_multi_turn(1)),
-        (lambda bus: bus.backup(1), protocol2.backup(1)),
-        (lambda bus: bus.restore(1), protocol2.restore(1)),
     ],
 )
 def test_commands_wait_for_their_answer(call, request_bytes):
@@ -239,12 +231,10 @@ def test_writes_that_are_not_answered_are_not_waited_for():
         begin = time.monotonic()
         bus.write(1, 116, b"a")
         bus.write(BROADCAST, 64, b"\0")
-        bus.action()
         assert time.monotonic() - begin < 20.0
-        assert peer.wait_for(3) == [
+        assert peer.wait_for(2) == [
             protocol2.write(1, 116, b"a"),
             protocol2.write(BROADCAST, 64, b"\0"),
-            protocol2.action(BROADCAST),
         ]
 
 

@@ -15,7 +15,6 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from crtk_drivers.client.conformance.observed import (
-    ROS_TYPES,
     CartesianHeard,
     Endpoint,
     Graph,
@@ -32,7 +31,7 @@ from crtk_drivers.client.conformance.probe.heard_messages import (
     state_heard,
     transforms_heard,
 )
-from crtk_drivers.commands import Command, Level, Payload
+from crtk_drivers.commands import ROS_TYPES, Command, Level, Payload
 from crtk_drivers.ros.messages import TYPES
 
 DEPTH = 1000

@@ -10,10 +10,10 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from crtk_drivers.client.conformance.observed import ROS_TYPES, Endpoint, Graph
+from crtk_drivers.client.conformance.observed import Endpoint, Graph
 from crtk_drivers.client.discovery import POLL, Catalogue
 from crtk_drivers.client.ros_link import Link
-from crtk_drivers.commands import Direction, Payload
+from crtk_drivers.commands import ROS_TYPES, Direction, Payload
 from crtk_drivers.ros.messages import TYPES
 
 SETTLE = 1.0

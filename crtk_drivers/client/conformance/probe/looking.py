@@ -12,7 +12,6 @@ import numpy as np
 from crtk_drivers.client.conformance.data_judges import ANSWER_TIME
 from crtk_drivers.client.conformance.observed import (
     NUDGE,
-    ROS_TYPES,
     STATE_SERVICE,
     Answer,
     Answers,
@@ -24,7 +23,7 @@ from crtk_drivers.client.conformance.probe.ears import Ears
 from crtk_drivers.client.conformance.probe.heard_messages import Raw, state_heard
 from crtk_drivers.client.conformance.state_judges import SILENCE
 from crtk_drivers.client.ros_link import Caller, Link
-from crtk_drivers.commands import Payload
+from crtk_drivers.commands import ROS_TYPES, Payload
 from crtk_drivers.errors import ConnectionFailed, DataTimeout
 from crtk_drivers.ros.messages import TYPES, set_pose
 from crtk_drivers.samples import Pose, vector

@@ -12,7 +12,6 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from crtk_drivers.client.conformance.observed import (
-    ROS_TYPES,
     CartesianHeard,
     Endpoint,
     Graph,
@@ -24,7 +23,7 @@ from crtk_drivers.client.conformance.observed import (
 from crtk_drivers.client.conformance.probe.ears import Ears
 from crtk_drivers.client.conformance.state_trials import JAWS
 from crtk_drivers.client.ros_link import GRAPH_PERIOD
-from crtk_drivers.commands import Kind, Level, Payload, find
+from crtk_drivers.commands import ROS_TYPES, Kind, Level, Payload, find
 from crtk_drivers.errors import ConnectionFailed
 from crtk_drivers.ros.messages import TYPES, set_stamp
 
