@@ -40,6 +40,7 @@ from crtk_sim_backends.ur.safety.modes import (
     RobotMode,
     RuntimeState,
     SafetyMode,
+    stop_level,
 )
 from crtk_sim_backends.ur.safety.power import ArmPower
 from crtk_sim_backends.ur.safety.system import OPERATIONAL_MODES, SafetySystem
@@ -150,7 +151,7 @@ class Controller:
         self.state_signals = StateSignals(self._power, self.player, self.plant.compliance)
         motion = MotionControl(self.plant, self.clock, self.player.caller, self.protective_stop)
         self.player.thread_ended.append(motion.release)
-        self._moves = Moves(motion, self.post)
+        self._moves = Moves(motion, self.post, self.limits.tool_speed)
         self.interpreter = Interpreter(self.player, self.clock, self.note, self._moves.abort)
         self.player.set_builtins(
             {
@@ -480,7 +481,7 @@ class Controller:
         if self.robot_mode not in _UNDER_POWER or self.safety.stopped_protectively:
             return
         text = STOP_REASONS.get((reason_code, argument), "Protective Stop")
-        self.post(ErrorMessage(reason_code, argument, ReportLevel.VIOLATION, text))
+        self.post(ErrorMessage(reason_code, argument, stop_level(reason_code), text))
         self.safety.stop_protectively(self.time)
         self._apply_safety()
 
