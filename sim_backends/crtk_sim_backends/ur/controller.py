@@ -252,11 +252,11 @@ class Controller:
 
         A CB3 controller has no such switch.
         """
-        return self._remote_switch and self.operational_mode != "MANUAL"
+        return self._remote_switch and not self.safety.manual
 
     @property
     def operational_mode(self) -> str:
-        """One of `safety_system.OPERATIONAL_MODES`."""
+        """What remote clients control: one of `safety_system.OPERATIONAL_MODES`."""
         return self.safety.operational_mode
 
     @property
@@ -461,7 +461,8 @@ class Controller:
     def set_operational_mode(self, mode: str) -> bool:
         """Set "MANUAL" or "AUTOMATIC", or give the choice back to the panel with "NONE".
 
-        Remote control ends in manual mode, and what remote clients run with it.
+        Remote control ends in manual mode, and what remote clients run with it. The mode stays when
+        the choice is given back (tests of UR's client library: no remote control after it).
         """
         if mode not in OPERATIONAL_MODES or self.model.is_cb3:
             return False
