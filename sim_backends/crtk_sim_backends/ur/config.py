@@ -174,7 +174,7 @@ class SimConfig(Options):
     )
     tool_speed_limit: float = option(5.0, "speed of the tool that stops the arm protectively, m/s")
     tool_force_limit: float = option(250.0, "force on the tool that stops it, N")
-    power_limit: float = option(3000.0, "power of the joints that stops it, W")
+    power_limit: float = option(6000.0, "power of the joints that stops it, W")
     momentum_limit: float = option(100.0, "momentum of the arm that stops it, kg m/s")
     position_limit: float = option(
         LARGEST_POSITION, "position of joints that stops it, degrees to both sides"

@@ -40,6 +40,7 @@ from crtk_sim_backends.ur.safety.modes import (
     RobotMode,
     RuntimeState,
     SafetyMode,
+    stop_level,
 )
 from crtk_sim_backends.ur.safety.power import ArmPower
 from crtk_sim_backends.ur.safety.system import OPERATIONAL_MODES, SafetySystem
@@ -151,7 +152,7 @@ class Controller:
         self.state_signals = StateSignals(self._power, self.player, self.plant.compliance)
         motion = MotionControl(self.plant, self.clock, self.player.caller, self.protective_stop)
         self.player.thread_ended.append(motion.release)
-        self._moves = Moves(motion, self.post)
+        self._moves = Moves(motion, self.post, self.limits.tool_speed)
         self.interpreter = Interpreter(self.player, self.clock, self.note, self._moves.abort)
         self.player.set_builtins(
             {
@@ -252,11 +253,11 @@ class Controller:
 
         A CB3 controller has no such switch.
         """
-        return self._remote_switch and self.operational_mode != "MANUAL"
+        return self._remote_switch and not self.safety.manual
 
     @property
     def operational_mode(self) -> str:
-        """One of `safety_system.OPERATIONAL_MODES`."""
+        """What remote clients control: one of `safety_system.OPERATIONAL_MODES`."""
         return self.safety.operational_mode
 
     @property
@@ -461,7 +462,8 @@ class Controller:
     def set_operational_mode(self, mode: str) -> bool:
         """Set "MANUAL" or "AUTOMATIC", or give the choice back to the panel with "NONE".
 
-        Remote control ends in manual mode, and what remote clients run with it.
+        Remote control ends in manual mode, and what remote clients run with it. The mode stays when
+        the choice is given back (tests of UR's client library: no remote control after it).
         """
         if mode not in OPERATIONAL_MODES or self.model.is_cb3:
             return False
@@ -481,7 +483,7 @@ class Controller:
         if self.robot_mode not in _UNDER_POWER or self.safety.stopped_protectively:
             return
         text = STOP_REASONS.get((reason_code, argument), "Protective Stop")
-        self.post(ErrorMessage(reason_code, argument, ReportLevel.VIOLATION, text))
+        self.post(ErrorMessage(reason_code, argument, stop_level(reason_code), text))
         self.safety.stop_protectively(self.time)
         self._apply_safety()
 

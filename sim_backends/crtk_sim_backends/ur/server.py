@@ -323,7 +323,7 @@ class UrServer:
 
     def _state(self) -> bytes:
         c = self.controller
-        return self._encoder.packet(c.outputs, c.operational_mode, c.tool_communication)
+        return self._encoder.packet(c.outputs, c.safety.manual, c.tool_communication)
 
     # Sending
 

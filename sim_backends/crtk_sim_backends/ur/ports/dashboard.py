@@ -157,7 +157,8 @@ def _program_state(robot: Robot, _: str) -> str:
 
 
 def _running(robot: Robot, _: str) -> str:
-    return "Program running: " + _boolean(robot.controller.runtime_state == RuntimeState.PLAYING)
+    state = _PROGRAM_STATES.get(robot.controller.runtime_state)
+    return f"Program running: {_boolean(state == 'PLAYING')}"
 
 
 def _version_text(robot: Robot, _: str) -> str:
@@ -195,10 +196,8 @@ def _safety_mode(robot: Robot, _: str) -> str:
 
 def _clear_operational_mode(robot: Robot, _: str) -> str:
     robot.controller.set_operational_mode("NONE")
-    return (
-        "No longer controlling the operational mode. "
-        f"Current operational mode: {robot.controller.operational_mode}."
-    )
+    mode = "MANUAL" if robot.controller.safety.manual else "AUTOMATIC"
+    return f"No longer controlling the operational mode. Current operational mode: '{mode}'."
 
 
 def _add_to_log(robot: Robot, text: str) -> str:

@@ -123,7 +123,7 @@ class _Source:
     model: RobotModel
     image: Image
     safety_checksum: int
-    operational_mode: str
+    manual: bool
     line: LineSettings
 
 
@@ -263,7 +263,7 @@ _PARTS: Final[tuple[tuple[int, tuple[_Piece, ...]], ...]] = (
             _Piece(ALWAYS, "2I2b2d2b2d4f3B", _masterboard),
             _Piece(Since((3, 2)), "I", lambda s: (s.safety_checksum,)),
             # Selector of the operational mode, three-position enabling device.
-            _Piece(Since((3, 5)), "2B", lambda s: (s.operational_mode != "MANUAL", 1)),
+            _Piece(Since((3, 5)), "2B", lambda s: (not s.manual, 1)),
             _Piece(Since((3, 10), (5, 4)), "B", lambda s: (1,)),
         ),
     ),
@@ -310,17 +310,15 @@ class RobotStateEncoder:
                 body = struct.Struct(">" + "".join(piece.format for piece in present))
                 self._parts.append((number, body, [piece.values for piece in present]))
 
-    def packet(
-        self, image: Image, operational_mode: str = "NONE", line: LineSettings = _NO_LINE
-    ) -> bytes:
+    def packet(self, image: Image, manual: bool = False, line: LineSettings = _NO_LINE) -> bytes:
         """Build the packet with all sub-packages.
 
         Args:
             image: process image by RTDE variable name.
-            operational_mode: "NONE", "MANUAL" or "AUTOMATIC".
+            manual: whether the robot is in manual mode.
             line: settings of the serial line to the tool.
         """
-        source = _Source(self._model, image, self._safety_checksum, operational_mode, line)
+        source = _Source(self._model, image, self._safety_checksum, manual, line)
         return _frame(
             ROBOT_STATE,
             b"".join(

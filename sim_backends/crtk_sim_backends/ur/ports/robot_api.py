@@ -122,11 +122,11 @@ QUESTIONS: Final[Mapping[str, Callable[[Robot], dict[str, Any]]]] = {
         "programs": [
             {
                 "name": name.rsplit(".", 1)[0],
-                "description": None,
+                "description": "",
                 "createdDate": None,
                 "lastModifiedDate": None,
                 "lastSavedDate": None,
-                "programState": None,
+                "programState": "FINAL",
             }
             for name in robot.controller.programs.names()
         ]
@@ -135,7 +135,7 @@ QUESTIONS: Final[Mapping[str, Callable[[Robot], dict[str, Any]]]] = {
         "mode": "REMOTE" if robot.controller.remote else "LOCAL"
     },
     "/system/v1/operationalmode": lambda robot: {
-        "mode": "MANUAL" if robot.controller.operational_mode == "MANUAL" else "AUTOMATIC"
+        "mode": "MANUAL" if robot.controller.safety.manual else "AUTOMATIC"
     },
     "/system/v1/information": lambda robot: {
         "robotType": robot.model.title,

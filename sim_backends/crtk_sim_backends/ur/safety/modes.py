@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum, IntFlag
 from typing import Final
 
+from crtk_sim_backends.ur.messages import ReportLevel
+
 
 class RobotMode(IntEnum):
     """`robot_mode` of RTDE."""
@@ -209,6 +211,17 @@ STOP_REASONS: Final[dict[tuple[int, int], str]] = {
 Codes: Universal Robots service manual, "Error codes". With a violated safety limit (191) the real
 controller goes to VIOLATION where its own monitoring is too late; here that is always in time.
 """
+
+SAFETY_LIMIT: Final = 191
+
+
+def stop_level(code: int) -> ReportLevel:
+    """Severity of a protective stop.
+
+    A warning, as tests of Universal_Robots_Client_Library have it of `protective_stop()` and of a line out
+    of reach, but for a violated limit of the safety configuration, as its name says.
+    """
+    return ReportLevel.VIOLATION if code == SAFETY_LIMIT else ReportLevel.WARNING
 
 
 def gravest(causes: set[SafetyMode]) -> SafetyMode:

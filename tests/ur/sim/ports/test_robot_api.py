@@ -95,7 +95,10 @@ def test_commands_are_answered_when_they_are_done(api):
 def test_a_program_is_loaded_played_paused_resumed_and_stopped(api):
     assert api.ask("PUT", "/program/v1/loaded", name="simulation")[0] == 200
     assert api.get("/program/v1/loaded") == {"name": "simulation"}
-    assert "simulation" in [program["name"] for program in api.get("/programs/v1/")["programs"]]
+    programs = api.get("/programs/v1/")["programs"]
+    assert "simulation" in [program["name"] for program in programs]
+    # UR's client library of before September 2026 takes these for texts.
+    assert all(isinstance(p[key], str) for p in programs for key in ("description", "programState"))
     for action, state in (
         ("play", "PLAYING"),
         ("pause", "PAUSED"),

@@ -163,3 +163,44 @@ def test_who_sends_faster_than_a_message_a_period_does_not_end_the_program(sim, 
         assert primary.message(0) == b"open True"
         assert primary.message(0, 30.0) == f"read {count}".encode()
         assert sim.control.status()["time"] - began > count * 0.002 * 0.9
+
+
+ENDING = """def ending():
+  socket_open("127.0.0.1", {port}, "orders")
+  socket_open("127.0.0.1", {port}, "commands")
+  global going = True
+  mover = 0
+  thread take_orders():
+    while going:
+      x = socket_read_binary_integer(1, "orders", 0)
+      if x[0] > 0:
+        set_tcp(p[0, 0, x[1] / 1000, 0, 0, 0])
+      end
+    end
+  end
+  taker = run take_orders()
+  sync()
+  socket_send_int(1, "commands")
+  x = socket_read_binary_integer(1, "commands", 0)
+  going = False
+  join mover
+  kill taker
+  stopj(4.0)
+  socket_close("orders")
+  socket_close("commands")
+end
+"""
+"""As UR's external control program ends: what was sent to a thread before the end is carried out."""
+
+
+def test_what_a_thread_was_sent_before_the_end_of_the_program_is_not_lost(sim, server):
+    port = server.getsockname()[1]
+    for millimetres in range(101, 106):
+        with PrimaryClient(sim.host) as primary:
+            primary.send(ENDING.format(port=port).encode())
+            with accept(server) as orders, accept(server) as commands:
+                read(commands, 4)
+                orders.sendall(struct.pack(">i", millimetres))
+                commands.sendall(struct.pack(">i", 1))
+                assert commands.recv(1) == b""
+                assert sim.control.outputs("tcp_offset")["tcp_offset"][2] == millimetres / 1000
