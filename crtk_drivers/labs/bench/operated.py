@@ -15,8 +15,6 @@ from crtk_drivers.labs.verdicts.estimates import exact, within
 from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Findings, Quantity
 from crtk_drivers.state import OperatingState
 
-__all__ = ["TESTS"]
-
 NOTICED: Final = 0.2
 """Seconds after which a pressed button is a FAULT of the device."""
 

@@ -10,16 +10,6 @@ from typing import Final, Protocol
 
 from crtk_drivers.labs.bench.messages import Asked
 
-__all__ = [
-    "PERSON_TAKES",
-    "STOP_LOOK_PERIOD",
-    "UNNOTICED",
-    "Operator",
-    "Person",
-    "Pressed",
-    "pressed",
-]
-
 STOP_LOOK_PERIOD: Final = 0.002
 """Seconds between two looks where it is measured how soon a button is noticed."""
 

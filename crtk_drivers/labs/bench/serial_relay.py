@@ -13,8 +13,6 @@ from typing import Final
 from crtk_drivers.errors import ConnectionLost
 from crtk_drivers.kit.serial_port import SerialPort
 
-__all__ = ["SerialLine"]
-
 CHUNK: Final = 4096
 
 
