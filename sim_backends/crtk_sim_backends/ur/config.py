@@ -81,6 +81,7 @@ class SimConfig(Options):
             "boot_seconds",
             "powered_on",
             "remote",
+            "remote_enforced",
             "programs",
             "speed",
             "contact",
@@ -128,6 +129,11 @@ class SimConfig(Options):
     )
     powered_on: bool = option(True, "start with the arm powered and the brakes released")
     remote: bool = option(True, "start in remote control (e-Series)")
+    remote_enforced: bool = option(
+        True,
+        "refuse remote clients in local control, as a robot does; URSim tells that it is not in remote "
+        "control, and obeys",
+    )
     serial_number: str = option("20235500001", "serial number that the dashboard reports")
     modbus: bool = option(False, "have the Modbus server (needs crtk-drivers[ur-sim])")
     modbus_port: int = option(

@@ -77,6 +77,7 @@ class Controller:
         version: software version (major, minor, bugfix, build).
         powered_on: start in RUNNING with the brakes released, else in POWER_OFF.
         remote: start in remote control; CB3 has nothing else.
+        remote_enforced: refuse remote clients in local control.
         wires: outputs that are connected to inputs.
         boot_seconds: time from the start to POWER_OFF; 0.0: it has been on for long.
         programs: what `load` finds.
@@ -111,6 +112,7 @@ class Controller:
         *,
         powered_on: bool = True,
         remote: bool = True,
+        remote_enforced: bool = True,
         wires: Iterable[Wire] = (),
         boot_seconds: float = 0.0,
         programs: ProgramFiles | None = None,
@@ -126,6 +128,7 @@ class Controller:
         self.inputs: dict[str, Any] = variables.initial_image(variables.INPUTS)
         self.spoiled: dict[str, tuple[int, float]] = {}
         self._remote_switch: bool = remote or model.is_cb3
+        self._remote_enforced = remote_enforced
         self.popup_text: str | None = None
         self.user_role: str = "PROGRAMMER"
         self.programs: ProgramFiles = programs or ProgramFiles()
@@ -256,6 +259,11 @@ class Controller:
         return self._remote_switch and not self.safety.manual
 
     @property
+    def obeys_clients(self) -> bool:
+        """Whether remote clients may do more than ask."""
+        return self.remote or not self._remote_enforced
+
+    @property
     def operational_mode(self) -> str:
         """What remote clients control: one of `safety_system.OPERATIONAL_MODES`."""
         return self.safety.operational_mode
@@ -295,7 +303,7 @@ class Controller:
         A def block or a single statement replaces the running program; a sec block runs beside
         it. Panel commands ("power on", "stop program", ...) are obeyed.
         """
-        if not self.remote:
+        if not self.obeys_clients:
             self.post(
                 ErrorMessage(
                     _NOT_IN_REMOTE, 0, ReportLevel.WARNING, "Script refused: not in remote control"
@@ -467,7 +475,7 @@ class Controller:
         """
         if mode not in OPERATIONAL_MODES or self.model.is_cb3:
             return False
-        if mode == "MANUAL" and self.remote:
+        if mode == "MANUAL" and self.remote and self._remote_enforced:
             self.player.end_all()
         self.safety.set_operational_mode(mode)
         self._apply_safety()
@@ -533,7 +541,7 @@ class Controller:
         """
         if self.model.is_cb3:
             return
-        if not on:
+        if not on and self._remote_enforced:
             self.player.end_all()
         self._remote_switch = on
 

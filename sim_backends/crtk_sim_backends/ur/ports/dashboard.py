@@ -336,7 +336,7 @@ class DashboardSession:
         for command in COMMANDS:
             match = command.pattern.fullmatch(line)
             if match and command.since.reached_by(self._robot.version):
-                if not (command.local or self._robot.controller.remote):
+                if not (command.local or self._robot.controller.obeys_clients):
                     return NOT_IN_REMOTE_CONTROL
                 self.ended = line.lower() == "quit"
                 return command.answer(self._robot, match.group(1) if match.re.groups else "")

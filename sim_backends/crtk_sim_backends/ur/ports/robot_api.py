@@ -236,7 +236,7 @@ class RobotApiSession:
         return {"message": "OK"}
 
     def _check_remote(self) -> None:
-        if not self._robot.controller.remote:
+        if not self._robot.controller.obeys_clients:
             raise RequestError(403, "The robot is not in remote control")
 
     def _robot_action(self, body: bytes) -> None:
