@@ -442,25 +442,24 @@ def test_a_lump_of_packages_is_no_burst_of_commands(bench):
     assert bench.arm.health().device["packages skipped"] > 0
 
 
-@by_native
 @pytest.mark.parametrize(
     ("lost_in", "told"),
     [((POWER_ON, IDLE), "lost its power while it came up"), ((POWER_OFF,), "did not begin")],
 )
-def test_power_that_is_lost_while_it_comes_ends_enable_at_once(bench, monkeypatch, lost_in, told):
+def test_power_that_is_lost_while_it_comes_ends_enable_at_once(monkeypatch, lost_in, told):
     monkeypatch.setattr(robot, "POWER_BEGINS", 1.0)
-    bench.arm.disable(timeout=LONG)
-    bench.engine.state_command("enable")
+    with ur_bench(CONFIG, powered_on=False, power_seconds=0.8) as bench:
+        bench.engine.state_command("enable")
 
-    def failed():
-        if bench.outputs("robot_mode") in lost_in:
-            bench.sim.control.inject("power_loss")
-        return bench.engine.transition_ended
+        def failed():
+            if bench.outputs("robot_mode") in lost_in:
+                bench.sim.control.inject("power_loss")
+            return bench.engine.transition_ended
 
-    eventually(failed, "enable ends")
-    assert bench.arm.operating_state().state == "FAULT"
-    assert told in bench.engine.status.detail
-    assert_enables_at_rest(bench)
+        eventually(failed, "enable ends")
+        assert bench.arm.operating_state().state == "FAULT"
+        assert told in bench.engine.status.detail
+        assert_enables_at_rest(bench)
 
 
 @pytest.mark.slow  # test_services_dashboard.py has it of services

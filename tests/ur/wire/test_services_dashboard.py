@@ -41,7 +41,10 @@ def bench(shared: UrBench) -> UrBench:
 @pytest.fixture
 def idle():
     """A driver that was not enabled, at an arm without power."""
-    with brisk_sim(model="ur5e", powered_on=False) as sim, driver_at(sim) as bench:
+    with (
+        brisk_sim(model="ur5e", powered_on=False, power_seconds=0.8) as sim,
+        driver_at(sim) as bench,
+    ):
         yield bench
 
 
