@@ -20,6 +20,7 @@ from hypothesis import HealthCheck, settings
 from xdist.remote import Producer
 from xdist.workermanage import WorkerController
 
+from crtk_drivers.engine import threads
 from crtk_drivers.errors import MissingExtra
 from crtk_drivers.ros import environment
 from crtk_sim_backends import process
@@ -102,6 +103,13 @@ def warm_start() -> Iterator[None]:
     with patch.object(process, "_start", server.start):
         yield
     server.close()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def soon_again() -> Iterator[None]:
+    """Have drivers try a link again as soon after the tenth time as after the first."""
+    with patch.object(threads, "LONGEST_RETRY", threads.FIRST_RETRY):
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -76,7 +76,7 @@ WAITING = {
     "test_contract_loopback.py": 0.2,
     "test_examining.py": 8.0,
     "test_lab_tests.py": 1.5,
-    "test_matrix.py": 2.0,
+    "test_matrix.py": 1.3,
     "test_own_drivers.py": 12.0,
     "virtual": 0.2,
     "wire": 0.5,

@@ -35,6 +35,8 @@ from crtk_sim_backends.ur.program.robot_library import robot_builtins
 from crtk_sim_backends.ur.program.settings_library import settings_builtins
 from crtk_sim_backends.ur.program.signal_library import signal_builtins
 from crtk_sim_backends.ur.safety.modes import (
+    POWER_SECONDS,
+    PROTECTIVE_STOP_LOCK_SECONDS,
     STOP_REASONS,
     ProgramRule,
     RobotMode,
@@ -80,6 +82,8 @@ class Controller:
         remote_enforced: refuse remote clients in local control.
         wires: outputs that are connected to inputs.
         boot_seconds: time from the start to POWER_OFF; 0.0: it has been on for long.
+        power_seconds: time from there to RUNNING.
+        lock_seconds: time for which a protective stop cannot be unlocked.
         programs: what `load` finds.
         surfaces: what the tool can touch.
         limits: at which the arm stops protectively.
@@ -115,6 +119,8 @@ class Controller:
         remote_enforced: bool = True,
         wires: Iterable[Wire] = (),
         boot_seconds: float = 0.0,
+        power_seconds: float = POWER_SECONDS,
+        lock_seconds: float = PROTECTIVE_STOP_LOCK_SECONDS,
         programs: ProgramFiles | None = None,
         surfaces: Sequence[Surface] = (),
         limits: SafetyLimits | None = None,
@@ -132,7 +138,7 @@ class Controller:
         self.popup_text: str | None = None
         self.user_role: str = "PROGRAMMER"
         self.programs: ProgramFiles = programs or ProgramFiles()
-        self.safety = SafetySystem()
+        self.safety = SafetySystem(lock_seconds)
         self._shown_safety_mode: SafetyMode = self.safety.mode
         self.signals: Signals = Signals(self.inputs, self.outputs, wires)
         self.port_map = PortMap(
@@ -147,7 +153,7 @@ class Controller:
 
         self.log: deque[tuple[float, Message | str]] = deque(maxlen=LOG_SIZE)
         self._messages: list[Message] = []
-        self._power = ArmPower(boot_seconds)
+        self._power = ArmPower(boot_seconds, power_seconds)
         self._speed_slider = 1.0  # ramped towards target_speed_fraction
         self.player: ProgramPlayer = ProgramPlayer(self)
         self.player.has_watchdogs = not any(group.ignores_watchdog for group in defects)
@@ -425,7 +431,7 @@ class Controller:
         return True
 
     def unlock_protective_stop(self, *, at_once: bool = False) -> bool:
-        """Leave a protective stop. Refused in its first 5 s, but for `at_once`.
+        """Leave a protective stop. Refused while it is locked, but for `at_once`.
 
         It is PolyScope that keeps the five seconds; the script ports reach the controller behind it
         (tests of UR's client library unlock there within a second).

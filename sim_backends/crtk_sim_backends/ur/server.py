@@ -163,6 +163,8 @@ class UrServer:
             remote_enforced=config.remote_enforced,
             wires=config.wires,
             boot_seconds=config.boot_seconds,
+            power_seconds=config.power_seconds,
+            lock_seconds=config.lock_seconds,
             programs=ProgramFiles(Path(config.programs) if config.programs else None),
             surfaces=config.surfaces,
             limits=config.limits,

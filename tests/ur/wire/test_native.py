@@ -26,8 +26,8 @@ from crtk_driver_ur.program_settings import AXES
 from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
 from crtk_drivers.errors import ConfigError, ConnectionFailed, MotionAborted, TransitionFailed
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
-from crtk_sim_backends.ur import SIM, RunningSim
-from rigs.ur_bench import HOME, LONG, UrBench, eventually, ur_bench
+from crtk_sim_backends.ur import RunningSim
+from rigs.ur_bench import HOME, LONG, UrBench, brisk_sim, eventually, ur_bench
 
 STOPPED, PLAYING = 1, 2
 NORMAL = 1
@@ -127,7 +127,7 @@ class Rig:
 
 @contextmanager
 def rig_at(first: int = 0) -> Iterator[Rig]:
-    with SIM.spawn(realtime=True, trace_size=2000) as sim:
+    with brisk_sim(trace_size=2000) as sim:
         rig = Rig(sim, first)
         try:
             yield rig
@@ -347,6 +347,7 @@ def test_what_cannot_be_meant_stops_the_arm(rig, kind, bad):
     assert done.runtime_state == PLAYING
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize(
     ("kind", "values"),
     [
@@ -358,7 +359,7 @@ def test_what_cannot_be_meant_stops_the_arm(rig, kind, bad):
 def test_no_joint_leaves_its_range_whatever_is_commanded(rig, kind, values):
     """The second line behind the driver: the program knows the ranges itself."""
     rig.start()
-    for _ in range(100):
+    for _ in range(60):
         rig.channel.command(kind, values, 300.0 if kind is Kind.SERVO_JOINT else 5.0, 300.0)
         time.sleep(0.02)
     rig.until_done(rig.channel.command(Kind.REST))
@@ -415,7 +416,7 @@ def test_the_arm_stops_a_declared_time_after_the_last_package():
 def test_registers_that_another_client_has_are_named():
     names = b"input_int_register_0"
     with (
-        SIM.spawn(realtime=True) as sim,
+        brisk_sim() as sim,
         socket.create_connection((sim.host, 30004), LONG) as other,
     ):
         other.sendall(struct.pack(">HBH", 5, ord("V"), 2))

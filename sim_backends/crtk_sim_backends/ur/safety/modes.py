@@ -162,13 +162,16 @@ SAFETY_RULES: Final[dict[SafetyMode, SafetyRule]] = {
 POWER_UP: Final[dict[RobotMode, tuple[float, RobotMode]]] = {
     RobotMode.DISCONNECTED: (0.0, RobotMode.BOOTING),  # a boot takes what the option says
     RobotMode.BOOTING: (0.0, RobotMode.POWER_OFF),
-    RobotMode.POWER_OFF: (0.2, RobotMode.POWER_ON),
-    RobotMode.POWER_ON: (0.3, RobotMode.IDLE),
-    RobotMode.IDLE: (0.3, RobotMode.RUNNING),
+    RobotMode.POWER_OFF: (0.25, RobotMode.POWER_ON),
+    RobotMode.POWER_ON: (0.375, RobotMode.IDLE),
+    RobotMode.IDLE: (0.375, RobotMode.RUNNING),
 }
-"""Next robot mode on the way up, and the seconds until it is reached."""
+"""Next robot mode on the way up, and which part of the time to RUNNING it takes to get there."""
 
 BOOT_STEPS: Final = 2
+
+POWER_SECONDS: Final = 0.8
+"""From POWER_OFF to RUNNING."""
 
 POWER_OFF_SECONDS: Final = 0.2
 

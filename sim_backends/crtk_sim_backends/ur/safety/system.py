@@ -21,14 +21,18 @@ _NEEDS_RESTART: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT, SafetyMode.PROT
 class SafetySystem:
     """All causes of a stop that hold now. The safety mode is that of the gravest.
 
+    Args:
+        lock_seconds: time for which a protective stop cannot be unlocked.
+
     Attributes:
         operational_mode: what remote clients control: "NONE" (nothing), "MANUAL" or "AUTOMATIC".
         manual: whether the robot is in manual mode, in which it stays when they give control back.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, lock_seconds: float = PROTECTIVE_STOP_LOCK_SECONDS) -> None:
         self.operational_mode = "NONE"
         self.manual = False
+        self._lock_seconds = lock_seconds
         self._causes: set[SafetyMode] = set()
         self._protective_stop_time = 0.0
         self._pressed: set[SafetyMode] = set()  # emergency stop buttons
@@ -94,8 +98,8 @@ class SafetySystem:
         self._causes.add(SafetyMode.PROTECTIVE_STOP)
 
     def unlock_protective_stop(self, time: float, *, at_once: bool = False) -> bool:
-        """End it; False in its first 5 s, but for `at_once`."""
-        locked = time - self._protective_stop_time < PROTECTIVE_STOP_LOCK_SECONDS
+        """End it; False while it is locked, but for `at_once`."""
+        locked = time - self._protective_stop_time < self._lock_seconds
         if locked and not at_once:
             return False
         self._causes.discard(SafetyMode.PROTECTIVE_STOP)

@@ -130,8 +130,8 @@ def test_a_program_is_loaded_played_paused_and_stopped(sim):
         wait_until(lambda: dashboard.ask("programState") == "STOPPED external_control.urp")
 
 
-def test_a_protective_stop_cannot_be_unlocked_at_once(sim):
-    with DashboardClient(sim.host) as dashboard:
+def test_a_protective_stop_cannot_be_unlocked_at_once():
+    with SIM.spawn(lock_seconds=1.0) as sim, DashboardClient(sim.host) as dashboard:
         sim.control.inject("protective_stop")
         wait_until(lambda: dashboard.ask("safetystatus") == "Safetystatus: PROTECTIVE_STOP")
         assert dashboard.ask("unlock protective stop").startswith("Cannot unlock protective stop")

@@ -111,11 +111,14 @@ def test_a_program_is_loaded_played_paused_resumed_and_stopped(api):
     assert (status, "STOPPED" in content["message"]) == (409, True)
 
 
-def test_unlocking_a_protective_stop_waits_for_its_five_seconds(sim, api):
-    sim.control.inject("protective_stop")
-    wait_until(lambda: api.get("/robotstate/v1/safetymode")["mode"] == "PROTECTIVE_STOP")
-    assert api.ask("PUT", "/robotstate/v1/state", action="UNLOCK_PROTECTIVE_STOP")[0] == 200
-    assert api.get("/robotstate/v1/safetymode") == {"mode": "NORMAL"}
+def test_unlocking_a_protective_stop_waits_until_it_may_be():
+    with spawn(lock_seconds=1.0) as sim, Api(sim) as api:
+        began = sim.control.status()["time"]
+        sim.control.inject("protective_stop")
+        wait_until(lambda: api.get("/robotstate/v1/safetymode")["mode"] == "PROTECTIVE_STOP")
+        assert api.ask("PUT", "/robotstate/v1/state", action="UNLOCK_PROTECTIVE_STOP")[0] == 200
+        assert api.get("/robotstate/v1/safetymode") == {"mode": "NORMAL"}
+        assert sim.control.status()["time"] - began > 1.0
 
 
 @pytest.mark.parametrize(

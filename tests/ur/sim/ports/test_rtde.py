@@ -304,6 +304,7 @@ def test_a_client_that_does_not_read_loses_packages_and_disturbs_nobody(sim):
         assert behind == sorted(set(behind))  # whole packages only, some left out
 
 
+@pytest.mark.slow  # one that does not read for a while is its quick brother
 def test_a_client_that_never_reads_is_closed():
     """The controller gives up on a reader that takes nothing for some seconds."""
     names = ",".join(f"output_double_register_{n}" for n in range(48))
