@@ -235,6 +235,23 @@ def test_the_program_goes_on_in_each_cycle_however_low_the_speed_slider_is(rig, 
     assert done.runtime_state == PLAYING
 
 
+@pytest.mark.parametrize("slider", [0.1, 0.01, 0.0])
+def test_a_speed_slider_that_jumps_down_in_motion_stops_nothing(rig, slider):
+    """It is told at once, and the arm gets slower by and by: it does not run away meanwhile."""
+    rig.start()
+    turn = (0.0, 0.0, 0.0, 0.0, 0.0, -0.3)
+    rig.channel.command(Kind.SPEED_CARTESIAN, turn, 5.0, LONG)
+    rig.until(lambda state: state.target_qd[5] == pytest.approx(0.3, abs=0.01))
+    begin = len(rig.states)
+    rig.sim.control.inject("speed_slider", fraction=slider)
+    rig.until(lambda state: state.combined_speed_scaling == pytest.approx(slider))
+    rig.channel.scaling = slider
+    rig.channel.command(Kind.SPEED_CARTESIAN, turn, 5.0, LONG)
+    rig.pass_time(2.0 * SLIDER_RAMP)
+    assert {rig.registers(state)[2] for state in rig.states[begin:]} == {Phase.MOVING}
+    assert rig.states[-1].target_qd[5] == pytest.approx(0.3 * slider, abs=1e-3)
+
+
 @pytest.mark.parametrize("kind", [Kind.SPEED_CARTESIAN, Kind.SPEED_JOINT])
 @pytest.mark.parametrize("slider", [0.5, 0.1])
 def test_a_slow_arm_stops_before_the_end_of_a_range_as_well(rig, kind, slider):

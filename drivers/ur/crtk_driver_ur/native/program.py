@@ -122,6 +122,9 @@ SHORTEST_SMOOTHING: Final = 4.0
 SLOWEST_PACE: Final = 0.1
 """At which the program follows positions at least, whatever the speed slider says."""
 
+SLIDER_RAMP: Final = 0.25
+"""Seconds in which the arm becomes as slow as the speed slider says, from full speed to none, at most."""
+
 LARGEST_VALUE: Final = 10000.0
 """Of a motion's values (rad, m, N, ...): what is larger, or not finite, cannot be meant."""
 
@@ -237,6 +240,7 @@ def program_text(options: ProgramOptions, program: int) -> str:
         "upper": [min(LARGEST_VALUE, value) for value in options.joint_ranges.upper],
         "largest_value": LARGEST_VALUE,
         "slowest": SLOWEST_PACE,
+        "slider_ramp": SLIDER_RAMP,
         "kinds": _constants(Kind),
         "phases": _constants(Phase),
         "settings": _constants(Setting),
