@@ -20,6 +20,8 @@ __all__ = ["TOOLS"]
 
 SWEEP: Final = 15.0
 """Seconds that the slowest way from end to end may take."""
+SLOW: Final = 64
+"""Count of the speed."""
 LAG: Final = 0.3
 """Seconds after a command before gOBJ is believed."""
 
@@ -69,8 +71,8 @@ class _Talk:
         return status
 
     def go(self, position: int) -> Status:
-        """Go to an end, slowly and with the least force."""
-        self.ask(Command(go=True, position=position))
+        """Go to an end, slowly, with the least force."""
+        self.ask(Command(go=True, position=position, speed=SLOW))
         time.sleep(LAG)
         return self.until(lambda status: status.contact is not Contact.MOVING, "come to rest")
 

@@ -197,6 +197,21 @@ def test_a_lost_link_opens_nothing(running: RobotiqBench) -> None:
     assert running.front.state.holds()
 
 
+def test_release_on_close_opens_nothing_where_the_driver_gives_up_a_link_that_works(
+    sim: RunningSim,
+) -> None:
+    """It closes the link and opens it again: that is no end of the program."""
+    with RobotiqBench(sim, configuration(sim, link="tool", on_close="release")) as bench:
+        gripped(bench)
+        reconnects = bench.front.health().reconnects
+        sim.control.inject("exception", code=2, every=20)
+        eventually(lambda: bench.front.health().reconnects > reconnects, "given up")
+        sim.control.clear("exception")
+        bench.connected()
+        bench.samples(20)
+        holds_on(bench)
+
+
 def test_release_on_close_opens_once_and_only_in_good_order(sim: RunningSim) -> None:
     config = configuration(sim, link="tool", on_close="release")
     with RobotiqBench(sim, config) as bench:
@@ -205,8 +220,8 @@ def test_release_on_close_opens_once_and_only_in_good_order(sim: RunningSim) -> 
         bench.state(FAULT)
         sim.control.clear("disconnect")
         bench.connected()
-        bench.samples(5)
-    holds_on(bench)  # it was not enabled since
+        before = bench.simulated("writes")
+    assert bench.simulated("writes") == before, "it was not enabled since"
     with RobotiqBench(sim, config) as bench:
         bench.front.enable()
     eventually(lambda: sim.control.call("status")["opening"] > 0.08, "opened at the end")
