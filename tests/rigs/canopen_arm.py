@@ -17,6 +17,8 @@ from crtk_sim_backends.process import RunningSim
 
 PERIOD = 0.01
 SOON = 20.0
+TIMEOUT = 0.5
+"""Seconds that drives wait for heartbeats and PDOs of ours, and we for theirs."""
 JOINT = {
     "gear": 100.0,
     "lower": -3.0,
@@ -40,7 +42,7 @@ def arm_on(
         },
         "period": PERIOD,
         "missed_cycles": 20,
-        "heartbeat": {"ours_timeout": 0.5, "drives_timeout": 0.5},
+        "heartbeat": {"ours_timeout": TIMEOUT, "drives_timeout": TIMEOUT},
         "open_timeout": 10.0,
         **keys,
     }

@@ -60,6 +60,9 @@ ASIDE: Final = 0.05
 COLLECT: Final = 0.6
 """Part of a period in which the drives' PDOs are waited for: the rest is for what they are sent."""
 
+JOB_SLICE: Final = 0.0005
+"""Seconds for which a request of a job waits, while that time lasts: its thread wakes nobody."""
+
 
 class Outputs:
     """What all drives are sent with the next SYNC, by joint; counts of the drives.
@@ -507,7 +510,12 @@ class ArmLink:
             return False
         now = time.monotonic()
         self.stamp = Stamp(time.time_ns(), now)
-        complete = self.cycle.collect(now + COLLECT * period)
+        collected = now + COLLECT * period
+        if self._jobs.running:
+            complete = self.cycle.collect(collected, JOB_SLICE)
+            self.cycle.serve(collected, JOB_SLICE, lambda: self._jobs.running)
+        else:
+            complete = self.cycle.collect(collected)
         self._tardy = [
             count + 1 if age else 0 for count, age in zip(self._tardy, self.cycle.ages, strict=True)
         ]

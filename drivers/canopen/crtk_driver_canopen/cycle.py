@@ -7,8 +7,9 @@ receives until every synchronous TPDO is there or the time is over; `Cycle.send`
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -273,11 +274,12 @@ class Cycle:
         self._link.send_posted()
         return begun
 
-    def collect(self, deadline: float) -> bool:
+    def collect(self, deadline: float, most: float = math.inf) -> bool:
         """Receive until every TPDO that comes with each SYNC is there.
 
         Args:
             deadline: monotonic seconds.
+            most: seconds for which what other threads post may wait; as long as it takes if infinite.
 
         Returns:
             Whether they all came.
@@ -288,12 +290,31 @@ class Cycle:
         receive, take, monotonic = self._link.receive, self._take, time.monotonic
         now = monotonic()
         while self._open and now < deadline:
-            frame = receive(deadline - now)
+            frame = receive(min(deadline - now, most))
             now = monotonic()
             if frame is not None:
                 take(frame, now)
+            if most < math.inf:
+                self._link.send_posted()
         self.counters.missed += len(self._open)
         return not self._open
+
+    def serve(self, deadline: float, most: float, needed: Callable[[], bool]) -> None:
+        """Go on receiving, and sending what other threads post.
+
+        Args:
+            deadline: monotonic seconds.
+            most: seconds for which what they post may wait.
+            needed: whether to go on; asked after each frame.
+
+        Raises:
+            BusLost: the bus cannot be used.
+        """
+        while needed() and (now := time.monotonic()) < deadline:
+            frame = self._link.receive(min(deadline - now, most))
+            if frame is not None:
+                self._take(frame, time.monotonic())
+            self._link.send_posted()
 
     def send(self, values: Sequence[float]) -> bool:
         """Send all RPDOs.

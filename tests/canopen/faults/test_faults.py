@@ -375,6 +375,7 @@ def test_setting_up_a_drive_again_neither_delays_the_cycle_nor_lets_the_others_g
         assert bench.state() == "ENABLED", bench.detail()
 
 
+@pytest.mark.slow
 def test_a_drive_that_answers_nothing_is_not_enabled_and_the_others_hold() -> None:
     with drives(COUNT) as sim, bench_of(sim, on_joint_fault="hold") as bench:
         bench.enable()
@@ -399,6 +400,7 @@ def refused(sim, words: str, joint: dict[str, Any] | None = None) -> None:
         arm.close()
 
 
+@pytest.mark.slow  # test_extreme_values.py has it of any claim
 def test_drives_that_cannot_be_trusted_are_refused_until_they_can_be() -> None:
     with drives(COUNT) as sim:
         for index, words in ((0x1016, "1016"), (0x6007, "6007")):

@@ -13,7 +13,7 @@ import pytest
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.front import LocalDevice
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import PERIOD, SOON, arm_of, arm_on, device_of, drives, until
+from rigs.canopen_arm import PERIOD, SOON, TIMEOUT, arm_of, arm_on, device_of, drives, until
 
 COUNT = 2
 MOVING = 1e4
@@ -38,6 +38,9 @@ HAPPENS: tuple[dict[str, Any], ...] = (
     {"effect": "doubled", "number": 2},
 )
 """What happens to one message, and which of its kind it is."""
+
+AFTERWARDS = 6 * PERIOD
+"""Seconds in which what is late has come."""
 
 STREAMS = {"servo_jv": 0.5, "servo_jf": 3.0}
 
@@ -135,11 +138,11 @@ def test_one_message_on_the_way_to_a_stop_does_not_keep_it(
             stop(arm)
             until(lambda arm=arm: bench.stands() and device_of(arm).has_stopped, f"{happens}")  # type: ignore[misc]
         before = bench.revolutions()
-        time.sleep(10 * PERIOD)
+        time.sleep(AFTERWARDS)
         np.testing.assert_allclose(bench.revolutions(), before, atol=0.1, err_msg=str(happens))
 
 
-@pytest.mark.sweep(8)
+@pytest.mark.sweep(16)
 @pytest.mark.parametrize("message", MESSAGES)
 @pytest.mark.parametrize("on_close", ["hold", "power_off"])
 def test_one_message_on_the_way_of_close_does_not_keep_the_joints_from_a_stop(
@@ -152,7 +155,7 @@ def test_one_message_on_the_way_of_close_does_not_keep_the_joints_from_a_stop(
             bench.close()
             until(bench.stands, f"{happens}")
         before = bench.revolutions()
-        time.sleep(0.8)  # longer than the drives wait for anything
+        time.sleep(TIMEOUT + 2 * AFTERWARDS)  # longer than the drives wait for anything
         np.testing.assert_allclose(bench.revolutions(), before, atol=0.1, err_msg=str(happens))
         if on_close == "power_off":
             assert not any(drive["powered"] for drive in bench.drives())

@@ -273,6 +273,7 @@ def test_parameters_that_move_or_power_are_refused_when_the_configuration_is_rea
 # --------------------------------------------------------------------------------- nodes that are silent
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("timeout", [2.0, 10.0])
 def test_a_silent_node_is_named_in_time_and_closing_does_not_wait_for_it(timeout: float) -> None:
     with drives(1) as sim:

@@ -83,7 +83,7 @@ def streaming(sim: RunningSim, command: str, arm: LocalDevice) -> Iterator[None]
         thread.join()
 
 
-@pytest.mark.sweep(3)
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize("command", ["servo_jp", "interpolate_jp", "move_jp"])
 @pytest.mark.parametrize("which", [{}, {"node": 1}], ids=["all drives", "one drive"])
 def test_drives_that_are_heard_again_after_fault_stay_where_they_are(
@@ -104,6 +104,7 @@ def test_drives_that_are_heard_again_after_fault_stay_where_they_are(
             assert far < STEPS
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("command", ["servo_jp", "interpolate_jp"])
 def test_a_drive_that_is_heard_again_before_fault_catches_up_within_its_limits(
     command: str,

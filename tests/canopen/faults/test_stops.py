@@ -14,7 +14,7 @@ import pytest
 from crtk_drivers.errors import CommandRefused, StopUnconfirmed
 from crtk_drivers.front import LocalDevice
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import PERIOD, SOON, arm_of, arm_on, device_of, drives, until
+from rigs.canopen_arm import PERIOD, SOON, TIMEOUT, arm_of, arm_on, device_of, drives, until
 
 COUNT = 2
 MOVING = 1e4
@@ -101,7 +101,7 @@ def test_close_in_motion_stops_before_the_drives_are_left(command: str, on_close
         assert powered(sim) == [holds] * COUNT
         until(lambda: stand(sim), "all stand")
         before = [drive["revolutions"] for drive in told(sim)]
-        time.sleep(1.0)  # longer than the drives wait for a heartbeat, an RPDO and a SYNC
+        time.sleep(TIMEOUT + 0.2)  # longer than the drives wait for a heartbeat, an RPDO and a SYNC
         assert powered(sim) == [holds] * COUNT
         np.testing.assert_allclose([drive["revolutions"] for drive in told(sim)], before, atol=0.05)
 

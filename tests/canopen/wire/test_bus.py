@@ -401,6 +401,42 @@ def test_sdo_of_another_thread_goes_on_during_cycles(peers: ScriptedBus, master:
     assert found == [1002] * 5
 
 
+def test_sdo_of_another_thread_goes_on_while_a_pdo_is_awaited(
+    peers: ScriptedBus, master: Master
+) -> None:
+    cycle = started(master)
+    assert run(cycle)
+    peers[1].silent = True
+    sdo, found = Sdo(master.sdo(2)), list[int]()
+
+    def read() -> None:
+        found.extend(sdo.read(OBJECTS["serial_number"]) for _ in range(5))
+        peers.send(0x181, bytes.fromhex("370201000000"))
+
+    thread = threading.Thread(target=read)
+    thread.start()
+    cycle.begin(0.0)
+    assert cycle.collect(deadline(), 0.001), "what is sent last has come"
+    thread.join()
+    assert found == [1002] * 5
+
+
+def test_sdo_of_another_thread_goes_on_when_all_pdos_are_there(
+    peers: ScriptedBus, master: Master
+) -> None:
+    cycle = started(master)
+    sdo, found = Sdo(master.sdo(2)), list[int]()
+    thread = threading.Thread(
+        target=lambda: found.extend(sdo.read(OBJECTS["serial_number"]) for _ in range(5))
+    )
+    assert run(cycle)
+    peers.send(0x181, bytes.fromhex("370201000000"))
+    thread.start()
+    cycle.serve(deadline(), 0.001, thread.is_alive)
+    assert found == [1002] * 5
+    assert cycle.values[:2] == (0x237, 1), "a PDO that comes meanwhile is taken"
+
+
 def test_a_sync_that_somebody_else_times_begins_the_cycle(peers: ScriptedBus) -> None:
     """The kernel's, on SocketCAN; here python-can's own thread plays that part."""
     with closing(CanLink(address(peers.channel, receive_own_messages=True))) as link:

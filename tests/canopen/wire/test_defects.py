@@ -81,6 +81,7 @@ def test_an_effort_has_the_wrong_sign(arm: LocalDevice) -> None:
         assert math.copysign(1.0, power) == sign  # friction takes work
 
 
+@pytest.mark.slow  # test_joint_defects.py has it without a driver
 def test_what_is_measured_stays_behind_the_motor(arm: LocalDevice) -> None:
     for joint, apart in ((LOOSE, 4.0 / GEAR), (SOUND, 0.0)):
         rests = []

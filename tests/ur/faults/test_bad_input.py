@@ -140,6 +140,7 @@ def test_i5_names_may_be_left_out_and_i7_quaternions_a_little_off(bench):
     assert math.isclose(np.linalg.norm(bench.arm.goal_cp().orientation), 1.0, rel_tol=1e-12)
 
 
+@pytest.mark.slow  # tests of the engine have it of any device
 def test_i8_a_servo_position_out_of_range_is_clamped_and_told(bench):
     limit = bench.engine.capabilities.limits[2].upper
     assert bench.arm.move_jp(near(j2=limit - 0.003)).wait(LONG)

@@ -74,6 +74,7 @@ def test_late_commands_make_no_state_old(late):
     assert is_valid(bench)
 
 
+@pytest.mark.slow  # that they are stamped as old is its quick brother
 def test_nothing_is_enabled_whose_states_come_late(late):
     bench, proxy = late
     bench.arm.disable(timeout=LONG)

@@ -61,6 +61,25 @@ def test_brake_release_powers_the_arm_first() -> None:
     assert modes_passed(bench, RobotMode.RUNNING) == [3, 4, 5, 7]
 
 
+@pytest.mark.parametrize("seconds", [0.8, 3.0])
+def test_power_takes_its_time(seconds: float) -> None:
+    bench = Bench(powered_on=False, power_seconds=seconds)
+    bench.controller.brake_release()
+    bench.seconds(seconds - 0.02)
+    assert bench["robot_mode"] == RobotMode.IDLE
+    bench.seconds(0.04)
+    assert bench["robot_mode"] == RobotMode.RUNNING
+
+
+def test_a_protective_stop_is_locked_for_as_long_as_it_is_told() -> None:
+    bench = Bench(lock_seconds=1.0)
+    bench.controller.protective_stop()
+    bench.seconds(0.99)
+    assert not bench.controller.unlock_protective_stop()
+    bench.seconds(0.02)
+    assert bench.controller.unlock_protective_stop()
+
+
 def test_brake_release_during_power_on_goes_all_the_way() -> None:
     bench = Bench(powered_on=False)
     bench.controller.power_on()
