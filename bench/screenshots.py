@@ -48,7 +48,7 @@ class Shot:
     device: str
     size: tuple[int, int]
     options: Mapping[str, Any] = field(default_factory=dict)
-    swing: tuple[float, ...] = ()  # to both sides of where it starts; rad
+    swing: tuple[float, ...] = ()  # to both sides of where it starts; rad (m)
 
 
 SHOTS: Final = (
@@ -70,6 +70,7 @@ SHOTS: Final = (
             "sine:axis=4,amplitude=1,frequency=0.5"
         },
     ),
+    Shot("robotiq_simulator", "robotiq", (1000, 520), swing=(0.035,)),
     Shot(
         "virtual_arm",
         "virtual",
@@ -148,7 +149,7 @@ def swinging(device: Any, swing: Sequence[float]) -> Iterator[None]:
     def swings() -> None:
         start, way = device.setpoint_jp(), np.array(swing)
         other_way = way.copy()
-        other_way[1] = -way[1]
+        other_way[1:2] = -way[1:2]
         goals = [start + way, start + other_way, start - way]
         while not over.is_set():
             for goal in goals:

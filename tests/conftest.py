@@ -20,6 +20,7 @@ from hypothesis import HealthCheck, settings
 from xdist.remote import Producer
 from xdist.workermanage import WorkerController
 
+from crtk_drivers.engine import threads
 from crtk_drivers.errors import MissingExtra
 from crtk_drivers.ros import environment
 from crtk_sim_backends import process
@@ -102,6 +103,13 @@ def warm_start() -> Iterator[None]:
     with patch.object(process, "_start", server.start):
         yield
     server.close()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def soon_again() -> Iterator[None]:
+    """Have drivers try a link again as soon after the tenth time as after the first."""
+    with patch.object(threads, "LONGEST_RETRY", threads.FIRST_RETRY):
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -211,7 +219,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> schedul
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Give each worker of a divided run its share, and the processor to others in one that computes."""
     given = getattr(session.config, "workerinput", None)
-    if given is not None and given[scheduling.NICE_WORKER] is not None:
+    if given is not None and given[scheduling.SORT] != scheduling.Sort.ANY:
         scheduling.take_share(given)
 
 

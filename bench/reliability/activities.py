@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,18 @@ class Plan:
     ratio: float = 1.0
     period: float = 0.01
     room: float = 0.0
+
+    def reversed(self) -> Plan:
+        """Return the same, the other way."""
+        return replace(
+            self,
+            velocity=-self.velocity,
+            far=-self.far,
+            effort=-self.effort,
+            linear=-self.linear,
+            force=-self.force,
+            away=-self.away,
+        )
 
 
 Send = Callable[[], Any]
@@ -140,6 +152,7 @@ ALL = (REST, *STREAMS, *ONCE)
 STANDING = frozenset({REST, "free"})
 """In which nothing moves by itself."""
 MOVES = frozenset({"move_jp", "move_cp"})
+OF_THE_TOOL = frozenset({"servo_cp", "servo_cv", "servo_cf", "interpolate_cp", "move_cp"})
 EFFORTS = frozenset({"servo_jf", "servo_cf"})
 """In which a joint goes on as long as nobody looks."""
 

@@ -19,7 +19,7 @@ from bench.reliability.rig import PATIENCE, SLACK, BrokenPromiseError, Log, Rig
 from bench.reliability.table import Cell, Follows, Way
 from crtk_drivers.errors import CommandRefused
 
-CALM = 0.25
+CALM = 0.15
 """Seconds in which something that moves by itself would have begun to, with the link back."""
 GOING_ON = 0.4
 """Seconds for which an activity must go on through a fault that it survives."""
@@ -136,7 +136,7 @@ def _enables(rig: Rig) -> None:
     _stands_at(rig, rest, "it was only enabled")
     if "move_jp" in rig.engine.commands:
         goal = np.array(rig.arm.setpoint_jp(age=0))
-        goal[0] -= 20.0 * rig.tolerance
+        goal[0] -= 5.0 * rig.tolerance
         move = rig.arm.move_jp(goal)
         rig.until(lambda: not move.is_busy(), PATIENCE, "a move ends")
         rig.require(str(move.outcome) == "reached", f"a move is {move.outcome}: {move.reason}")

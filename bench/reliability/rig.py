@@ -16,7 +16,7 @@ import numpy as np
 from typing_extensions import override
 
 from bench.reliability import disturbed
-from bench.reliability.activities import EFFORTS, STANDING, Activity, Plan
+from bench.reliability.activities import EFFORTS, OF_THE_TOOL, STANDING, Activity, Plan
 from bench.reliability.disturbed import DisturbedDevice
 from bench.reliability.table import Absent, Way
 from crtk_drivers.config import DeviceConfig, from_values, load
@@ -44,7 +44,7 @@ STILL = 0.15
 STALL_LIMIT = 1.0
 """Seconds for which an I/O thread may get no time on a busy machine before it counts as stuck."""
 
-SPEED_UP = 0.15
+SPEED_UP = 0.1
 """Seconds that an arm that moves goes on before a fault meets it."""
 
 CLOCK = "own clock"
@@ -120,6 +120,7 @@ class Rig(ABC):
         self.looks: list[Look] = []
         self.activity: Activity | None = None
         self._streams = True
+        self._turned = False
         self._stack = contextlib.ExitStack()
         self._fault: Way | None = None
         self._unwatched = False
@@ -397,7 +398,7 @@ class Rig(ABC):
         """Begin what it does, and wait until it does it."""
         self._streams = True
         start = self.look().joints
-        self.activity = Activity(name, self.arm, self.plan)
+        self.activity = Activity(name, self.arm, self._homeward(name))
         if name in STANDING:
             return
 
@@ -414,8 +415,17 @@ class Rig(ABC):
             # On a busy machine a stream may stall, and its positions run away from the setpoint.
             self.ready()
             start = self.look().joints
-            self.activity = Activity(name, self.arm, self.plan)
+            self.activity = Activity(name, self.arm, self._homeward(name))
         self.run(SPEED_UP)
+
+    def _homeward(self, name: str) -> Plan:
+        """Return the plan in the direction of home; of the tool, in the other one than last time."""
+        if name in OF_THE_TOOL:
+            self._turned = not self._turned
+            turned = self._turned
+        else:
+            turned = bool((self.looks[-1].joints > self.home())[:1].any())
+        return self.plan.reversed() if turned else self.plan
 
     def pause_stream(self) -> None:
         """Send no more of the stream."""

@@ -168,7 +168,7 @@ VALUES: Mapping[str, Any] = {
             "lower": -3.0,
             "upper": 3.0,
             "velocity": 2.0,
-            "acceleration": 10.0,
+            "acceleration": 30.0,
             "effort": 20.0,
             "modes": ("csp", "csv", "cst"),
         }

@@ -87,6 +87,7 @@ WAYS = (
 )
 
 _PATIENT = {"sample_timeout": SAMPLES, "stream_timeout": 0.3}
+_QUICK = {**_PATIENT, "acceleration": 20.0}
 
 
 class _Seen(LoopbackDevice):
@@ -127,7 +128,9 @@ class LoopbackRig(_MemoryRig):
 
     name = "loopback"
     thorough = False
-    plan = Plan(velocity=0.3, far=0.9, effort=6.0, linear=0.2, force=4.0, away=0.8, ratio=0.5)
+    plan = Plan(
+        velocity=0.3, far=0.9, effort=6.0, linear=0.2, force=4.0, away=0.8, ratio=0.5, room=0.15
+    )
     activities = (
         REST,
         "servo_jp",
@@ -161,7 +164,8 @@ class VirtualRig(_MemoryRig):
     """The arm with dynamics."""
 
     name = "virtual"
-    plan = Plan(velocity=0.5, far=1.5, effort=20.0, linear=0.2, force=40.0, away=0.25)
+    plan = Plan(velocity=0.5, far=1.5, effort=20.0, linear=0.2, force=40.0, away=0.25, room=0.3)
+    values = _QUICK
     activities = LoopbackRig.activities
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 from typing_extensions import override
@@ -12,7 +13,7 @@ from bench.reliability.activities import Plan
 from bench.reliability.common import outlived, own_process
 from bench.reliability.rig import PATIENCE, Rig
 from bench.reliability.table import ANY, NOW_AND_THEN, REST, Absent, Follows, Way
-from crtk_driver_ur import PLUGIN
+from crtk_driver_ur import PLUGIN, robot
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.plugins import DevicePlugin
 from crtk_sim_backends.ur import SIM, RunningSim
@@ -26,6 +27,8 @@ NOTICED = 0.1
 """Declared s in which a condition of the robot is told."""
 
 DASHBOARD = 29999
+LOCKED = 0.5
+"""Seconds for which tests have a protective stop locked; a real controller has 5."""
 RUNNING = 7
 """Robot mode of an arm with power and released brakes."""
 PROTECTIVE_STOP = 3
@@ -141,7 +144,7 @@ _PATIENT = {
     "watchdog_frequency": 2.0,
     "open_timeout": 2.0,
     "stream_timeout": 0.3,
-    "move": {"joint_acceleration": 6.0},
+    "move": {"joint_acceleration": 20.0},
     "servo": {"lookahead": 0.05},
 }
 
@@ -181,7 +184,10 @@ class UrNativeRig(Rig):
 
     @override
     def start_sim(self) -> RunningSim:
-        return SIM.spawn(model="ur5e", realtime=True)
+        if not self.patient:
+            return SIM.spawn(model="ur5e", realtime=True)
+        self._stack.enter_context(patch.object(robot, "UNLOCK_AFTER", LOCKED + 0.1))
+        return SIM.spawn(model="ur5e", realtime=True, power_seconds=0.1, lock_seconds=LOCKED)
 
     @override
     def home(self) -> np.ndarray:
@@ -198,7 +204,7 @@ class UrNativeRig(Rig):
         return int(self.sim.control.outputs("robot_mode")["robot_mode"]) == RUNNING
 
     def unlock_protective(self) -> None:
-        """Ask for the service that unlocks a protective stop, until the controller allows it (5 s).
+        """Ask for the service that unlocks a protective stop, until the controller allows it.
 
         There may be none: an arm without power does not stop protectively.
         """

@@ -61,6 +61,13 @@ def _conform(
             "--may-home", help="With --may-move: also home it, which moves it as it likes."
         ),
     ] = False,
+    by_hand: Annotated[
+        bool,
+        typer.Option(
+            "--by-hand",
+            help="With --may-move: somebody stands beside it, and pushes it when asked to.",
+        ),
+    ] = False,
     expect: Annotated[
         Path | None,
         typer.Option("--expect", metavar="FILE", help="Tolerances, steps, ranges: TOML or YAML."),
@@ -91,6 +98,7 @@ def _conform(
         crtk-driver conform /ur5
         crtk-driver conform /PSM1 --only NAM,TYP,QOS
         crtk-driver conform /ur5 --may-move --out report
+        crtk-driver conform /ur5 --may-move --by-hand --only MOV-3,MOV-23
     """
     from crtk_drivers.client.conformance.clauses import chosen
     from crtk_drivers.client.conformance.expectations import Expectations
@@ -106,7 +114,7 @@ def _conform(
     checked_namespace(namespace, "")
     expected = load(Expectations, *([from_file(expect)] if expect is not None else []))
     prepare()
-    outcome = _examined(namespace, ids, expected, may_move, may_home, listen, timeout)
+    outcome = _examined(namespace, ids, expected, may_move, may_home, by_hand, listen, timeout)
     OUT.print(_table(outcome.results))
     raise typer.Exit(_told(outcome, out))
 
@@ -117,10 +125,12 @@ def _examined(
     expected: Expectations,
     may_move: bool,
     may_home: bool,
+    by_hand: bool,
     listen: float,
     timeout: float,
 ) -> Outcome:
     from crtk_drivers.client.conformance.probe.examining import examine
+    from crtk_drivers.client.conformance.trial import Leave
 
     with ERR.status(f"{plain(namespace)} ...") as status, interruptible():
         try:
@@ -132,7 +142,7 @@ def _examined(
                 may_move,
                 expected,
                 lambda text: status.update(f"{plain(text)} ..."),
-                may_home,
+                Leave(may_home, _ask if by_hand else None),
             )
         except ConnectionFailed as error:
             print_error(error)
@@ -141,6 +151,12 @@ def _examined(
             left = ": it was told to hold, and brought back" if may_move else ""
             ERR.print(f"[yellow]interrupted:[/] {plain(namespace)}{left}")
             raise typer.Exit(INTERRUPTED) from None
+
+
+def _ask(what: str) -> None:
+    """Tell whoever stands beside the device what to do."""
+    ERR.bell()
+    ERR.print(Text(f" {what} ", "bold reverse"))
 
 
 def _told(outcome: Outcome, out: Path | None) -> int:
@@ -177,12 +193,12 @@ def _print_list(ids: Iterable[str]) -> None:
 
 
 def _table(results: Iterable[Judged]) -> Table:
-    from crtk_drivers.client.conformance.rounds import NOT_PERMITTED, NOT_TESTED
+    from crtk_drivers.client.conformance.rounds import BY_HAND, NOT_PERMITTED, NOT_TESTED
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     for column in ("clause", "level", "verdict", "what is asked, and what was seen"):
         table.add_column(column, overflow="fold", no_wrap=column in ("clause", "level", "verdict"))
-    alike: dict[str, list[str]] = {NOT_PERMITTED: [], NOT_TESTED: []}
+    alike: dict[str, list[str]] = {NOT_PERMITTED: [], BY_HAND: [], NOT_TESTED: []}
     for each in results:
         clause, finding = each.clause, each.finding
         if finding.text in alike:

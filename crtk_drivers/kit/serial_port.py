@@ -110,6 +110,10 @@ class SerialPort:
         """Whether it is open; an unplugged one is until `close`."""
         return self._opened_as is not None
 
+    def fileno(self) -> int:
+        """Return the file descriptor, for a selector; -1 while it is closed."""
+        return self._fd
+
     def open(self, deadline: float = math.inf) -> None:
         """Open the port, or open it anew; found by its stable name if it has been open before.
 

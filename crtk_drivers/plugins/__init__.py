@@ -23,7 +23,7 @@ from crtk_drivers.plugins.entries import (
 )
 
 if TYPE_CHECKING:
-    from crtk_drivers.plugins.declared import DevicePlugin, LinkAccess, NetworkLink, Tool, required
+    from crtk_drivers.plugins.declared import DeviceLink, DevicePlugin, LinkAccess, Tool, required
     from crtk_drivers.plugins.finder import Finder, FoundDevice
     from crtk_drivers.plugins.sim_plugin import RunningSim, SimControl, SimPlugin
 
@@ -35,11 +35,11 @@ __all__ = [
     "PAGES",
     "SIMS",
     "Description",
+    "DeviceLink",
     "DevicePlugin",
     "Finder",
     "FoundDevice",
     "LinkAccess",
-    "NetworkLink",
     "PluginEntry",
     "RunningSim",
     "SimControl",
@@ -62,7 +62,7 @@ _MODULES = {
     "Finder": "finder",
     "FoundDevice": "finder",
     "LinkAccess": "declared",
-    "NetworkLink": "declared",
+    "DeviceLink": "declared",
     "RunningSim": "sim_plugin",
     "SimControl": "sim_plugin",
     "SimPlugin": "sim_plugin",

@@ -17,7 +17,7 @@ from crtk_drivers.samples import Wrench
 from crtk_drivers.wrappers.base_frame import PlacedDevice
 from crtk_drivers.wrappers.confined import ConfinedDevice
 
-__all__ = ["DevicePlugin", "LinkAccess", "NetworkLink", "Tool", "required"]
+__all__ = ["DeviceLink", "DevicePlugin", "LinkAccess", "Tool", "required"]
 
 
 def _same_config(config: Any, sim: RunningSim) -> Any:
@@ -46,17 +46,19 @@ def _no_options(config: Any) -> Mapping[str, Any]:
 
 
 @dataclass(frozen=True)
-class NetworkLink:
-    """How a driver reaches its device over a network: what a relay, which cuts that, must know.
+class DeviceLink:
+    """How a driver reaches its device: what a relay, which cuts that, must know.
 
     Attributes:
-        host: of the device.
-        tcp, udp: its ports, by name.
+        host: of the device, where it is in a network.
+        tcp, udp: its ports there, by name.
+        serial: its serial lines: the port and the rate in bit/s, by name.
     """
 
-    host: str
+    host: str = ""
     tcp: Mapping[str, int] = field(default_factory=dict)
     udp: Mapping[str, int] = field(default_factory=dict)
+    serial: Mapping[str, tuple[str, int]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -64,12 +66,12 @@ class LinkAccess:
     """Where a configuration has its link, for `DevicePlugin`.
 
     Attributes:
-        of: the link of a configuration, or of its simulator that runs; None if it is over no network.
+        of: the link of a configuration, or of its simulator that runs; None if no relay can cut it.
         at: the configuration that reaches the device at another place.
     """
 
-    of: Callable[[Any, RunningSim | None], NetworkLink | None]
-    at: Callable[[Any, NetworkLink], Any]
+    of: Callable[[Any, RunningSim | None], DeviceLink | None]
+    at: Callable[[Any, DeviceLink], Any]
 
 
 @dataclass(frozen=True)
@@ -113,10 +115,11 @@ class DevicePlugin:
         sim_options: the options of the simulator that suit a configuration (model, ...).
         sim_load: puts a wrench on the sensor of a running simulator, in the sensor's frame, beside all else
             that acts on it, until the next one; None if its simulator feels none. Raises RuntimeError.
+        sim_emergency_stop: the fault of its simulator that is a pressed emergency stop; empty if it has none.
         finder: looks for hardware of this kind; None if nobody can.
         tools: commands for people, to look at hardware, scan a bus, calibrate, ...
         typical: values of a configuration whose CRTK commands are listed where the default has no joints.
-        link: how it reaches its device over a network, so that the bench can cut that; None if it cannot.
+        link: how it reaches its device, so that the bench can cut that; None if it cannot.
         is_model: it is computed in this process, and no hardware is behind it.
     """
 
@@ -131,6 +134,7 @@ class DevicePlugin:
     sim_config: Callable[[Any, RunningSim], Any] = _same_config
     sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
     sim_load: Callable[[RunningSim, Wrench], None] | None = None
+    sim_emergency_stop: str = ""
     finder: Finder | None = None
     tools: tuple[Tool, ...] = ()
     typical: Mapping[str, Any] = field(default_factory=dict)

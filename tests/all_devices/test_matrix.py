@@ -62,7 +62,7 @@ def _parameters() -> Iterator[object]:
         yield pytest.param(cell, id=cell.name.replace("/", "-"), marks=[mark] if finding else [])
 
 
-@pytest.mark.sweep(6)
+@pytest.mark.sweep(9)
 @pytest.mark.parametrize("cell", list(_parameters()))
 def test_a_fault_is_met_as_promised(rigs: _Rigs, cell: Cell) -> None:
     rig = rigs.of(cell.driver)

@@ -187,6 +187,7 @@ def test_one_bench_at_a_time(bench: Bench, tmp_path: Path) -> None:
     assert bench(GANTRY, SKIPPED, out="third").complete, "the lock ends with the run"
 
 
+@pytest.mark.slow
 def test_simulated_devices_are_tested_at_the_same_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -379,6 +380,7 @@ def wait_for_the_end_of(*processes: int) -> None:
     wait_until(lambda: not any(Path(f"/proc/{each}").exists() for each in processes))
 
 
+@pytest.mark.slow  # that the conductor dies is its quick brother
 def test_when_whoever_started_it_is_gone_it_holds_and_everything_ends(tmp_path: Path) -> None:
     with in_motion(tmp_path) as parent:
         children = children_of(parent.pid)
@@ -389,6 +391,7 @@ def test_when_whoever_started_it_is_gone_it_holds_and_everything_ends(tmp_path: 
     assert not read_run(tmp_path / "run").complete
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("left", ["conductor", "host"])
 def test_what_is_left_of_a_killed_bench_keeps_others_from_its_devices(
     left: str, tmp_path: Path
@@ -433,6 +436,7 @@ class InThread:
         return 0
 
 
+@pytest.mark.slow  # test_lab_tests.py has it quickly
 def test_a_device_at_which_nobody_looked_is_not_used_any_more(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:

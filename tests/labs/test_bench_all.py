@@ -18,6 +18,7 @@ DRIVERS = {
     "arm": "virtual",
     "ur": "ur",
     "servos": "dynamixel",
+    "gripper": "robotiq",
     "drives": "canopen",
     "ft": "ati-netft",
 }

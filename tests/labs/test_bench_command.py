@@ -62,6 +62,7 @@ def test_ctrl_z_ends_a_run_that_may_move_hardware(tmp_path: Path) -> None:
     assert read_run(tmp_path / "run").ended_by == "stopped by the operator"
 
 
+@pytest.mark.slow  # test_bench.py has a full disk
 def test_a_disk_that_fills_up_is_told_and_passes_nothing(command: Command, tmp_path: Path) -> None:
     options = {"preexec_fn": partial(limit, 3000), "env": NO_BYTECODE}
     found = command("lab.toml", "--only", "S8", "--out", "run", **options)

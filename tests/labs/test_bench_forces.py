@@ -143,6 +143,7 @@ def until(test: Callable[[], object]) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.slow  # that it is stopped while it weighs is its quick brother
 @pytest.mark.usefixtures("cold_bench")
 @pytest.mark.timeout(120)
 def test_a_sensor_that_falls_silent_stops_the_arm(tmp_path: Path) -> None:
@@ -177,6 +178,7 @@ def test_stopped_while_it_weighs_the_arm_is_held(tmp_path: Path) -> None:
     assert "virtual: stopped by the watch" in (tmp_path / "run" / "log.txt").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(90)
 def test_an_arm_that_failed_carries_nothing_about(tmp_path: Path) -> None:
     sagging = f"{ARM}settings.defects = {{ sag_on_disable = 0.02 }}\n"

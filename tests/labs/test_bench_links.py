@@ -51,25 +51,46 @@ homing = { method = 37 }
 """
 
 
+SERVOS = """
+[devices.drive]
+plugin = "dynamixel"
+sim = true
+[devices.drive.settings]
+arm = "arm6"
+"""
+
 DRIVES = {"sound": "", "deaf": 'sim_options = { defects = "ignores_watchdog=1" }\n'}
 
 
-@pytest.fixture(scope="module")
-def drives(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """What is found of two drives, one of which ignores its watchdog."""
+def drives(folder: Path, drive: str, *only: str) -> Run:
+    """Return what is found of two drives, one of which ignores its watchdog."""
     lab = "".join(
-        DRIVE.replace("drive", name).replace("sim = true\n", f"sim = true\n{options}")
+        drive.replace("drive", name).replace("sim = true\n", f"sim = true\n{options}")
         for name, options in DRIVES.items()
     )
-    return bench(tmp_path_factory.mktemp("drives"), lab, "S4", "S5", "S6")
+    return bench(folder, lab, *only)
+
+
+@pytest.fixture(scope="module")
+def on_can(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return drives(tmp_path_factory.mktemp("drives"), DRIVE, "S4", "S5", "S6")
+
+
+@pytest.fixture(scope="module")
+def on_a_serial_line(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return drives(tmp_path_factory.mktemp("servos"), SERVOS, "S6")
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize(("name", "verdict"), [("sound", Verdict.PASS), ("deaf", Verdict.FAIL)])
-def test_a_drive_that_ignores_its_watchdog_fails(drives: Run, name: str, verdict: Verdict) -> None:
+@pytest.mark.parametrize("bus", ["on_can", "on_a_serial_line"])
+def test_a_drive_that_ignores_its_watchdog_fails(
+    request: pytest.FixtureRequest, bus: str, name: str, verdict: Verdict
+) -> None:
     """What stops the hardware when the driver, or the link, is gone is of the hardware."""
-    tests = [test for device, test in drives.tests if device.name == name]
+    run: Run = request.getfixturevalue(bus)
+    tests = [test for device, test in run.tests if device.name == name]
     found = {test.id: (test.verdict, test.reason) for test in tests}
     open_or_so = {verdict, Verdict.INCONCLUSIVE}  # on a busy machine
     assert {each for each, _ in found.values()} <= open_or_so, found
@@ -254,8 +275,8 @@ def test_a_link_to_hardware_is_cut_with_two_switches_only(
     assert why(arm, "S4") == "is done to simulators only"
     head = ""
     assert why(arm).startswith("needs `faults = true` in the lab file"), "one switch is none"
-    for sim in ("", "sim = true\n"):
-        assert "no network" in why(
-            f'{sim}plugin = "dynamixel"\nsettings = {{ port = "/dev/x", arm = "arm6" }}'
-        )
+    servos = 'plugin = "dynamixel"\nsettings = {{ port = "{}", arm = "arm6" }}'
+    assert why(servos.format("/dev/x")).startswith("needs `faults = true`")
+    assert "nothing that a relay could cut" in why(servos.format("socket://192.168.1.9:4000"))
+    assert why('plugin = "dynamixel"\nsim = true') == ""
     assert why('plugin = "ur"\nsim = true') == ""

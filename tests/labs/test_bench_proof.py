@@ -139,6 +139,10 @@ ELSEWHERE = {
     "stop.link_lost.time": "test_bench_links.test_what_is_told_of_a_lost_link_is_judged",
     "stop.link_lost.distance": "test_bench_links.test_a_drive_that_ignores_its_watchdog_fails",
     "stop.link_lost.after": "test_bench_links.test_what_is_told_of_a_lost_link_is_judged",
+    **dict.fromkeys(
+        ("stop.emergency.time", "stop.emergency.distance", "stop.emergency.after"),
+        "test_bench_operated.test_what_an_emergency_stop_did_is_judged",
+    ),
     "loss.link.restamped": "test_bench_links.test_what_is_told_of_a_silent_link_is_judged",
     "loss.link.invalid": "test_bench_links.test_what_is_told_of_a_silent_link_is_judged",
     "loss.link.fault": "test_bench_links.test_what_is_told_of_a_silent_link_is_judged",

@@ -575,6 +575,7 @@ def test_the_entry_point_brings_it(
     assert session(TWO, plugin=False).returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(180)
 def test_the_example_runs(tmp_path: Path) -> None:
     folder = ROOT / "examples" / "lab_tests"

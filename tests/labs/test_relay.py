@@ -12,7 +12,7 @@ import pytest
 
 from crtk_drivers.errors import ConnectionFailed
 from crtk_drivers.labs.bench.relay import Mode, RelayProcess
-from crtk_drivers.plugins import NetworkLink
+from crtk_drivers.plugins import DeviceLink
 
 LONG = 20.0
 """Seconds for what must come."""
@@ -41,7 +41,7 @@ def datagrams() -> Iterator[socket.socket]:
 
 @pytest.fixture
 def relay(stream: socket.socket, datagrams: socket.socket) -> Iterator[RelayProcess]:
-    link = NetworkLink(
+    link = DeviceLink(
         "127.0.0.1",
         {"commands": stream.getsockname()[1]},
         {"samples": datagrams.getsockname()[1]},
@@ -185,7 +185,7 @@ def test_a_device_that_is_gone_resets_and_the_relay_goes_on(
 
 def test_ports_that_are_taken_everywhere_are_told(stream: socket.socket) -> None:
     with socket.create_server(("0.0.0.0", 0)) as taken:
-        link = NetworkLink("127.0.0.1", {"commands": taken.getsockname()[1]})
+        link = DeviceLink("127.0.0.1", {"commands": taken.getsockname()[1]})
         with pytest.raises(ConnectionFailed, match="Address already in use"):
             RelayProcess(link)
 

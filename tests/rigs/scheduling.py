@@ -2,7 +2,8 @@
 
 Tests that talk to simulators wait for seven tenths of their time, and fail where a burst of somebody's
 CPU makes a simulator or an I/O thread late. So there are more workers than cores, and a part of them are
-`nice`: they alone run what only computes, with the time that the others leave.
+`nice`: they alone run what only computes, with the time that the others leave. One more waits in reserve,
+until nothing is left to compute and there is time for its tests too.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from enum import StrEnum
 from functools import cache
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
@@ -27,6 +29,9 @@ WAITING_A_CORE = 2.0
 
 COMPUTING_A_CORE = 1.0
 """Workers that compute, with what the others leave."""
+
+RESERVE_A_CORE = 0.5
+"""Workers that wait too, once all is computed: before, something of what they run would be late."""
 
 NICE = 5
 """Of the workers that compute: a third of what another process gets that wants all it can get."""
@@ -71,7 +76,7 @@ WAITING = {
     "test_contract_loopback.py": 0.2,
     "test_examining.py": 8.0,
     "test_lab_tests.py": 1.5,
-    "test_matrix.py": 2.0,
+    "test_matrix.py": 1.3,
     "test_own_drivers.py": 12.0,
     "virtual": 0.2,
     "wire": 0.5,
@@ -90,8 +95,18 @@ LONGEST_COLLECTION = 120.0
 
 AUTOGROUP = Path("/proc/self/autogroup")
 
-NICE_WORKER, IS_FIRST, TOLD = "crtk_nice", "crtk_first", "crtk_told"
+SORT, IS_FIRST, TOLD = "crtk_sort", "crtk_first", "crtk_told"
 """Keys of `workerinput`."""
+
+
+class Sort(StrEnum):
+    """What a worker is for, where there are enough of them."""
+
+    COMPUTES = "computes"
+    WAITS = "waits"
+    RESERVE = "waits when nothing is left to compute"
+    ANY = "runs all"
+
 
 _folders: list[TemporaryDirectory[str]] = []
 """What the workers of this process tell it, and each other, if it has any."""
@@ -99,13 +114,18 @@ _folders: list[TemporaryDirectory[str]] = []
 
 def workers(cores: int) -> int:
     """Return how many workers run all tests."""
-    return int((WAITING_A_CORE + COMPUTING_A_CORE) * cores)
+    return int((WAITING_A_CORE + COMPUTING_A_CORE + RESERVE_A_CORE) * cores)
 
 
-def is_nice(number: int, workers: int) -> bool | None:
-    """Whether worker `number` (from 0) of so many computes; None where they are too few to be divided."""
-    share = COMPUTING_A_CORE / (WAITING_A_CORE + COMPUTING_A_CORE)
-    return number < round(share * workers) if workers > 3 else None
+def sort_of(number: int, workers: int) -> Sort:
+    """Return what worker `number` (from 0) of so many is for."""
+    if workers <= 3:
+        return Sort.ANY
+    share = workers / (WAITING_A_CORE + COMPUTING_A_CORE + RESERVE_A_CORE)
+    compute = round(COMPUTING_A_CORE * share)
+    if number < compute:
+        return Sort.COMPUTES
+    return Sort.RESERVE if number >= workers - round(RESERVE_A_CORE * share) else Sort.WAITS
 
 
 def take_share(given: dict[str, Any]) -> None:
@@ -115,7 +135,7 @@ def take_share(given: dict[str, Any]) -> None:
     """
     os.setsid()
     Path(given[TOLD], f"{os.getpid()}.session").touch()
-    if given[NICE_WORKER]:
+    if given[SORT] == Sort.COMPUTES:
         os.nice(NICE)
         with suppress(OSError):
             AUTOGROUP.write_text(str(NICE))
@@ -136,7 +156,7 @@ def invite(node: WorkerController) -> None:
     if not _folders:
         _folders.append(TemporaryDirectory(prefix="crtk-tests-"))
         node.config.add_cleanup(_folders[0].cleanup)
-    node.workerinput[NICE_WORKER] = is_nice(number, workers)
+    node.workerinput[SORT] = sort_of(number, workers).value
     node.workerinput[IS_FIRST] = number == 0
     node.workerinput[TOLD] = _folders[0].name
 
@@ -178,6 +198,8 @@ class Scheduling(LoadScopeScheduling):
 
     @override
     def _assign_work_unit(self, node: WorkerController) -> None:
+        if self._is_held(node):
+            return
         piece = self._next_of(node)
         if piece is None:
             node.shutdown()
@@ -204,20 +226,30 @@ class Scheduling(LoadScopeScheduling):
 
     @override
     def _reschedule(self, node: WorkerController) -> None:
-        if self._pending_of(self.assigned_work[node]) > 2:
+        for one in {node, *filter(self._is_in_reserve, self.nodes)}:
+            self._schedule_more(one)
+
+    def _schedule_more(self, node: WorkerController) -> None:
+        if self._is_held(node) or self._pending_of(self.assigned_work[node]) > 2:
             return
         if not node.shutting_down and self.workqueue and self._next_of(node) is None:
             node.shutdown()
             return
         super()._reschedule(node)
 
+    def _is_in_reserve(self, node: WorkerController) -> bool:
+        return node.workerinput.get(SORT) == Sort.RESERVE
+
+    def _is_held(self, node: WorkerController) -> bool:
+        return self._is_in_reserve(node) and any(map(computes, self.workqueue))
+
     def _next_of(self, node: WorkerController) -> str | None:
         """Return the longest of what this worker may run: what is alone, then what waits, then the rest."""
-        is_nice = node.workerinput.get(NICE_WORKER)
+        computing = node.workerinput.get(SORT) == Sort.COMPUTES
         taken = {sort for other in self.nodes if other is not node for sort in self._alone(other)}
 
         def may_run(piece: str) -> bool:
-            return computes(piece) or not (is_nice or alone(piece) in taken)
+            return computes(piece) or not (computing or alone(piece) in taken)
 
         def preferred(piece: str) -> tuple[bool, bool, float]:
             duration = seconds(piece) * len(self.workqueue[piece])

@@ -16,12 +16,13 @@ from crtk_drivers.config import DeviceConfig, from_values, load
 from crtk_drivers.device import Device
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CrtkError
-from crtk_drivers.labs.bench import bed, host, recorder, watch
+from crtk_drivers.labs.bench import bed, host, operator, recorder, watch
 from crtk_drivers.labs.bench.bed import Bed
 from crtk_drivers.labs.bench.calls import About, HostOrder
 from crtk_drivers.labs.bench.declared import Acquisition, Subject
 from crtk_drivers.labs.bench.door import Door, Refused
 from crtk_drivers.labs.bench.host import Host
+from crtk_drivers.labs.bench.operator import Operator
 from crtk_drivers.labs.bench.trace import Row, Trace
 from crtk_drivers.labs.bench.watch import Watch
 from crtk_drivers.labs.carried import Carried
@@ -123,7 +124,7 @@ def _seated(
     declared = plugins.device(plugin)
     config: Any = load(declared.config, from_values(values))
     steps = Steps(1.0 / config.rate)
-    with steps.instead_of_time(samples, loopback, bed, host, recorder, watch):
+    with steps.instead_of_time(samples, loopback, bed, host, operator, recorder, watch):
         seat = Seat(_made(declared, config, steps), plugin, config, steps, prefix)
         steps.step = seat.cycle
         yield seat, steps
@@ -141,12 +142,13 @@ def acquired(
     plugin: str,
     values: Mapping[str, Any],
     thorough: float = 1.0,
+    operator: Operator | None = None,
 ) -> tuple[Trace, Subject]:
-    """Carry out an acquisition; return what its analyses are given."""
+    """Carry out an acquisition, perhaps with somebody beside it; return what its analyses are given."""
     with _seated(plugin, values) as (seat, steps):
         told: About = seat.door.call("about")
         watching = Watch(seat.door, told, None, StopRequest())
-        under = Bed("arm", told, seat.door, watching, thorough)
+        under = Bed("arm", told, seat.door, watching, thorough, operator=operator)
         _carry_out(acquisition, under, steps, {watching: seat})
     return Trace.of(seat.recorded.rows), Subject.of(told, (), {}, under.kept)
 

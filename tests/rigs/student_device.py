@@ -118,6 +118,7 @@ class StudentDevice:
         listen("trajectory_j/set_ratio", Float64, self._set_ratio)
         listen("gripper/move_jp", JointState, lambda m: self.gantry.open_gripper(list(m.position)))
         listen("hold", Empty, lambda _: self.gantry.stop())
+        listen("free", Empty, lambda _: self.gantry.let_go())
         if "dead_topic" in self.faults:
             listen("interpolate_jp", JointState, lambda _: None)
         else:

@@ -53,6 +53,7 @@ class Gantry:
         self.changed = True
         self.is_refused = False
         self.falls_short = False
+        self.is_free = False
         self.served, self.serves = 0.0, False
 
     def command(self, word: str) -> None:
@@ -91,6 +92,8 @@ class Gantry:
             self.setpoint, self.enabled_at = list(self.measured), time.monotonic()
             if "enable_moves" in self.faults:
                 self.setpoint[0] += 0.01
+            if "enabled_where_it_was" in self.faults:
+                self.setpoint = list(PLACE)
         elif "disable_goes_on" not in self.faults:
             self.stop()
         self.state, self.changed = after, True
@@ -119,8 +122,21 @@ class Gantry:
         if "busy_after_hold" not in self.faults:
             self.set_busy(False)
 
+    def let_go(self) -> None:
+        """Hold nothing until the next command."""
+        if self.accepts and "holds_in_free" not in self.faults:
+            self.clear()
+            self.is_free = True
+
+    def push(self, joint: int, by: float) -> None:
+        """Move it by hand; one that holds goes back."""
+        self.measured[joint] += by
+        if self.is_free or self.state == "DISABLED":
+            self.setpoint[joint] += by
+
     def clear(self) -> None:
         """Forget what it goes to."""
+        self.is_free = False
         self.goal = self.velocity = self.approached = self.effort = None
         self.wanted.clear()
 

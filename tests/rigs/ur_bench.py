@@ -11,7 +11,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from crtk_driver_ur import PLUGIN, abilities
+from crtk_driver_ur import PLUGIN, abilities, robot
 from crtk_driver_ur.library import supervisor
 from crtk_drivers.config import from_values, load
 from crtk_drivers.engine import Observer, threads
@@ -30,11 +30,20 @@ LENIENT = 2.0
 FAR_BEHIND = 1.0
 """rad by which a joint may be late beyond its lag, on a machine that takes the simulated time away."""
 
+LOCKED = 0.5
+"""Seconds for which a protective stop is locked. A real controller has 5, which few tests wait for."""
+
+BRISK = {"power_seconds": 0.1, "lock_seconds": LOCKED}
+"""Options of a simulated controller that keeps nobody waiting."""
+
+UNLOCK_AFTER = LOCKED + 0.1
+"""Seconds after which the driver unlocks a protective stop of it."""
+
 PATIENT = {
     "sample_timeout": 3.0,
     "watchdog_frequency": 2.0,
     "open_timeout": 10.0,
-    "move": {"joint_velocity": 2.0, "joint_acceleration": 6.0},
+    "move": {"joint_velocity": 2.0, "joint_acceleration": 20.0},
     "servo": {"lookahead": 0.05},
 }
 """Configuration in which a busy machine is no fault, and moves are quick: half the lookahead has an arm that
@@ -254,6 +263,12 @@ class UrBench:
         assert [r.reason for r in self.log.refusals[before:]] == [caught.value.reason]
 
 
+def brisk_sim(**options: Any) -> RunningSim:
+    """Start a simulated controller for `driver_at`."""
+    started: RunningSim = SIM.spawn(**{"realtime": True, **BRISK, **options})
+    return started
+
+
 @contextmanager
 def ur_bench(
     config: Mapping[str, Any] | None = None, *, start: bool = True, **sim_options: Any
@@ -261,7 +276,7 @@ def ur_bench(
     """A simulated controller and a driver that is connected to it."""
     model = sim_options.setdefault("model", "ur5e")
     with (
-        SIM.spawn(**{"trace_size": 2000, "realtime": True, **sim_options}) as sim,
+        brisk_sim(**{"trace_size": 2000, **sim_options}) as sim,
         driver_at(sim, {"model": model, **(config or {})}, start=start) as bench,
     ):
         yield bench
@@ -269,8 +284,12 @@ def ur_bench(
 
 @contextmanager
 def lenient() -> Iterator[None]:
-    """Let threads and processes of drivers be silent for longer, and an arm lag whose controller starves."""
+    """Let threads and processes of drivers be silent for longer, and an arm lag whose controller starves.
+
+    And be unlocked as soon as `BRISK` has it.
+    """
     with (
+        patch.object(robot, "UNLOCK_AFTER", UNLOCK_AFTER),
         patch.object(abilities, "FOLLOWING_ERROR", FAR_BEHIND),
         patch.object(threads, "STALL_LIMIT", LENIENT),
         patch.object(supervisor, "SILENCE_ALLOWED", LENIENT),

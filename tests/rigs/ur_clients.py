@@ -1,11 +1,15 @@
 """Small, separate clients of the controller's ports, written from the manuals, for tests."""
 
+import contextlib
 import json
+import os
 import socket
 import struct
 import subprocess
 import sys
 import time
+
+from crtk_sim_backends.process import loopback_addresses
 
 SIZES = {
     "BOOL": "?",
@@ -30,6 +34,14 @@ PORTS = {
     "realtime_read_only": 30013,
     "interpreter": 30020,
 }
+
+
+def own_address():
+    """Return a loopback address that no simulator has: a user may have one running at any, also 127.0.0.1."""
+    for address in loopback_addresses(os.getpid() + 1):
+        with contextlib.suppress(OSError), socket.create_server((address, PORTS["rtde"])):
+            return address
+    raise AssertionError("no free loopback address")
 
 
 class TcpClient:

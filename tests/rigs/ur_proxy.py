@@ -13,8 +13,7 @@ from contextlib import contextmanager, suppress
 from types import SimpleNamespace
 from typing import Any
 
-from crtk_sim_backends.ur import SIM
-from rigs.ur_bench import UrBench, driver_at
+from rigs.ur_bench import UrBench, brisk_sim, driver_at
 
 PORTS = (30001, 30002, 30003, 30004, 30011, 29999)
 RTDE = 30004
@@ -195,7 +194,7 @@ def proxy_to(controller: str) -> Iterator[Proxy]:
 @contextmanager
 def bench_at_proxy(config: Mapping[str, Any]) -> Iterator[tuple[UrBench, Proxy]]:
     """A simulated controller, a proxy to it, and a driver that is connected to that."""
-    with SIM.spawn(realtime=True, model="ur5e") as sim, proxy_to(sim.host) as proxy:
+    with brisk_sim(model="ur5e") as sim, proxy_to(sim.host) as proxy:
         at_proxy: Any = SimpleNamespace(host=proxy.host, control=sim.control)
         with driver_at(at_proxy, config) as bench:
             yield bench, proxy

@@ -36,6 +36,11 @@ class Lamp:
     def __init__(self):
         self.lit = True
         self.ticks = 0
+        self.sessions = []
+
+    def session(self, end):
+        self.sessions.append(LineSession(self.obey, end))
+        return self.sessions[-1]
 
     def begin(self, fault):
         self.lit = False
@@ -62,8 +67,11 @@ def running(**options):
             None,
             lamp,
             title="Lamp",
-            tcp={"lamp": TcpDoor(0, lambda: LineSession(lamp.obey), most=2)},
-            ttys={"line": lambda: LineSession(lamp.obey, b"\r")},
+            tcp={"lamp": TcpDoor(0, lambda: lamp.session(b"\n"), most=2)},
+            ttys={"line": lambda: lamp.session(b"\r")},
+            gauges=lambda: [
+                {"title": "Light", "unit": "lx", "rate": "", "digits": 1, "gauges": []}
+            ],
         )
         made.every(0.01, lamp.tick)
         made.lamp = lamp
@@ -160,6 +168,26 @@ def test_what_is_sent_to_all_reaches_all(server, peer, line):
     assert take_line(line, 5) == b"tock\r"
 
 
+def test_what_is_sent_to_one_reaches_that_one_alone(server, peer):
+    with socket.create_connection((server.host, server.ports["lamp"]), PATIENCE) as other:
+        for each, name in ((peer, b"a\n"), (other, b"b\n")):
+            each.sendall(name)
+            take(each, 7)
+        server.send("lamp", b"one\n", server.lamp.sessions[-1])
+        server.send("lamp", b"all\n")
+        assert take(other, 8) == b"one\nall\n"
+        assert take(peer, 4) == b"all\n"
+
+
+def test_a_call_comes_once_when_its_time_has_come(server):
+    called, began = [], time.monotonic()
+    server.after(0.05, lambda: called.append(time.monotonic() - began))
+    end = began + PATIENCE
+    while not called:
+        assert time.monotonic() < end
+    assert called[0] >= 0.05
+
+
 def test_a_fault_of_the_device_begins_and_ends(control, peer):
     control.inject("dark")
     peer.sendall(b"a\n")
@@ -225,9 +253,11 @@ def test_delayed_data_arrives_late_and_in_order(control, peer):
 def test_a_serial_line_is_unplugged_and_found_again(server, control, line):
     os.write(line, b"a\r")
     assert take_line(line, 7) == b"a True\r"
+    before = len(server.lamp.sessions)
     control.inject("disconnect", port="line")
     assert not Path(server.ttys["line"]).exists()
     control.clear()
+    assert len(server.lamp.sessions) == before + 1, "the old one is closed, and of no use"
     again = os.open(server.ttys["line"], os.O_RDWR | os.O_NOCTTY)
     try:
         tty.setraw(again)
@@ -256,6 +286,7 @@ def test_status_and_page_tell_of_the_device(control):
     assert "silence" in kinds
     assert "dim" not in kinds  # a button has no value for its share
     assert ["lit", "True", ""] in live["sections"]["State"]
+    assert [each["title"] for each in live["gauges"]] == ["Light"]
 
 
 def test_time_passes_at_the_rate_of_the_ticks(control):

@@ -24,7 +24,7 @@ TESTED: Final = TRIED | frozenset(JUDGES)
 """The clauses that this tool can judge."""
 
 NOT_TESTED: Final = "not yet tested by this tool"
-BY_HAND: Final = "needs somebody at the device"
+BY_HAND: Final = "needs somebody at the device, and --may-move --by-hand"
 NOT_PERMITTED: Final = "needs --may-move"
 
 
@@ -54,7 +54,9 @@ def judge(
 
 def _unjudged(clause: str, why_not: str) -> Finding:
     if clause not in TESTED:
-        return undetermined(BY_HAND if CLAUSES[clause].needs is Needs.OPERATOR else NOT_TESTED)
+        return undetermined(NOT_TESTED)
+    if CLAUSES[clause].needs is Needs.OPERATOR and why_not in ("", NOT_PERMITTED):
+        return undetermined(BY_HAND)
     if why_not == NOT_PERMITTED:
         return undetermined(NOT_PERMITTED)
     return undetermined(f"not tried: {why_not or 'what comes before it did not succeed'}")

@@ -111,7 +111,7 @@ def jaw_in_disabled(trial: Trial) -> None:
 
 def homing(trial: Trial) -> None:
     """HOM-2, in ENABLED."""
-    if not trial.may_home:
+    if not trial.leave.may_home:
         trial.note("HOM-2", undetermined("needs --may-home: it moves as it likes"))
         return
     trial.probe.send("state_command", text="unhome")

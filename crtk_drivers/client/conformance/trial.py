@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final, Protocol, TypeVar
 
 import numpy as np
@@ -99,20 +100,36 @@ class Stopped(Exception):
     """The device moved where it must not, or cannot be brought to where trials begin."""
 
 
+@dataclass(frozen=True)
+class Leave:
+    """What may be done with a device beside small motions.
+
+    Attributes:
+        may_home: it may be told to home, which moves it as it likes.
+        ask: tells somebody beside the device what to do with it; None: nobody is there.
+    """
+
+    may_home: bool = False
+    ask: Callable[[str], None] | None = None
+
+
+NO_LEAVE: Final = Leave()
+
+
 class Trial:
     """A probe, what is expected, and what was found.
 
     Attributes:
-        may_home: whether it may be told to home, which moves it as it likes.
+        leave: what may be done with it beside small motions.
         needs_homing: as its manifest says; None: it says nothing.
         found: findings by clause.
     """
 
     def __init__(
-        self, probe: Probe, expected: Expectations, rest: Observation, may_home: bool = False
+        self, probe: Probe, expected: Expectations, rest: Observation, leave: Leave = NO_LEAVE
     ) -> None:
         self.probe = probe
-        self.may_home = may_home
+        self.leave = leave
         self.needs_homing = rest.manifest.get("homing")
         self.expected = expected
         self.topics: Mapping[str, Command] = rest.graph.offered()

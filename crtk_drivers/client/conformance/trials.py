@@ -6,7 +6,13 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from crtk_drivers.client.conformance import change_trials, move_trials, state_trials, stream_trials
+from crtk_drivers.client.conformance import (
+    change_trials,
+    hand_trials,
+    move_trials,
+    state_trials,
+    stream_trials,
+)
 from crtk_drivers.client.conformance.findings import (
     Finding,
     Verdict,
@@ -71,6 +77,8 @@ STEPS: Final = (
     Step(change_trials.slower_moves, ("MOV-24",)),
     Step(change_trials.efforts, ("SPT-4",)),
     Step(state_trials.homing, ("HOM-2",)),
+    Step(hand_trials.pushed_in_disabled, ("MOV-3",), is_motion=False),
+    Step(hand_trials.pushed_in_free, ("MOV-23", "MOV-3"), is_motion=False),
 )
 """``STA-9`` comes before them, in a device that is found in FAULT; ``STA-10`` is decided by all of them."""
 

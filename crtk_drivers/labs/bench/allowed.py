@@ -70,6 +70,7 @@ def lacking(
     *,
     carrier: Carrier | None = None,
     faults: bool = False,
+    operator: bool = False,
 ) -> str:
     """Return why a test is skipped, in words; empty if it is not.
 
@@ -80,6 +81,7 @@ def lacking(
         options: of the run.
         carrier: the device that carries it, if that is in the run.
         faults: the lab file allows faults of hardware.
+        operator: somebody stands beside the devices, and does what the bench asks for.
     """
     acquisition = test.acquisition
     offered = (*about.commands, *about.services)
@@ -91,6 +93,9 @@ def lacking(
     if acquisition.relayed:
         beside = BESIDE_A_FAULT[acquisition.safety]
         return _not_cut(device, faults) or not_allowed(beside, about, device, options)
+    if acquisition.by_operator:
+        beside = BESIDE_A_FAULT[acquisition.safety]
+        return _not_operated(device, operator) or not_allowed(beside, about, device, options)
     if acquisition.carrier_needs:
         return _not_faulted(acquisition, device) or _not_carried(acquisition, carrier, options)
     return not_allowed(acquisition.safety, about, device, options)
@@ -99,13 +104,16 @@ def lacking(
 def unguarded(test: BenchTest, moved: LabDevice, ids: Collection[str]) -> str:
     """Return which tests a real device lacks that come before it goes far; empty if it has them.
 
+    An emergency stop at rest comes before all of them, if whoever stands there wants it.
+
     Args:
         test: that is to be carried out.
         moved: the device that it moves.
         ids: of all tests of the run.
     """
     missing = [guard for guard in GUARDS if guard not in ids]
-    if test.acquisition.safety < Safety.LARGE or moved.simulated or not missing:
+    is_near = test.acquisition.safety < Safety.LARGE or test.acquisition.by_operator
+    if is_near or moved.simulated or not missing:
         return ""
     return f"needs {', '.join(missing)} in the same run: what must pass before it goes that far"
 
@@ -140,7 +148,7 @@ def _not_cut(device: LabDevice, faults: bool) -> str:
     """Return why the link to a device is not cut, in words; empty if it may be."""
     link = device.plugin.link
     if link is None or (not device.sim and link.of(device.config, None) is None):
-        return "its driver reaches it over no network that a relay could cut"
+        return "its driver reaches it over nothing that a relay could cut"
     if device.sim:
         return ""
     if not faults:
@@ -148,6 +156,15 @@ def _not_cut(device: LabDevice, faults: bool) -> str:
     if os.environ.get(FAULTS) != "1":
         return f"needs {FAULTS}=1 in the environment: it cuts the link to hardware"
     return ""
+
+
+def _not_operated(device: LabDevice, operator: bool) -> str:
+    """Return why nobody presses the emergency stop of a device, in words; empty if somebody does."""
+    if device.plugin.is_model or (device.sim and not device.plugin.sim_emergency_stop):
+        return f"{'it' if device.plugin.is_model else 'its simulator'} has no emergency stop"
+    if device.sim or operator:
+        return ""
+    return "needs `features = { operator = true }` in the lab file: somebody presses its emergency stop"
 
 
 def not_allowed(safety: Safety, about: About, device: LabDevice, options: BenchOptions) -> str:

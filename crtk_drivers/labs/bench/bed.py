@@ -22,6 +22,14 @@ from crtk_drivers.device import Note
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs.bench.calls import About, Glance
 from crtk_drivers.labs.bench.door import Door, Refused
+from crtk_drivers.labs.bench.operator import (
+    PERSON_TAKES,
+    STOP_LOOK_PERIOD,
+    UNNOTICED,
+    Operator,
+    Pressed,
+    pressed,
+)
 from crtk_drivers.labs.bench.relay import RelayProcess
 from crtk_drivers.labs.bench.watch import Watch
 from crtk_drivers.samples import JointState, Number, Pose, Value, Vector, Wrench, vector
@@ -119,6 +127,7 @@ class Bed:
         thorough: 1 for a quick run, more for one that takes its time: how much is measured.
         processes: of the device; None where they may not be touched.
         carrier: the device that carries it, where the acquisition is about both.
+        operator: who presses its emergency stop; None if nobody does.
 
     Attributes:
         kept: what was written down by `keep`.
@@ -133,6 +142,7 @@ class Bed:
         thorough: float,
         processes: Processes | None = None,
         carrier: Bed | None = None,
+        operator: Operator | None = None,
     ) -> None:
         self.name = name
         self.about = about
@@ -142,6 +152,7 @@ class Bed:
         self._slides: Vector | None = None
         self._processes = processes
         self._carrier = carrier
+        self._operator = operator
         self.kept: dict[str, Any] = {}
 
     @property
@@ -426,6 +437,30 @@ class Bed:
             yield
         finally:
             processes.kill_client()
+
+    @contextmanager
+    def emergency_stop(self, stopped: Callable[[Glance], bool]) -> Iterator[Pressed]:
+        """Within, the emergency stop is pressed, and the device was looked at until it was `stopped`.
+
+        Raises:
+            Broken: nobody is there to press it, or nobody did.
+        """
+        operator = self._operator
+        if operator is None:
+            raise Broken("nobody is there to press its emergency stop")
+        begin = before = time.monotonic()
+        limit = PERSON_TAKES if operator.is_person else UNNOTICED
+        with pressed(operator):
+            noticed, look = None, 0.0
+            while noticed is None and before < begin + limit:
+                self.check()
+                is_stopped, now = stopped(self.glance()), time.monotonic()
+                look, before = now - before, now
+                noticed = now - begin if is_stopped else None
+                time.sleep(STOP_LOOK_PERIOD)
+            if noticed is None and operator.is_person:
+                raise Broken(f"its emergency stop was not pressed within {limit:g} s")
+            yield Pressed(noticed, look, operator.is_person)
 
     def inject(self, fault: str, **parameters: Any) -> None:
         """Begin a fault of the simulator.

@@ -17,6 +17,7 @@ from crtk_drivers.labs.bench import (
     links,
     losses,
     motions,
+    operated,
     ranges,
     sampling,
     staying,
@@ -33,7 +34,7 @@ TESTS: Final[tuple[BenchTest, ...]] = tuple(
             test
             for part in (
                 *(sampling, staying, stops, motions, efforts, latency, endurance),
-                *(ranges, lines, weighing, together, limits, forces, losses, links),
+                *(ranges, lines, weighing, together, limits, forces, losses, links, operated),
             )
             for test in part.TESTS
         ),

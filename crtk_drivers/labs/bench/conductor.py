@@ -44,6 +44,7 @@ from crtk_drivers.labs.bench.messages import (
     Reached,
     RunOrder,
 )
+from crtk_drivers.labs.bench.operator import Operator, Person
 from crtk_drivers.labs.bench.recorder import carrier_recording
 from crtk_drivers.labs.bench.relay import RelayProcess
 from crtk_drivers.labs.bench.watch import HOLD_TIME, Watch
@@ -174,7 +175,10 @@ class _Conductor:
                     watch.join(watches[-1])
                     carrier = self._bed(other, watches[-1], other.order.sim)
                 processes = host.order.sim or acquisition.relayed
-                bed = self._bed(host, watch, processes, carrier)
+                operator: Operator | None = None
+                if acquisition.by_operator:
+                    operator = host if host.order.sim else Person(self._tell, device)
+                bed = self._bed(host, watch, processes, carrier, operator)
                 kept = bed.kept
                 acquisition.run(bed)
                 bed.check()
@@ -223,7 +227,14 @@ class _Conductor:
             watch.close()
             host.stop_recording()
 
-    def _bed(self, host: _Hosted, watch: Watch, processes: bool, carrier: Bed | None = None) -> Bed:
+    def _bed(
+        self,
+        host: _Hosted,
+        watch: Watch,
+        processes: bool,
+        carrier: Bed | None = None,
+        operator: Operator | None = None,
+    ) -> Bed:
         return Bed(
             host.order.name,
             host.known,
@@ -232,6 +243,7 @@ class _Conductor:
             self._order.thorough,
             host if processes else None,
             carrier,
+            operator,
         )
 
     def _ask(self, message: object) -> Any:
@@ -419,6 +431,16 @@ class _Hosted:
         except RuntimeError as error:
             raise Broken(str(error)) from error
 
+    is_person: Final = False
+
+    def press_stop(self) -> None:
+        """Press the emergency stop of the simulator."""
+        self.inject(plugins.device(self._order.plugin).sim_emergency_stop)
+
+    def release_stop(self) -> None:
+        """Pull it out again."""
+        self._simulator.control.clear(plugins.device(self._order.plugin).sim_emergency_stop)
+
     def load(self, wrench: Wrench) -> None:
         """Let a wrench act on the simulated sensor, in its frame, until the next one."""
         load = plugins.device(self._order.plugin).sim_load
@@ -466,8 +488,9 @@ class _Hosted:
         plugin, config = plugins.device(self._host.plugin), self._host.config
         link = None if plugin.link is None else plugin.link.of(config, self._sim)
         if plugin.link is None or link is None:
-            raise Broken("its driver reaches it over no network that a relay could cut")
+            raise Broken("its driver reaches it over nothing that a relay could cut")
         self._direct = self._host
+        self._leave_driver()  # a serial line has one user
         self._relay = RelayProcess(link)
         self._restart(replace(self._host, config=plugin.link.at(config, self._relay.link)))
         return self.door, self.connected(), self._relay
@@ -475,14 +498,14 @@ class _Hosted:
     def take_relay(self) -> tuple[Door, Door]:
         """Start the driver anew, at its device; return two connections."""
         assert self._direct is not None
+        self._leave_driver()
+        if self._relay is not None:
+            self._relay.close()
+            self._relay = None
         self._restart(self._direct)
         return self.door, self.connected()
 
     def _restart(self, order: HostOrder) -> None:
-        self._leave_driver()
-        if order is self._direct and self._relay is not None:
-            self._relay.close()
-            self._relay = None
         Path(self._path).unlink(missing_ok=True)
         self._host = order
         self._start_driver()

@@ -87,6 +87,7 @@ class Acquisition:
             and recorded as well, and this one only read; empty: it is about one device.
         loads: the simulator is loaded by what `DevicePlugin.sim_load` does.
         relayed: its fault is of the link to the device, which hardware can be given as well.
+        by_operator: its fault is one that an operator causes where the device is hardware.
     """
 
     name: str
@@ -98,6 +99,7 @@ class Acquisition:
     carrier_needs: tuple[str, ...] = ()
     loads: bool = False
     relayed: bool = False
+    by_operator: bool = False
 
 
 @dataclass(frozen=True)

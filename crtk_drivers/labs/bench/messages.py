@@ -97,6 +97,13 @@ class Acquired:
 
 
 @dataclass(frozen=True)
+class Asked:
+    """The operator is to do something. Nothing is answered: what he does is seen of the device."""
+
+    what: str
+
+
+@dataclass(frozen=True)
 class Lost:
     """A device did not answer when it was to be held or left: told at once. Nothing is answered."""
 

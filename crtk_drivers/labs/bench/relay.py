@@ -1,9 +1,9 @@
-"""A relay between a driver and its device, which loses the link without root: one way, both ways, or closed.
+"""A relay between a driver and its device, which loses the link without root: one way, both, or closed.
 
-``python -m crtk_drivers.labs.bench.relay`` takes a `NetworkLink` as JSON in a line of its standard input, and
-answers with where it listens; then it takes a `Mode` a line, and answers each when that holds. It ends with
-its input. It listens at a loopback address of its own, at the ports of the device; where that takes a right
-that it has not, at others.
+``python -m crtk_drivers.labs.bench.relay`` takes a `DeviceLink`, and a folder for the names of serial lines,
+as JSON in a line of its standard input, and answers with where it listens; then it takes a `Mode` a line, and
+answers each when that holds. It ends with its input. It listens at a loopback address of its own, at the
+ports of the device; where that takes a right that it has not, at others. Serial lines are pseudo terminals.
 """
 
 from __future__ import annotations
@@ -18,11 +18,16 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import Any, Final
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Final
 
 from crtk_drivers.errors import ConnectionFailed, DeviceError
 from crtk_drivers.labs.bench import programs
-from crtk_drivers.plugins import NetworkLink
+from crtk_drivers.plugins import DeviceLink
+
+if TYPE_CHECKING:
+    from crtk_drivers.labs.bench.serial_relay import SerialLine
 
 CHUNK: Final = 65536
 
@@ -50,7 +55,7 @@ class Mode(StrEnum):
     SILENT = "silent"
     """Nothing passes, and nobody is told: a cable that is unplugged at a switch."""
     CLOSED = "closed"
-    """Connections are reset, and new ones refused."""
+    """Connections are reset, and new ones refused; serial lines hang up, and are not there."""
 
 
 @dataclass(eq=False)
@@ -76,12 +81,18 @@ class _Relay:
 
     Args:
         link: of the device.
+        folder: for the names of serial lines.
 
     Attributes:
         host, tcp: where it listens, ports by name.
+        serial: names of its ends of serial lines and rates, by name.
+
+    Raises:
+        OSError: it cannot listen.
+        ConnectionFailed: a serial port cannot be opened.
     """
 
-    def __init__(self, link: NetworkLink) -> None:
+    def __init__(self, link: DeviceLink, folder: Path) -> None:
         self._link = link
         self._mode = Mode.OPEN
         self._selector = selectors.DefaultSelector()
@@ -91,6 +102,14 @@ class _Relay:
         self._ends: list[_End] = []
         self._clients: dict[tuple[int, tuple[str, int]], socket.socket] = {}
         self._input = b""
+        self._lines: list[SerialLine] = []
+        self.serial: dict[str, tuple[str, int]] = {}
+        for name, (port, baud) in link.serial.items():
+            from crtk_drivers.labs.bench.serial_relay import SerialLine  # needs pyserial
+
+            own = folder / name
+            self._lines.append(SerialLine(port, baud, own, self._selector, self._passes))
+            self.serial[name] = str(own), baud
         self.host = self._bind()
 
     def serve(self) -> None:
@@ -122,8 +141,12 @@ class _Relay:
             self._listeners.clear()
             for end in list(self._ends):
                 self._reset(end)
+            for line in self._lines:
+                line.close()
         elif before is Mode.CLOSED:
             self._listen(self.host)
+            for line in self._lines:
+                line.open()
         for listener in self._listeners.values():  # where nothing passes, they wait in its queue
             self._accept_at(listener, mode is Mode.OPEN)
         for end in self._ends:
@@ -307,22 +330,20 @@ class RelayProcess:
         ConnectionFailed: it cannot listen.
     """
 
-    def __init__(self, link: NetworkLink) -> None:
+    def __init__(self, link: DeviceLink) -> None:
+        self._names = TemporaryDirectory(prefix="crtk-relay-")
         self._process = programs.start(__name__, answers=True)
         self._mode = Mode.OPEN
         try:
-            answer = self._ask(json.dumps(asdict(link)))
+            answer = self._ask(json.dumps({"link": asdict(link), "folder": self._names.name}))
         except DeviceError:
             self.close()
             raise
         if "error" in answer:
             self.close()
-            raise ConnectionFailed(
-                f"a relay cannot listen at the ports of {link.host}: {answer['error']}",
-                where="relay",
-                remedy="See which program has them on every address of this machine: ss -lptun.",
-            )
-        self.link = NetworkLink(answer["host"], answer["tcp"], link.udp)
+            raise ConnectionFailed(answer["error"], where="relay", remedy=answer["remedy"])
+        serial = {name: (port, baud) for name, (port, baud) in answer["serial"].items()}
+        self.link = DeviceLink(answer["host"], answer["tcp"], link.udp, serial)
 
     @property
     def mode(self) -> Mode:
@@ -338,6 +359,7 @@ class RelayProcess:
         """End it: connections through it are closed. May be called twice."""
         with self._process:  # closes its pipes, and waits
             self._process.kill()
+        self._names.cleanup()
 
     def __enter__(self) -> RelayProcess:
         return self
@@ -373,13 +395,24 @@ def _answer(values: Mapping[str, Any]) -> None:
 
 def main() -> int:
     """Relay the link that comes on standard input; return the exit code."""
-    link = NetworkLink(**json.loads(_first_line()))
+    order = json.loads(_first_line())
+    link = DeviceLink(**order["link"])
     try:
-        relay = _Relay(link)
-    except OSError as error:
-        _answer({"error": str(error.strerror)})
+        relay = _Relay(link, Path(order["folder"]))
+    except ConnectionFailed as error:
+        _answer(
+            {"error": f"a relay cannot open the device: {error.statement}", "remedy": error.remedy}
+        )
         return 1
-    _answer({"host": relay.host, "tcp": relay.tcp})
+    except OSError as error:
+        _answer(
+            {
+                "error": f"a relay cannot listen at the ports of {link.host}: {error.strerror}",
+                "remedy": "See which program has them on every address of this machine: ss -lptun.",
+            }
+        )
+        return 1
+    _answer({"host": relay.host, "tcp": relay.tcp, "serial": relay.serial})
     relay.serve()
     return 0
 

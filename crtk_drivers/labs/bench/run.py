@@ -28,6 +28,7 @@ from crtk_drivers.labs.bench.folder import begun, described, make_folder
 from crtk_drivers.labs.bench.locks import alone
 from crtk_drivers.labs.bench.messages import (
     Acquired,
+    Asked,
     Began,
     DeviceOrder,
     Lost,
@@ -85,9 +86,20 @@ class _Conducted:
 
 
 def run_bench(
-    lab: Lab, options: BenchOptions, progress: Progress, stop: StopRequest
+    lab: Lab,
+    options: BenchOptions,
+    progress: Progress,
+    stop: StopRequest,
+    ask: Callable[[str], None] = logger.warning,
 ) -> results.Run:
     """Test the devices of a lab.
+
+    Args:
+        lab: with the devices.
+        options: what is done.
+        progress: is told of each test.
+        stop: ends the run.
+        ask: tells the operator what to do, at once.
 
     Returns:
         what was found; it is in the folder too.
@@ -115,7 +127,7 @@ def run_bench(
         )
     with alone(lab) as locks:
         make_folder(options.out)
-        return _Bench(lab, options, tests, progress, stop).run(locks)
+        return _Bench(lab, options, tests, progress, stop, ask).run(locks)
 
 
 class _Bench:
@@ -126,11 +138,13 @@ class _Bench:
         tests: tuple[BenchTest, ...],
         progress: Progress,
         stop: StopRequest,
+        ask: Callable[[str], None],
     ) -> None:
         self._lab = lab
         self._options = options
         self._progress = progress
         self._stop = stop
+        self._ask = ask
         self._began = time.monotonic()
         self._tested = {
             name: _Tested(device, described(device), tests) for name, device in lab.devices.items()
@@ -222,6 +236,8 @@ class _Bench:
                     self._progress(message.device, test.id, None, test.name)
             case Acquired():
                 conducted.answer(self._acquired(message, conducted.pressure.share))
+            case Asked():
+                self._ask(message.what)
             case Lost():
                 self._power_off_of(self._tested[message.device])
 
@@ -250,6 +266,7 @@ class _Bench:
                 self._options,
                 carrier=carrier.as_carrier() if carrier else None,
                 faults=self._lab.settings.faults,
+                operator=self._lab.settings.features.get("operator") is True,
             ) or unguarded(test, self._moved_by(tested, test.acquisition.name).lab, ids)
             if why:
                 self._record(tested, _untested(test, Verdict.SKIPPED, why))

@@ -143,7 +143,8 @@ def _bad_commands(bed: Bed) -> Iterator[tuple[str, Value, tuple[str, ...]]]:
             continue
         yield name, JointState(position=broken), ("not_finite",)
         yield name, JointState(position=endless), ("not_finite",)
-        yield name, JointState(position=here[:-1]), ("wrong_size",)
+        if here.size > 1:
+            yield name, JointState(position=here[:-1]), ("wrong_size",)
         yield name, JointState(position=np.append(here, 0.0)), ("wrong_size",)
         yield name, JointState(position=vector(())), ("empty", "wrong_size")
     if bed.offers("move_jp"):

@@ -8,7 +8,7 @@ from typing import Any
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_driver_ati_netft.tools import TOOLS
-from crtk_drivers.plugins import DevicePlugin, LinkAccess, NetworkLink, RunningSim, required
+from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim, required
 from crtk_drivers.samples import Wrench
 
 _PORTS = ("rdt", "tcp", "http")
@@ -27,12 +27,12 @@ def _load(sim: RunningSim, wrench: Wrench) -> None:
     sim.control.call("carry", wrench=wrench.vector.tolist())
 
 
-def _link(config: NetFtConfig, sim: RunningSim | None) -> NetworkLink:
+def _link(config: NetFtConfig, sim: RunningSim | None) -> DeviceLink:
     tcp = {"tcp": config.tcp_port, "http": config.http_port}
-    return NetworkLink(config.host, tcp, {"rdt": config.rdt_port})
+    return DeviceLink(config.host, tcp, {"rdt": config.rdt_port})
 
 
-def _at_link(config: NetFtConfig, link: NetworkLink) -> NetFtConfig:
+def _at_link(config: NetFtConfig, link: DeviceLink) -> NetFtConfig:
     ports = {f"{name}_port": port for name, port in (*link.tcp.items(), *link.udp.items())}
     return config.model_copy(update={"host": link.host, **ports})
 

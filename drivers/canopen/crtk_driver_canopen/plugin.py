@@ -9,7 +9,7 @@ from typing import Any
 from crtk_driver_canopen.config import BusConfig, CanopenConfig
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError, MissingExtra
-from crtk_drivers.plugins import DevicePlugin, Finder, LinkAccess, NetworkLink, RunningSim, Tool
+from crtk_drivers.plugins import DeviceLink, DevicePlugin, Finder, LinkAccess, RunningSim, Tool
 
 SIMULATED_JOINTS = 6
 """Joints of the arm that ``--sim`` shows when none are configured."""
@@ -111,17 +111,17 @@ def _sim_options(config: CanopenConfig) -> Mapping[str, Any]:
     }
 
 
-def _link(config: CanopenConfig, sim: RunningSim | None) -> NetworkLink | None:
+def _link(config: CanopenConfig, sim: RunningSim | None) -> DeviceLink | None:
     """Return the link to a gateway of socketcand; a simulated bus has one too."""
     if sim is not None:
-        return NetworkLink(sim.host, {"socketcand": sim.ports["socketcand"]})
+        return DeviceLink(sim.host, {"socketcand": sim.ports["socketcand"]})
     host, port = (config.bus.options.get(key) for key in ("host", "port"))
     if config.bus.interface != "socketcand" or not isinstance(port, int):
         return None
-    return NetworkLink(str(host), {"socketcand": port})
+    return DeviceLink(str(host), {"socketcand": port})
 
 
-def _at_link(config: CanopenConfig, link: NetworkLink) -> CanopenConfig:
+def _at_link(config: CanopenConfig, link: DeviceLink) -> CanopenConfig:
     simulated = config.bus.interface == "crtk"
     there = {"host": link.host, "port": link.tcp["socketcand"]}
     bus = config.bus.model_copy(

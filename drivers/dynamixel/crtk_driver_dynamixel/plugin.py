@@ -11,7 +11,7 @@ from crtk_driver_dynamixel.finding import FINDER
 from crtk_driver_dynamixel.tools import TOOLS, require_libraries
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.plugins import DevicePlugin, RunningSim
+from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim
 
 DEFAULT_ARM = "arm6"
 """The arm that the simulator has by default."""
@@ -87,6 +87,23 @@ def _servos(config: DynamixelConfig) -> str:
     )
 
 
+def _link(config: DynamixelConfig, sim: RunningSim | None) -> DeviceLink | None:
+    """Return the serial lines of the buses; None if one is at a server, which sets its rate itself."""
+    config = config if sim is None else _at_sim(config, sim)
+    buses = {name: config.bus(name) for name in config.buses}
+    if any("://" in bus.port for bus in buses.values()):
+        return None
+    return DeviceLink(serial={name: (bus.port, bus.baud) for name, bus in buses.items()})
+
+
+def _at_link(config: DynamixelConfig, link: DeviceLink) -> DynamixelConfig:
+    buses = {
+        name: config.bus(name).model_copy(update={"port": port})
+        for name, (port, _) in link.serial.items()
+    }
+    return config.model_copy(update={"buses": buses, "port": "", "baud": None})
+
+
 PLUGIN = DevicePlugin(
     name="dynamixel",
     summary="DYNAMIXEL servo chains: X, MX, P, AX and RX series on RS-485 or TTL, with a gripper",
@@ -101,4 +118,5 @@ PLUGIN = DevicePlugin(
     finder=FINDER,
     tools=TOOLS,
     typical={"arm": DEFAULT_ARM},
+    link=LinkAccess(_link, _at_link),
 )

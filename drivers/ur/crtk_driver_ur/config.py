@@ -180,6 +180,11 @@ class UrConfig(DeviceConfig):
         le=65535,
         description="Port of the Robot API, which PolyScope X has in place of the dashboard server.",
     )
+    require_remote_control: bool = Field(
+        default=True,
+        description="Take control of the arm only while the controller says that it is in remote control. "
+        "False for one that obeys without, as UR's own simulator does.",
+    )
     power_off_on_disable: bool = Field(
         default=True, description="Disable switches the arm's power off; otherwise it stays on."
     )

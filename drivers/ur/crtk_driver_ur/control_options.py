@@ -37,6 +37,7 @@ class ControlOptions:
         watchdog_frequency: the controller stops the control program, and so the arm, when it was not
             fed for one period of this frequency, in Hz.
         upper_range_registers: use the registers from 24 up, where a fieldbus claims the lower ones.
+        require_remote_control: whether the controller must be in remote control.
         robot_api_port: of the Robot API, on PolyScope X.
         joint_acceleration: with which a joint speeds up at most when it follows positions, rad/s².
         motion: how motions are carried out.
@@ -44,6 +45,7 @@ class ControlOptions:
 
     watchdog_frequency: float = 5.0
     upper_range_registers: bool = False
+    require_remote_control: bool = True
     robot_api_port: int = 80
     joint_acceleration: float = 5.0
     motion: MotionOptions = field(default_factory=MotionOptions)

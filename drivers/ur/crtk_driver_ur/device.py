@@ -126,7 +126,9 @@ class UrDevice(Device):
         self._opening: RtdeStream | None = None
         self._aborted = False
         self._stream_lost = False
-        self._robot = Robot(self._link, f"ur {self.address}")
+        self._robot = Robot(
+            self._link, f"ur {self.address}", needs_remote=config.require_remote_control
+        )
         self._lag = ServoLag()
         self._in_control = False
         self._has_program = False  # what runs on the controller, or is about to, is ours
@@ -590,6 +592,7 @@ def _control_options(config: UrConfig, model: RobotModel) -> ControlOptions:
     return ControlOptions(
         watchdog_frequency=config.watchdog_frequency,
         upper_range_registers=config.upper_range_registers,
+        require_remote_control=config.require_remote_control,
         robot_api_port=config.robot_api_port,
         joint_acceleration=max(config.servo.joint_acceleration, config.move.joint_acceleration),
         motion=MotionOptions(

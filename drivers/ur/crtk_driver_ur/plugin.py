@@ -16,7 +16,7 @@ from crtk_driver_ur.primary import PORTS
 from crtk_driver_ur.rtde.stream import RTDE_PORT
 from crtk_driver_ur.tools import TOOLS
 from crtk_drivers.errors import MissingExtra
-from crtk_drivers.plugins import DevicePlugin, LinkAccess, NetworkLink, RunningSim, required
+from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim, required
 
 _FIRST_WITHOUT_WHEELS = (3, 13)
 """The Python for which ur-rtde 1.6 has no wheels any more; pyproject.toml leaves it out there as well."""
@@ -52,14 +52,14 @@ def _sim_options(config: UrConfig) -> Mapping[str, Any]:
     return {"model": config.model, "version": "3.15.8" if cb3 else "5.12.4"}
 
 
-def _link(config: UrConfig, sim: RunningSim | None) -> NetworkLink:
+def _link(config: UrConfig, sim: RunningSim | None) -> DeviceLink:
     ports = {str(port): port for port in (*PORTS, SECONDARY_PORT, RTDE_PORT, DASHBOARD_PORT)}
     if sim is not None and "robot_api" not in sim.ports:
-        return NetworkLink(config.host, ports)
-    return NetworkLink(config.host, {**ports, "robot_api": config.robot_api_port})
+        return DeviceLink(config.host, ports)
+    return DeviceLink(config.host, {**ports, "robot_api": config.robot_api_port})
 
 
-def _at_link(config: UrConfig, link: NetworkLink) -> UrConfig:
+def _at_link(config: UrConfig, link: DeviceLink) -> UrConfig:
     port = link.tcp.get("robot_api", config.robot_api_port)
     return config.model_copy(update={"host": link.host, "robot_api_port": port})
 
@@ -74,6 +74,7 @@ PLUGIN = DevicePlugin(
     check_real=required("host", "192.168.1.10"),
     sim_config=_at_sim,
     sim_options=_sim_options,
+    sim_emergency_stop="emergency_stop",
     tools=TOOLS,
     link=LinkAccess(_link, _at_link),
 )

@@ -37,17 +37,19 @@ class Robot:
     Args:
         link: for the dashboard.
         where: the device, for messages.
+        needs_remote: whether the controller must be in remote control.
 
     Attributes:
         state: the newest; None before the first.
         is_claimed: control is being taken, and nobody else may change the power.
     """
 
-    def __init__(self, link: ControlLink, where: str) -> None:
+    def __init__(self, link: ControlLink, where: str, *, needs_remote: bool) -> None:
         self.state: StateSample | None = None
         self.is_claimed = False
         self._link = link
         self._where = where
+        self._needs_remote = needs_remote
         self._stopped_at = -math.inf
 
     def take(self, state: StateSample) -> None:
@@ -69,7 +71,7 @@ class Robot:
             state.safety_mode,
             state.runtime_state,
             state.robot_status_bits,
-            self._link.remote,
+            self._link.remote if self._needs_remote else None,
         )
 
     @property
@@ -137,7 +139,7 @@ class Robot:
 
     def require_remote(self, command: str, detail: str = "") -> Steps:
         """Refuse `command` while the teach pendant has control; `detail` comes before the reason."""
-        if not self._link.has_local_control:
+        if not (self._needs_remote and self._link.has_local_control):
             return
         remote = yield from self._link.ask("is_in_remote_control")
         self._link.control_is(bool(remote))
@@ -147,7 +149,8 @@ class Robot:
                 Reason.LOCAL_CONTROL,
                 f"{detail}the teach pendant has control",
                 where=self._where,
-                remedy="Switch it to remote control (top right corner), then send it again.",
+                remedy="Switch it to remote control (top right corner), then send it again; a controller "
+                "that obeys without (UR's simulator) needs require_remote_control: false.",
             )
 
     def unlock(self) -> Steps:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -18,7 +19,7 @@ from crtk_sim_backends.kit.tcp_server import TcpServer, control_door
 from crtk_sim_backends.kit.tty_server import TtyServer
 from crtk_sim_backends.kit.wire_faults import ALL_PORTS, wire_kinds
 from crtk_sim_backends.options import Options
-from crtk_sim_backends.page import Live, Row, Scene, button, fault_row
+from crtk_sim_backends.page import Gauges, Live, Row, Scene, button, fault_row
 from crtk_sim_backends.process import (
     SimStartError,
     bind_somewhere,
@@ -56,6 +57,7 @@ class LoopServer:
         title: of its page.
         tcp: its TCP ports, by name.
         ttys: what makes the sessions of its serial lines, by name.
+        gauges: what its page shows beside the status of the device.
 
     Attributes:
         host: the loopback address.
@@ -75,12 +77,14 @@ class LoopServer:
         title: str,
         tcp: Mapping[str, TcpDoor] | None = None,
         ttys: Mapping[str, Callable[[], Session]] | None = None,
+        gauges: Callable[[], Sequence[Gauges]] = tuple,
     ) -> None:
         self._config = config
         self._device = device
         self._title = title
         self._tcp = dict(tcp or {})
         self._lines = dict(ttys or {})
+        self._gauges = gauges
         self._loop = Loop()
         self._servers: dict[str, TcpServer | TtyServer] = {}
         self._closing = ExitStack()
@@ -112,9 +116,13 @@ class LoopServer:
         """Call `tick` every `period` seconds while it runs; what it is late by is made up for."""
         Ticker(self._loop, period, tick)
 
-    def send(self, name: str, data: bytes) -> None:
-        """Send to the clients of a port or a serial line."""
-        self._servers[name].send(data)
+    def after(self, seconds: float, function: Callable[[], object]) -> None:
+        """Call `function` once, so many seconds from now."""
+        self._loop.call_at(time.monotonic() + seconds, function)
+
+    def send(self, name: str, data: bytes, to: Session | None = None) -> None:
+        """Send to the clients of a port or a serial line, or to the one that has the session `to`."""
+        self._servers[name].send(data, to)
 
     def run(self) -> None:
         """Run until `stop`, or until the parent process has died."""
@@ -223,7 +231,7 @@ class LoopServer:
         ]
         faults = self._faults.kinds
         return {
-            "gauges": [],
+            "gauges": self._gauges(),
             "sections": {"State": rows, "Simulator": [fault_row(faults)]},
             "faults": faults,
         }

@@ -57,10 +57,15 @@ class TcpServer:
         """How many there are."""
         return len(self._port.clients)
 
-    def send(self, data: bytes) -> None:
-        """Send to every client that takes it; one that has not taken the last loses this."""
+    def send(self, data: bytes, to: Session | None = None) -> None:
+        """Send to every client that takes it, or to that of a session.
+
+        One that has not taken the last loses this.
+        """
         now = time.monotonic()
         for client in list(self._port.clients):
+            if to is not None and client.session is not to:
+                continue
             if not self._port.silent and not isinstance(client.session, Mute):
                 client.connection.send_fresh(data, now)
                 self._serve(client, now)

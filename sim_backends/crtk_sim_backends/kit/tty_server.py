@@ -31,7 +31,6 @@ class TtyServer:
         self._loop = loop
         self._tty = Tty(link)
         self._make_session = session
-        self._session = session()
         self._silent = False
         self._plug()
 
@@ -45,8 +44,8 @@ class TtyServer:
         """How many have it open."""
         return self._tty.clients
 
-    def send(self, data: bytes) -> None:
-        """Send to whoever has it open; what its buffer does not take is lost."""
+    def send(self, data: bytes, to: Session | None = None) -> None:
+        """Send to whoever has it open; what its buffer does not take is lost. It has one session."""
         if self._tty.plugged and self._tty.clients and not self._silent:
             self._tty.write(data)
 
@@ -73,6 +72,7 @@ class TtyServer:
 
     def _plug(self) -> None:
         self._tty.plug()
+        self._session = self._make_session()
         self._loop.watch(self._tty.fileno(), self._receive)
         if self._tty.openings is not None:
             self._loop.watch(self._tty.openings.fileno(), self._look)

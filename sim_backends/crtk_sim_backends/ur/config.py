@@ -27,11 +27,13 @@ from crtk_sim_backends.ur.models import MODELS, RobotModel
 from crtk_sim_backends.ur.motion.calibration import calibrated
 from crtk_sim_backends.ur.motion.contact import Surface, parse
 from crtk_sim_backends.ur.motion.limits import SafetyLimits
+from crtk_sim_backends.ur.safety.modes import POWER_SECONDS, PROTECTIVE_STOP_LOCK_SECONDS
 from crtk_sim_backends.ur.signals.recording import USUAL, RecordingError, chosen_variables
 from crtk_sim_backends.ur.signals.tool_device import parse_device
-from crtk_sim_backends.ur.signals.variables import Variable, Version
+from crtk_sim_backends.ur.signals.variables import Variable
 from crtk_sim_backends.ur.signals.wiring import Wire, WiringError, parse_wires
 from crtk_sim_backends.ur.urscript.manual import SINCE
+from crtk_sim_backends.ur.versions import Version
 
 PORTS: Final = {
     "rtde": 30004,
@@ -79,7 +81,10 @@ class SimConfig(Options):
             "calibration",
             "boot_seconds",
             "powered_on",
+            "power_seconds",
+            "lock_seconds",
             "remote",
+            "remote_enforced",
             "programs",
             "speed",
             "contact",
@@ -126,7 +131,18 @@ class SimConfig(Options):
         "", "folder of programs (.urp with its .script beside it, or .script) that 'load' finds"
     )
     powered_on: bool = option(True, "start with the arm powered and the brakes released")
+    power_seconds: float = option(
+        POWER_SECONDS, "time from an arm without power to one with released brakes, s"
+    )
+    lock_seconds: float = option(
+        PROTECTIVE_STOP_LOCK_SECONDS, "time for which a protective stop cannot be unlocked, s"
+    )
     remote: bool = option(True, "start in remote control (e-Series)")
+    remote_enforced: bool = option(
+        True,
+        "refuse remote clients in local control, as a robot does; URSim tells that it is not in remote "
+        "control, and obeys",
+    )
     serial_number: str = option("20235500001", "serial number that the dashboard reports")
     modbus: bool = option(False, "have the Modbus server (needs crtk-drivers[ur-sim])")
     modbus_port: int = option(
@@ -173,7 +189,7 @@ class SimConfig(Options):
     )
     tool_speed_limit: float = option(5.0, "speed of the tool that stops the arm protectively, m/s")
     tool_force_limit: float = option(250.0, "force on the tool that stops it, N")
-    power_limit: float = option(3000.0, "power of the joints that stops it, W")
+    power_limit: float = option(6000.0, "power of the joints that stops it, W")
     momentum_limit: float = option(100.0, "momentum of the arm that stops it, kg m/s")
     position_limit: float = option(
         LARGEST_POSITION, "position of joints that stops it, degrees to both sides"
@@ -186,7 +202,8 @@ class SimConfig(Options):
         if not re.fullmatch(r"\d{4,20}", self.serial_number):
             raise ConfigError(f"serial_number must be 4 to 20 digits, not {self.serial_number!r}")
         check_range("calibration", self.calibration, 0.0, 10.0)
-        check_range("boot_seconds", self.boot_seconds, 0.0, 3600.0)
+        for name in ("boot_seconds", "power_seconds", "lock_seconds"):
+            check_range(name, getattr(self, name), 0.0, 3600.0)
         if self.programs and not Path(self.programs).is_dir():
             raise ConfigError(f"programs: there is no folder {self.programs}")
         check_range("speed", self.speed, SLOWEST, FASTEST)

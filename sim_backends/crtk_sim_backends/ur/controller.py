@@ -35,11 +35,14 @@ from crtk_sim_backends.ur.program.robot_library import robot_builtins
 from crtk_sim_backends.ur.program.settings_library import settings_builtins
 from crtk_sim_backends.ur.program.signal_library import signal_builtins
 from crtk_sim_backends.ur.safety.modes import (
+    POWER_SECONDS,
+    PROTECTIVE_STOP_LOCK_SECONDS,
     STOP_REASONS,
     ProgramRule,
     RobotMode,
     RuntimeState,
     SafetyMode,
+    stop_level,
 )
 from crtk_sim_backends.ur.safety.power import ArmPower
 from crtk_sim_backends.ur.safety.system import OPERATIONAL_MODES, SafetySystem
@@ -76,8 +79,11 @@ class Controller:
         version: software version (major, minor, bugfix, build).
         powered_on: start in RUNNING with the brakes released, else in POWER_OFF.
         remote: start in remote control; CB3 has nothing else.
+        remote_enforced: refuse remote clients in local control.
         wires: outputs that are connected to inputs.
         boot_seconds: time from the start to POWER_OFF; 0.0: it has been on for long.
+        power_seconds: time from there to RUNNING.
+        lock_seconds: time for which a protective stop cannot be unlocked.
         programs: what `load` finds.
         surfaces: what the tool can touch.
         limits: at which the arm stops protectively.
@@ -110,8 +116,11 @@ class Controller:
         *,
         powered_on: bool = True,
         remote: bool = True,
+        remote_enforced: bool = True,
         wires: Iterable[Wire] = (),
         boot_seconds: float = 0.0,
+        power_seconds: float = POWER_SECONDS,
+        lock_seconds: float = PROTECTIVE_STOP_LOCK_SECONDS,
         programs: ProgramFiles | None = None,
         surfaces: Sequence[Surface] = (),
         limits: SafetyLimits | None = None,
@@ -125,10 +134,11 @@ class Controller:
         self.inputs: dict[str, Any] = variables.initial_image(variables.INPUTS)
         self.spoiled: dict[str, tuple[int, float]] = {}
         self._remote_switch: bool = remote or model.is_cb3
+        self._remote_enforced = remote_enforced
         self.popup_text: str | None = None
         self.user_role: str = "PROGRAMMER"
         self.programs: ProgramFiles = programs or ProgramFiles()
-        self.safety = SafetySystem()
+        self.safety = SafetySystem(lock_seconds)
         self._shown_safety_mode: SafetyMode = self.safety.mode
         self.signals: Signals = Signals(self.inputs, self.outputs, wires)
         self.port_map = PortMap(
@@ -143,14 +153,15 @@ class Controller:
 
         self.log: deque[tuple[float, Message | str]] = deque(maxlen=LOG_SIZE)
         self._messages: list[Message] = []
-        self._power = ArmPower(boot_seconds)
+        self._power = ArmPower(boot_seconds, power_seconds)
         self._speed_slider = 1.0  # ramped towards target_speed_fraction
         self.player: ProgramPlayer = ProgramPlayer(self)
         self.player.has_watchdogs = not any(group.ignores_watchdog for group in defects)
+        self._has_button = not any(group.ignores_emergency_stop for group in defects)
         self.state_signals = StateSignals(self._power, self.player, self.plant.compliance)
         motion = MotionControl(self.plant, self.clock, self.player.caller, self.protective_stop)
         self.player.thread_ended.append(motion.release)
-        self._moves = Moves(motion, self.post)
+        self._moves = Moves(motion, self.post, self.limits.tool_speed)
         self.interpreter = Interpreter(self.player, self.clock, self.note, self._moves.abort)
         self.player.set_builtins(
             {
@@ -251,11 +262,16 @@ class Controller:
 
         A CB3 controller has no such switch.
         """
-        return self._remote_switch and self.operational_mode != "MANUAL"
+        return self._remote_switch and not self.safety.manual
+
+    @property
+    def obeys_clients(self) -> bool:
+        """Whether remote clients may do more than ask."""
+        return self.remote or not self._remote_enforced
 
     @property
     def operational_mode(self) -> str:
-        """One of `safety_system.OPERATIONAL_MODES`."""
+        """What remote clients control: one of `safety_system.OPERATIONAL_MODES`."""
         return self.safety.operational_mode
 
     @property
@@ -293,7 +309,7 @@ class Controller:
         A def block or a single statement replaces the running program; a sec block runs beside
         it. Panel commands ("power on", "stop program", ...) are obeyed.
         """
-        if not self.remote:
+        if not self.obeys_clients:
             self.post(
                 ErrorMessage(
                     _NOT_IN_REMOTE, 0, ReportLevel.WARNING, "Script refused: not in remote control"
@@ -415,7 +431,7 @@ class Controller:
         return True
 
     def unlock_protective_stop(self, *, at_once: bool = False) -> bool:
-        """Leave a protective stop. Refused in its first 5 s, but for `at_once`.
+        """Leave a protective stop. Refused while it is locked, but for `at_once`.
 
         It is PolyScope that keeps the five seconds; the script ports reach the controller behind it
         (tests of UR's client library unlock there within a second).
@@ -460,11 +476,12 @@ class Controller:
     def set_operational_mode(self, mode: str) -> bool:
         """Set "MANUAL" or "AUTOMATIC", or give the choice back to the panel with "NONE".
 
-        Remote control ends in manual mode, and what remote clients run with it.
+        Remote control ends in manual mode, and what remote clients run with it. The mode stays when
+        the choice is given back (tests of UR's client library: no remote control after it).
         """
         if mode not in OPERATIONAL_MODES or self.model.is_cb3:
             return False
-        if mode == "MANUAL" and self.remote:
+        if mode == "MANUAL" and self.remote and self._remote_enforced:
             self.player.end_all()
         self.safety.set_operational_mode(mode)
         self._apply_safety()
@@ -480,7 +497,7 @@ class Controller:
         if self.robot_mode not in _UNDER_POWER or self.safety.stopped_protectively:
             return
         text = STOP_REASONS.get((reason_code, argument), "Protective Stop")
-        self.post(ErrorMessage(reason_code, argument, ReportLevel.VIOLATION, text))
+        self.post(ErrorMessage(reason_code, argument, stop_level(reason_code), text))
         self.safety.stop_protectively(self.time)
         self._apply_safety()
 
@@ -490,8 +507,9 @@ class Controller:
         Args:
             button: ROBOT_EMERGENCY_STOP (on the pendant) or SYSTEM_EMERGENCY_STOP (of the cell).
         """
-        self.safety.press_emergency_stop(button, self.time)
-        self._apply_safety()
+        if self._has_button or button is not SafetyMode.ROBOT_EMERGENCY_STOP:
+            self.safety.press_emergency_stop(button, self.time)
+            self._apply_safety()
 
     def release_emergency_stop(self, button: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP) -> None:
         """Pull the emergency stop button out again; the arm is left powered off.
@@ -529,7 +547,7 @@ class Controller:
         """
         if self.model.is_cb3:
             return
-        if not on:
+        if not on and self._remote_enforced:
             self.player.end_all()
         self._remote_switch = on
 

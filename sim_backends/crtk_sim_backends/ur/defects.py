@@ -18,11 +18,13 @@ class ArmDefects(JointDefects):
         calibration: added to joints where the pose of the tool is computed, and nowhere else, rad.
         pose_scale: factor on the position of the tool; 1000: mm for m. That of the first group counts.
         ignores_watchdog: 1 in any group: programs go on when an RTDE input that they watch stays away.
+        ignores_emergency_stop: 1 in any group: the emergency stop on the pendant does nothing.
     """
 
     calibration: float = 0.0
     pose_scale: float = 1.0
     ignores_watchdog: int = 0
+    ignores_emergency_stop: int = 0
 
 
 class Flaws:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from crtk_sim_backends.ur.signals.variables import Version
+from crtk_sim_backends.ur.versions import Since, Version
 
 CONTROL_BOX: Final = 5  # CB5; 7 would be CB7
 TOOL_FLANGE: Final = 1
@@ -18,22 +18,23 @@ _CONTROL_BOX_SUBTYPE: Final = 2
 _TOOL_FLANGE_REVISION: Final = 4
 
 
-def _since(version: Version, polyscope_5: tuple[int, ...], polyscope_x: tuple[int, ...]) -> bool:
-    return version >= polyscope_x or polyscope_5 <= version < (6,)
+HARDWARE_INFO: Final = Since(None, (5, 26), (10, 14))
+PROPERTIES: Final = Since(None, (5, 26, 3), (10, 15))
+"""First software that tells primary clients of the hardware, and RTDE clients its properties; those
+that the library's examples name."""
 
 
 def sends_hardware_info(version: Version) -> bool:
     """Whether primary clients are told control box and tool flange."""
-    return _since(version, (5, 26), (10, 14))
+    return HARDWARE_INFO.reached_by(version)
 
 
 def properties(version: Version) -> dict[str, tuple[str, int]]:
     """Properties that RTDE clients may read, by name: RTDE type and value.
 
-    Empty for software that does not have them. The library's examples name 5.26.3 and 10.15 as
-    the first that does.
+    Empty for software that does not have them.
     """
-    if not _since(version, (5, 26, 3), (10, 15)):
+    if not PROPERTIES.reached_by(version):
         return {}
     major, minor, bugfix, _ = version
     return {

@@ -132,7 +132,7 @@ class UrServer:
         self._robot = Robot(
             self.controller, config.robot, config.software, config.serial_number, self.stop
         )
-        self._was_remote = self.controller.remote
+        self._obeyed = self.controller.obeys_clients
         self._was_moving = False
         self._dashboard_commands: deque[str] = deque(maxlen=_LAST_COMMANDS)
         self._recorder: Recorder | None = None
@@ -160,8 +160,11 @@ class UrServer:
             config.software,
             powered_on=config.powered_on,
             remote=config.remote,
+            remote_enforced=config.remote_enforced,
             wires=config.wires,
             boot_seconds=config.boot_seconds,
+            power_seconds=config.power_seconds,
+            lock_seconds=config.lock_seconds,
             programs=ProgramFiles(Path(config.programs) if config.programs else None),
             surfaces=config.surfaces,
             limits=config.limits,
@@ -298,7 +301,8 @@ class UrServer:
                     },
                     self._secret,
                 )
-        read_only = port not in _WRITABLE or (port in _DECIDED_ONCE and not self.controller.remote)
+        refused = port in _DECIDED_ONCE and not self.controller.obeys_clients
+        read_only = port not in _WRITABLE or refused
         return ScriptSession(self._scripts.refuse if read_only else self._scripts.put)
 
     def greeting(self, port: str) -> bytes:
@@ -323,7 +327,7 @@ class UrServer:
 
     def _state(self) -> bytes:
         c = self.controller
-        return self._encoder.packet(c.outputs, c.operational_mode, c.tool_communication)
+        return self._encoder.packet(c.outputs, c.safety.manual, c.tool_communication)
 
     # Sending
 
@@ -342,10 +346,10 @@ class UrServer:
         if messages:
             encoded = encode_messages(messages, controller.time)
             self._clients.broadcast(("primary", "primary_read_only"), lambda: encoded, now)
-        if self._was_remote and not controller.remote:
+        if self._obeyed and not controller.obeys_clients:
             for name in _WRITABLE:
                 self._clients.disconnect(self._ports[name])
-        self._was_remote = controller.remote
+        self._obeyed = controller.obeys_clients
 
     def _event(self, name: str) -> None:
         self._faults.event(name, self._elapsed)

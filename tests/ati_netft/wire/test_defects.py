@@ -66,6 +66,7 @@ CASES = {
 }
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("name", CASES)
 def test_a_defect_is_measured_and_is_not_without_it(name: str) -> None:
     case = CASES[name]

@@ -228,6 +228,7 @@ def test_an_arm_is_followed_again_after_the_sensor_was_away(make) -> None:
     rig.until_weightless()
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("folder", ["", "drawn", "missing"])
 def test_a_calibration_with_an_arm_needs_no_other_orientation(make, tmp_path, folder) -> None:
     (tmp_path / "drawn").mkdir()

@@ -11,7 +11,7 @@ import pytest
 
 from crtk_drivers.device import Capabilities, Setpoint
 from crtk_drivers.engine import Engine, threads
-from crtk_drivers.engine.threads import SWITCH_INTERVAL, Runtime
+from crtk_drivers.engine.threads import LONGEST_RETRY, SWITCH_INTERVAL, Runtime
 from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceError, MotionAborted
 from crtk_drivers.motion.move import Outcome
 from crtk_drivers.samples import JointState, Sample, vector
@@ -145,6 +145,13 @@ def test_a_lost_device_is_opened_again_and_stays_disabled() -> None:
         assert engine.health().reconnects == 1
 
 
+@pytest.fixture
+def as_for_users(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Links are tried again as late as for users: in tests it is soon (`soon_again`)."""
+    monkeypatch.setattr(threads, "LONGEST_RETRY", LONGEST_RETRY)
+
+
+@pytest.mark.usefixtures("as_for_users")
 def test_attempts_to_connect_become_rarer() -> None:
     device = Misbehaving()
     device.reachable = False
@@ -158,6 +165,7 @@ def test_attempts_to_connect_become_rarer() -> None:
     assert attempts[2] - attempts[1] >= 0.5
 
 
+@pytest.mark.usefixtures("as_for_users")
 def test_attempts_become_rarer_where_the_link_opens_and_brings_nothing() -> None:
     device = Misbehaving()
     attempts: list[float] = []

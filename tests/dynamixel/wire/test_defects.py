@@ -85,6 +85,7 @@ def test_an_effort_has_the_wrong_sign(bench: DynamixelBench) -> None:
     assert efforts[LOOSE] == pytest.approx(torques[LOOSE], rel=0.3)
 
 
+@pytest.mark.slow  # test_joint_defects.py has it without a driver
 def test_what_is_measured_stays_behind_the_motor(bench: DynamixelBench) -> None:
     behind = {}
     for joint in (LOOSE, FAST):

@@ -81,6 +81,7 @@ def test_state_tells_the_reason_of_a_fault(far: Far, run: Run) -> None:
     assert re.search(r"^FAULT  homed\nreason: .*the door is open", out, re.MULTILINE)
 
 
+@pytest.mark.slow
 def test_state_tells_that_a_driver_is_connecting(run_far: Run) -> None:
     opens = threading.Event()
 

@@ -103,7 +103,7 @@ def test_a_node_of_mine(served: str) -> None:
 def test_a_node_that_nobody_spins(served: str) -> None:
     mine = Node("idle")
     try:
-        with connect(served, node=mine.node, timeout=4.0) as arm:
+        with connect(served, node=mine.node, timeout=1.5) as arm:
             with pytest.raises(DataTimeout, match=r"is it spun"):
                 arm.measured_js()
             with pytest.raises(DataTimeout, match=r"is it spun"):
@@ -162,6 +162,7 @@ def test_a_device_without_a_manifest() -> None:
                 arm.servo_jp  # noqa: B018 - asking is the test
 
 
+@pytest.mark.slow
 def test_every_command_of_the_table_is_sent_and_received() -> None:
     """Also those that the official client lacks, and that no driver of ours offers yet."""
     from crtk_drivers.commands import COMMANDS, Direction, Payload

@@ -70,7 +70,7 @@ PASSIVE: list[Mapping[str, str]] = [
 """Faults that are seen without moving it; those of one device do not hide each other."""
 
 
-@pytest.mark.slow  # the test of the loopback driver is its quick brother
+@pytest.mark.slow  # that in test_trials.py is its quick brother
 @pytest.mark.timeout(180)
 def test_a_sound_device_diverges_nowhere_and_is_left_as_it_was_found() -> None:
     where = f"/sound_{os.getpid()}"
@@ -83,7 +83,7 @@ def test_a_sound_device_diverges_nowhere_and_is_left_as_it_was_found() -> None:
     assert len(outcome.of(Verdict.CONFORMS)) + len(left_open(outcome)) >= 40
 
 
-@pytest.mark.sweep(5)
+@pytest.mark.slow  # test_passive_judges.py has it without ROS
 @pytest.mark.parametrize("faults", PASSIVE, ids=names_of)
 def test_what_can_be_heard_is_caught(faults: Mapping[str, str]) -> None:
     where = f"/heard_{os.getpid()}"

@@ -43,9 +43,6 @@ MOTION = ("MOV-4", "MOV-12", "MOV-16", "MOV-18", "MOV-22", "STA-13", "BSY-3")
 STATES = ("STA-5", "MOV-2", "SPT-9")
 """Of the trials of states those that take no command of motion."""
 PASSIVE = [each for each in CLAUSES if CLAUSES[each].needs is Needs.PASSIVE]
-CASES = [
-    name if name == "loopback" else pytest.param(name, marks=pytest.mark.slow) for name in DRIVERS
-]
 
 
 @contextmanager
@@ -75,8 +72,9 @@ def running(name: str, *arguments: str) -> Iterator[str]:
 
 
 @pytest.mark.ros
+@pytest.mark.slow  # the trials of a sound device in test_trials.py are their quick brother
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", DRIVERS)
 def test_it_conforms(name: str) -> None:
     moved = [each for step in chosen_steps(MOTION) for each in step.clauses]
     ids = [*PASSIVE, *STATES, *(moved if name in MOVED else ())]

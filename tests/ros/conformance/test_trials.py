@@ -19,6 +19,7 @@ from crtk_drivers.client.conformance.probe import ros_probe
 from crtk_drivers.client.conformance.probe.ears import Ears
 from crtk_drivers.client.conformance.probe.examining import try_out
 from crtk_drivers.client.conformance.rounds import judge
+from crtk_drivers.client.conformance.trial import Leave
 from rigs import student_device, student_gantry
 from rigs.examined_student import QUICK, check, clauses_of, names_of
 from rigs.stepped_ros import Node, Wire
@@ -128,7 +129,11 @@ class SteppedEars(Ears):
 
 
 def examined(
-    ids: Collection[str], *faults: str, may_home: bool = True, homing: bool | None = None
+    ids: Collection[str],
+    *faults: str,
+    may_home: bool = True,
+    homing: bool | None = None,
+    push: float | None = None,
 ) -> tuple[Outcome, StudentDevice]:
     """Examine a device as `crtk-driver conform --may-move` does; return what is found, and the device.
 
@@ -137,6 +142,7 @@ def examined(
         faults: of the device.
         may_home: as `--may-home` says.
         homing: what its manifest says of that, if it has one.
+        push: by how much somebody moves it when asked to; None: nobody is there.
     """
     period = FINE if CHANGES.issuperset(ids) else PERIOD
     steps, wire = Steps(period), Wire()
@@ -150,7 +156,9 @@ def examined(
         steps.sleep(LISTEN)
         manifest = {} if homing is None else {"homing": homing}
         seen = Observation(graph, ears.trace(began), manifest=manifest)
-        tried, why = try_out(node, ears, seen, tuple(ids), QUICK, lambda _: None, may_home)
+        ask = None if push is None else lambda _: device.gantry.push(1, push)
+        leave = Leave(may_home, ask)
+        tried, why = try_out(node, ears, seen, tuple(ids), QUICK, lambda _: None, leave)
     return Outcome("/student", 0.0, judge(seen, tuple(ids), tried, why), {}, 0.0, why), device
 
 
@@ -213,3 +221,38 @@ def test_a_move_that_is_over_before_a_stop_can_have_come_decides_nothing(
     outcome, _ = examined(["STA-13"], "disable_goes_on")
     (found,) = outcome.results
     assert found.finding.verdict is verdict, found.finding
+
+
+@pytest.mark.parametrize(
+    ("fault", "push", "verdicts"),
+    [
+        ("", 0.1, {"MOV-3": Verdict.CONFORMS, "MOV-23": Verdict.CONFORMS}),
+        ("enabled_where_it_was", 0.1, {"MOV-3": Verdict.DIVERGES, "MOV-23": Verdict.CONFORMS}),
+        ("holds_in_free", 0.1, {"MOV-3": Verdict.CONFORMS, "MOV-23": Verdict.DIVERGES}),
+        ("", 0.0, {"MOV-3": Verdict.UNDETERMINED, "MOV-23": Verdict.UNDETERMINED}),
+        ("", None, {"MOV-3": Verdict.UNDETERMINED, "MOV-23": Verdict.UNDETERMINED}),
+    ],
+)
+def test_what_is_done_by_hand_stays_done(
+    fault: str, push: float | None, verdicts: Mapping[str, Verdict]
+) -> None:
+    outcome, device = examined(["MOV-3", "MOV-23"], fault, push=push)
+    found = {each.clause.id: each.finding for each in outcome.results}
+    assert {clause: each.verdict for clause, each in found.items()} == verdicts, found
+    if not push:
+        told = "needs somebody" if push is None else "nobody moved it"
+        assert all(told in each.text for each in found.values()), found
+    assert device.gantry.state == "DISABLED"
+
+
+def test_brakes_that_hold_leave_it_to_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    loose = student_gantry.Gantry.push
+
+    def held(gantry: student_gantry.Gantry, joint: int, by: float) -> None:
+        if gantry.is_free:
+            loose(gantry, joint, by)
+
+    monkeypatch.setattr(student_gantry.Gantry, "push", held)
+    outcome, _ = examined(["MOV-3"], push=0.1)
+    (found,) = outcome.results
+    assert found.finding.verdict is Verdict.CONFORMS, found.finding

@@ -155,6 +155,7 @@ class Operator(io.StringIO):
         return "\n"
 
 
+@pytest.mark.slow  # test_orientation.py has it without ROS
 def test_the_command_that_calibrates_takes_the_orientations_of_the_arm(
     peer, monkeypatch, tmp_path, capfd
 ) -> None:

@@ -99,6 +99,7 @@ def another_process(name: str) -> Iterator[subprocess.Popen[bytes]]:
         child.communicate()
 
 
+@pytest.mark.slow  # two nodes of a process are its quick brother
 def test_another_process_is_refused_takes_over_and_is_held(owned: Rig) -> None:
     since, before = owned.client["refusals"].mark(), refused(owned, "servo_jp")
     with another_process("elsewhere") as child:

@@ -191,6 +191,7 @@ def process(namespace: str) -> Iterator[subprocess.Popen[bytes]]:
         child.wait()
 
 
+@pytest.mark.slow
 def test_a_killed_driver_is_followed_by_the_second_and_does_not_lock_out_a_new_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

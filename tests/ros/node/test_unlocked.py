@@ -87,8 +87,10 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.sweep(2)
-@pytest.mark.parametrize(("kind", "code"), [("unlocked", 0), ("rclpy", GAVE_UP)])
+@pytest.mark.parametrize(
+    ("kind", "code"),
+    [("unlocked", 0), pytest.param("rclpy", GAVE_UP, marks=pytest.mark.slow)],
+)
 def test_a_blocked_writer_stops_no_other_thread(
     library: Path, tmp_path: Path, kind: str, code: int
 ) -> None:

@@ -168,6 +168,7 @@ def test_one_that_is_still_starting_ends_well(tmp_path):
         until_gone(pid)
 
 
+@pytest.mark.slow  # test_carried.py has it without ROS
 def test_a_simulated_sensor_feels_its_tool_also_after_a_restart(tmp_path):
     def until_felt(ft, arm):
         """Wait until the weight pulls where the arm says that down is."""

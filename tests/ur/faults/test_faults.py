@@ -25,13 +25,13 @@ from crtk_drivers.errors import (
     StopUnconfirmed,
     TransitionFailed,
 )
-from crtk_sim_backends.ur import SIM
 from rigs.ur_bench import (
     HOME,
     LONG,
     PROTECTIVE_STOP,
     WAYS,
     UrBench,
+    brisk_sim,
     driver_at,
     eventually,
     ur_bench,
@@ -169,7 +169,7 @@ NOT_BY_ENABLE = {
 """Stops that no enable clears, with state and detail."""
 
 
-@pytest.mark.sweep(5)
+@pytest.mark.slow  # test_matrix.py has it
 @by_native
 @pytest.mark.parametrize("fault", ROBOT_FAULTS, ids=lambda fault: fault.kind)
 def test_robot_fault_under_motion(bench, fault):
@@ -295,7 +295,7 @@ LINK_FAULTS = {
 }
 
 
-@pytest.mark.sweep(5)
+@pytest.mark.slow  # test_matrix.py has it
 @by_native
 @pytest.mark.parametrize("fault", LINK_FAULTS.values(), ids=LINK_FAULTS)
 def test_link_fault_under_motion(bench, fault):
@@ -344,7 +344,7 @@ def link_fault_under_motion(bench: UrBench, fault: LinkFault) -> None:
     assert_enables_at_rest(bench)
 
 
-@pytest.mark.sweep(4)
+@pytest.mark.slow  # test_rtde_stream.py has it of the stream alone
 @by_native
 @pytest.mark.parametrize(
     ("variable", "value"),
@@ -409,14 +409,14 @@ def test_f3_closing_does_not_wait_for_a_peer_that_never_answers(fault):
 
 
 def test_f3_a_controller_that_comes_later_is_found(caplog):
-    with SIM.spawn(realtime=True) as sim:
+    with brisk_sim() as sim:
         host = sim.host
         sim.kill()
         with driver_at(sim, start=False) as bench:
             bench.session.start()
             status = bench.until_state("FAULT", "cannot connect")
             assert f"{host}:30004: FAULT: {status.detail}" in caplog.text
-            with SIM.spawn(realtime=True, host=host) as second:
+            with brisk_sim(host=host) as second:
                 bench.sim = second
                 bench.until_state("DISABLED")
                 bench.enable()
@@ -442,27 +442,27 @@ def test_a_lump_of_packages_is_no_burst_of_commands(bench):
     assert bench.arm.health().device["packages skipped"] > 0
 
 
-@by_native
 @pytest.mark.parametrize(
     ("lost_in", "told"),
     [((POWER_ON, IDLE), "lost its power while it came up"), ((POWER_OFF,), "did not begin")],
 )
-def test_power_that_is_lost_while_it_comes_ends_enable_at_once(bench, monkeypatch, lost_in, told):
+def test_power_that_is_lost_while_it_comes_ends_enable_at_once(monkeypatch, lost_in, told):
     monkeypatch.setattr(robot, "POWER_BEGINS", 1.0)
-    bench.arm.disable(timeout=LONG)
-    bench.engine.state_command("enable")
+    with ur_bench(CONFIG, powered_on=False, power_seconds=0.8) as bench:
+        bench.engine.state_command("enable")
 
-    def failed():
-        if bench.outputs("robot_mode") in lost_in:
-            bench.sim.control.inject("power_loss")
-        return bench.engine.transition_ended
+        def failed():
+            if bench.outputs("robot_mode") in lost_in:
+                bench.sim.control.inject("power_loss")
+            return bench.engine.transition_ended
 
-    eventually(failed, "enable ends")
-    assert bench.arm.operating_state().state == "FAULT"
-    assert told in bench.engine.status.detail
-    assert_enables_at_rest(bench)
+        eventually(failed, "enable ends")
+        assert bench.arm.operating_state().state == "FAULT"
+        assert told in bench.engine.status.detail
+        assert_enables_at_rest(bench)
 
 
+@pytest.mark.slow  # test_services_dashboard.py has it of services
 def test_a_silent_dashboard_fails_enable_and_not_the_driver(bench):
     bench.arm.disable(timeout=LONG)
     bench.inject("silence", port="dashboard")
@@ -518,6 +518,7 @@ def test_f16_a_program_left_by_an_interrupted_start_is_stopped_by_the_next_enabl
         assert_enables_at_rest(bench)
 
 
+@pytest.mark.slow  # one that is killed is its quick brother
 @by_ur_rtde
 def test_f16_frozen_control_process(bench):
     move = start_moving(bench)
@@ -559,7 +560,7 @@ def test_f16_a_control_process_that_dies_again_and_again_is_started_slowly(bench
 DRIVER = """
 import sys, time
 sys.path[:0] = {path!r}
-from rigs.ur_bench import HOME, SIM, driver_at
+from rigs.ur_bench import HOME, driver_at
 
 class Sim:
     host = {host!r}
@@ -587,7 +588,7 @@ def driver_process(host: str, control: str, *, servo: bool) -> subprocess.Popen:
 @pytest.mark.parametrize("servo", [False, True], ids=["move", "stream"])
 def test_f16_f19_killed_driver_and_its_restart(control, servo):
     with (
-        SIM.spawn(realtime=True) as sim,
+        brisk_sim() as sim,
         driver_at(sim, {**CONFIG, "control": control}, start=False) as bench,
     ):
         process = driver_process(sim.host, control, servo=servo)
@@ -611,7 +612,7 @@ def test_f16_f19_killed_driver_and_its_restart(control, servo):
 
 @both_ways
 def test_f16_dead_robot_under_motion_is_a_fault_and_close_is_quick(control):
-    with SIM.spawn(realtime=True) as sim:
+    with brisk_sim() as sim:
         with driver_at(sim, {**CONFIG, "control": control}) as bench:
             bench.enable()
             move = start_moving(bench)
@@ -629,7 +630,7 @@ def test_f16_dead_robot_under_motion_is_a_fault_and_close_is_quick(control):
 
 @both_ways
 def test_f16_robot_without_power_under_motion(control):
-    with SIM.spawn(realtime=True) as sim, driver_at(sim, {**CONFIG, "control": control}) as bench:
+    with brisk_sim() as sim, driver_at(sim, {**CONFIG, "control": control}) as bench:
         bench.enable()
         move = start_moving(bench)
         sim.kill()
@@ -644,6 +645,7 @@ def test_f16_robot_without_power_under_motion(control):
 # F17, F18: the driver's own threads and clock.
 
 
+@pytest.mark.slow  # test_matrix.py has it
 def test_f17_stuck_io_thread_is_a_fault_and_the_arm_stops(bench, monkeypatch):
     move = start_moving(bench)
     release = threading.Event()
@@ -714,7 +716,7 @@ def test_f18_clock_jump(bench, monkeypatch, jump):
 @both_ways
 def test_f20_a_second_writer_is_refused_by_name_of_the_cause(control):
     with (
-        SIM.spawn(realtime=True) as sim,
+        brisk_sim() as sim,
         driver_at(sim, {**CONFIG, "control": control}) as first,
         driver_at(sim, {**CONFIG, "control": control}) as second,
     ):

@@ -14,7 +14,7 @@ from rigs.ur_proxy import RTDE, Proxy, bench_at_proxy
 FAR = [2.5, *HOME[1:]]
 CONFIG = {"sample_timeout": 1.0, "open_timeout": 5.0}
 DATA = ord("U")
-FEED_SIZE, MOTION_SIZE = 3 + 1 + 2 * 4, 3 + 1 + 4 * 4 + 8 * 8
+FEED_SIZE, MOTION_SIZE = 3 + 1 + 2 * 4, 3 + 1 + 4 * 4 + 9 * 8
 """Bytes of packages for our control program: header, recipe, integers, numbers."""
 STOP_CODES = frozenset({15, 16, 34})
 """Of ur-rtde's commands: speedStop, servoStop, stopJ."""

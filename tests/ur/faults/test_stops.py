@@ -14,8 +14,7 @@ import pytest
 from crtk_driver_ur.library.sequencer import LONGEST_STEP
 from crtk_driver_ur.models import JOINT_NAMES, model_named
 from crtk_drivers.errors import CommandRefused, ConfigError, DeviceError
-from crtk_sim_backends.ur import SIM
-from rigs.ur_bench import HOME, LONG, WAYS, UrBench, driver_at, eventually, ur_bench
+from rigs.ur_bench import HOME, LONG, WAYS, UrBench, brisk_sim, driver_at, eventually, ur_bench
 
 pytestmark = pytest.mark.sweep(2)
 
@@ -82,6 +81,7 @@ def test_a_stop_that_is_repeated_faster_than_it_is_answered_is_believed(bench, m
     bench.until_still()
 
 
+@pytest.mark.slow  # the same of other streams is in test_native.py
 def test_a_twist_that_grows_while_nothing_is_measured_does_not_take_a_joint_out_of_its_range(bench):
     """States stay away, and commands arrive."""
     near = [5.9, *HOME[1:]]
@@ -106,6 +106,7 @@ def test_a_twist_that_grows_while_nothing_is_measured_does_not_take_a_joint_out_
     assert near[0] < farthest < limit.upper - 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shared", ["native"], indirect=True)
 def test_a_stop_that_the_speed_slider_slows_down_is_not_overdue(bench):
     bench.arm.move_jp(FAR)
@@ -228,7 +229,7 @@ def test_ranges_that_cannot_be_are_refused(joints):
 
 @both_ways
 def test_what_the_arm_is_found_in_is_told_and_disable_ends_it(control):
-    with SIM.spawn(realtime=True) as sim:
+    with brisk_sim() as sim:
         with driver_at(sim, {**CONFIG, "control": control}) as bench:
             assert RELEASED in bench.until_state("DISABLED").detail, "the simulated arm wakes up so"
             assert bench.outputs("robot_mode") == RUNNING
@@ -241,7 +242,7 @@ def test_what_the_arm_is_found_in_is_told_and_disable_ends_it(control):
 
 
 def test_a_program_that_runs_is_found():
-    with SIM.spawn(realtime=True) as sim:
+    with brisk_sim() as sim:
         with socket.create_connection((sim.host, 30002), LONG) as peer:
             peer.sendall(b"def other():\n  while True:\n    sync()\n  end\nend\n")
             eventually(lambda: sim.control.status()["program"] != "", "it runs")
@@ -341,7 +342,7 @@ class Watch:
 
 
 def test_an_arm_that_was_not_enabled_keeps_its_power_whatever_is_configured():
-    with SIM.spawn(realtime=True) as sim:
+    with brisk_sim() as sim:
         with driver_at(sim, {**CONFIG, "on_close": "power_off"}) as bench:
             bench.until_state("DISABLED")
         with driver_at(sim, CONFIG, start=False) as bench:

@@ -3,7 +3,7 @@
 import pytest
 
 from crtk_sim_backends.ur.defects import ArmDefects
-from crtk_sim_backends.ur.safety.modes import RuntimeState
+from crtk_sim_backends.ur.safety.modes import RuntimeState, SafetyMode
 from rigs.ur_controller import Bench
 
 
@@ -15,6 +15,16 @@ def test_a_watchdog_may_be_ignored(ignores: int, state: RuntimeState) -> None:
     bench.start('rtde_set_watchdog("input_int_register_0", 10, "stop")\nwhile True:\nsync()\nend')
     bench.seconds(0.5)
     assert bench.controller.runtime_state == state
+
+
+@pytest.mark.parametrize(
+    ("ignores", "mode"), [(0, SafetyMode.ROBOT_EMERGENCY_STOP), (1, SafetyMode.NORMAL)]
+)
+def test_the_button_on_the_pendant_may_do_nothing(ignores: int, mode: SafetyMode) -> None:
+    bench = Bench(defects=(ArmDefects(ignores_emergency_stop=ignores),))
+    bench.controller.emergency_stop()
+    bench.ticks(2)
+    assert bench.controller.safety.mode == mode
 
 
 def test_what_is_told_is_no_truth_for_programs() -> None:

@@ -22,7 +22,7 @@ from crtk_sim_backends.ur.models import MODELS
 from crtk_sim_backends.ur.motion.calibration import calibrated, kinematics_of
 from crtk_sim_backends.ur.motion.kinematics import to_pose, to_transform
 from crtk_sim_backends.ur.views.scene import _joint, chain
-from rigs.ur_clients import wait_until
+from rigs.ur_clients import own_address, wait_until
 
 PATIENCE = 20.0
 PAGE = Path(server.__file__).with_name("files")
@@ -208,11 +208,11 @@ def test_a_simulator_that_hangs_is_told_and_comes_back():
 
 
 def test_a_port_in_use_is_refused_and_everything_is_closed():
-    (probe,) = [socket.create_server(("127.0.0.1", 0))]
-    with probe:
+    host = own_address()
+    with socket.create_server((host, 0)) as probe:
         port = probe.getsockname()[1]
-        with pytest.raises(SimStartError, match=rf"cannot bind the web port 127.0.0.1:{port}"):
-            SIM.spawn(host="127.0.0.1", web=True, web_port=port)
+        with pytest.raises(SimStartError, match=rf"cannot bind the web port {host}:{port}"):
+            SIM.spawn(host=host, web=True, web_port=port)
 
 
 @pytest.mark.parametrize("end", ["stop", "kill"])

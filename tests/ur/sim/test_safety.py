@@ -333,6 +333,32 @@ def test_manual_mode_takes_remote_control_away_and_gives_it_back(bench: Bench) -
     assert not bench.controller.set_operational_mode("other")
 
 
+@pytest.mark.parametrize("remote", [True, False])
+@pytest.mark.parametrize(
+    ("modes", "shown", "manual"),
+    [
+        ((), "NONE", False),
+        (("NONE",), "NONE", False),
+        (("AUTOMATIC",), "AUTOMATIC", False),
+        (("AUTOMATIC", "NONE"), "NONE", False),
+        (("MANUAL",), "MANUAL", True),
+        (("MANUAL", "NONE"), "NONE", True),
+        (("MANUAL", "NONE", "AUTOMATIC", "NONE"), "NONE", False),
+        (("AUTOMATIC", "MANUAL", "NONE"), "NONE", True),
+    ],
+)
+def test_a_robot_stays_in_the_mode_in_which_clients_leave_it(
+    modes: tuple[str, ...], shown: str, manual: bool, remote: bool
+) -> None:
+    bench = Bench(remote=remote)
+    for mode in modes:
+        assert bench.controller.set_operational_mode(mode)
+    assert bench.controller.operational_mode == shown
+    assert bench.controller.remote == (remote and not manual)
+    bench.controller.hold_enabling_device(False)
+    assert (bench.controller.safety_mode != SafetyMode.NORMAL) == manual
+
+
 def test_boot_takes_its_time_and_commands_have_to_wait() -> None:
     bench = Bench(powered_on=False, boot_seconds=1.0)
     assert bench["robot_mode"] == RobotMode.DISCONNECTED

@@ -10,8 +10,8 @@ from crtk_driver_ur import PLUGIN  # noqa: E402
 from crtk_drivers.config import from_values, load  # noqa: E402
 from crtk_drivers.session import Session  # noqa: E402
 from crtk_drivers.testing.contract import DeviceContract  # noqa: E402
-from crtk_sim_backends.ur import SIM, RunningSim  # noqa: E402
-from rigs.ur_bench import LONG, PATIENT, lenient  # noqa: E402 - after the line above
+from crtk_sim_backends.ur import RunningSim  # noqa: E402
+from rigs.ur_bench import LONG, PATIENT, brisk_sim, lenient  # noqa: E402 - after the line above
 
 pytestmark = pytest.mark.sweep(4)
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.sweep(4)
 def controller(request) -> Iterator[tuple[str, str, RunningSim]]:
     """A simulated controller, the model of its arm, and the way to it; one for all tests."""
     model, control = request.param
-    with SIM.spawn(realtime=True, model=model) as sim:
+    with brisk_sim(model=model) as sim:
         yield model, control, sim
 
 

@@ -23,7 +23,7 @@ from crtk_driver_ur.library.packets import (
 )
 from crtk_driver_ur.library.supervisor import ControlSupervisor, Notice
 from crtk_drivers.errors import ConnectionLost
-from crtk_sim_backends.ur import SIM
+from rigs.ur_bench import brisk_sim
 
 LONG = 15.0
 STOPPED, PLAYING = 1, 2
@@ -120,7 +120,7 @@ def started(sim) -> Iterator[Driver]:
 
 @pytest.fixture
 def sim() -> Iterator[object]:
-    with SIM.spawn(realtime=True, model="ur5e", trace_size=300) as running:
+    with brisk_sim(model="ur5e", trace_size=300) as running:
         yield running
 
 
@@ -156,7 +156,7 @@ def test_connect_starts_the_program_and_moves_nothing(driver):
 
 
 def test_connect_in_local_control_says_what_to_do():
-    with SIM.spawn(realtime=True, model="ur5e", remote=False) as local, started(local) as driver:
+    with brisk_sim(model="ur5e", remote=False) as local, started(local) as driver:
         reply = driver.reply(driver.supervisor.connect())
         assert reply.error is not None
         assert "remote control" in reply.error.hint
@@ -164,7 +164,7 @@ def test_connect_in_local_control_says_what_to_do():
 
 
 def test_connect_to_nobody_says_what_to_do():
-    with SIM.spawn(realtime=True, model="ur5e") as doomed, started(doomed) as driver:
+    with brisk_sim(model="ur5e") as doomed, started(doomed) as driver:
         doomed.kill()
         reply = driver.reply(driver.supervisor.connect())
         assert reply.error is not None
@@ -402,7 +402,7 @@ def test_speed_slider_and_digital_output(driver):
 
 
 def test_power_cycle_by_dashboard():
-    with SIM.spawn(realtime=True, model="ur5e", powered_on=False) as cold, started(cold) as driver:
+    with brisk_sim(model="ur5e", powered_on=False) as cold, started(cold) as driver:
         assert "5.12.4" in str(driver.ask("polyscope_version"))
         driver.ask("power_on")
         driver.ask("brake_release")

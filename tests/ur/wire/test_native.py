@@ -26,8 +26,8 @@ from crtk_driver_ur.program_settings import AXES
 from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
 from crtk_drivers.errors import ConfigError, ConnectionFailed, MotionAborted, TransitionFailed
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
-from crtk_sim_backends.ur import SIM, RunningSim
-from rigs.ur_bench import HOME, LONG, UrBench, eventually, ur_bench
+from crtk_sim_backends.ur import RunningSim
+from rigs.ur_bench import HOME, LONG, UrBench, brisk_sim, eventually, ur_bench
 
 STOPPED, PLAYING = 1, 2
 NORMAL = 1
@@ -40,6 +40,8 @@ LOOKAHEAD = 0.1
 ACCELERATION = 5.0
 SPEEDS = (3.14,) * 6
 RANGES = Limits((-6.28,) * 6, (6.28,) * 5 + (0.5,))
+SLIDER_RAMP = 0.25
+"""Seconds that the controller takes at most until it is as slow as the slider says."""
 NATIVE = {"control": "native"}
 FAR = [2.5, *HOME[1:]]
 
@@ -104,6 +106,18 @@ class Rig:
         state: StateSample = eventually(found, "that state")
         return state
 
+    def pass_time(self, seconds: float) -> None:
+        """Wait for so many seconds of the controller."""
+        begin = self.states[-1].timestamp
+        self.until(lambda state: state.timestamp > begin + seconds)
+
+    def slow_down(self, slider: float) -> None:
+        """Move the speed slider, as the driver sees it, and wait until the controller follows."""
+        self.sim.control.inject("speed_slider", fraction=slider)
+        self.until(lambda state: state.combined_speed_scaling == pytest.approx(slider))
+        self.channel.scaling = slider
+        self.pass_time(SLIDER_RAMP)
+
     def until_done(self, sequence: int) -> StateSample:
         """Return the first state in which a command was carried out."""
         return self.until(
@@ -113,7 +127,7 @@ class Rig:
 
 @contextmanager
 def rig_at(first: int = 0) -> Iterator[Rig]:
-    with SIM.spawn(realtime=True, trace_size=2000) as sim:
+    with brisk_sim(trace_size=2000) as sim:
         rig = Rig(sim, first)
         try:
             yield rig
@@ -191,6 +205,68 @@ def test_a_speed_expires_on_the_controller_although_the_watchdog_is_fed(rig, kin
     assert abs(done.target_q[5]) < 0.3
 
 
+@pytest.mark.parametrize("kind", [Kind.SPEED_JOINT, Kind.SPEED_CARTESIAN, Kind.SERVO_JOINT])
+@pytest.mark.parametrize("slider", [1.0, 0.5, 0.1, 0.01, 0.0])
+def test_the_program_goes_on_in_each_cycle_however_low_the_speed_slider_is(rig, kind, slider):
+    """With it down a speed of one period takes many, and at zero it does not end."""
+    rig.start()
+    rig.slow_down(slider)
+    values = (*HOME[:5], 0.4) if kind is Kind.SERVO_JOINT else (0.0, 0.0, 0.0, 0.0, 0.0, 0.4)
+    lasts = 0.4
+    begin = len(rig.states)
+    rig.channel.command(kind, values, 300.0 if kind is Kind.SERVO_JOINT else 5.0, lasts)
+    rig.until(lambda state: rig.registers(state)[2] == Phase.MOVING)
+    if kind is Kind.SERVO_JOINT:
+        rig.pass_time(lasts)
+        rig.channel.command(Kind.REST)
+    end = rig.until(lambda state: rig.registers(state)[2] != Phase.MOVING)
+    moving = [state for state in rig.states[begin:] if rig.registers(state)[2] == Phase.MOVING]
+    counted = rig.registers(end)[4] - rig.registers(moving[0])[4]
+    seconds = end.timestamp - moving[0].timestamp
+    assert counted == pytest.approx(500.0 * seconds, abs=2.0)
+    fastest = max(abs(state.target_qd[5]) for state in moving)
+    if kind is not Kind.SERVO_JOINT:
+        late = 0.002 * (1 + end.skipped)
+        assert seconds == pytest.approx(lasts, abs=0.004 + late), "a speed expires in real time"
+        assert fastest == pytest.approx(slider * min(0.4, 5.0 * lasts * slider), abs=0.01)
+    rig.sim.control.clear("speed_slider")
+    done = rig.until(lambda state: rig.registers(state)[2] == Phase.STANDING)
+    assert max(map(abs, done.target_qd)) < 1e-3
+    assert done.runtime_state == PLAYING
+
+
+@pytest.mark.parametrize("slider", [0.1, 0.01, 0.0])
+def test_a_speed_slider_that_jumps_down_in_motion_stops_nothing(rig, slider):
+    """It is told at once, and the arm gets slower by and by: it does not run away meanwhile."""
+    rig.start()
+    turn = (0.0, 0.0, 0.0, 0.0, 0.0, -0.3)
+    rig.channel.command(Kind.SPEED_CARTESIAN, turn, 5.0, LONG)
+    rig.until(lambda state: state.target_qd[5] == pytest.approx(0.3, abs=0.01))
+    begin = len(rig.states)
+    rig.sim.control.inject("speed_slider", fraction=slider)
+    rig.until(lambda state: state.combined_speed_scaling == pytest.approx(slider))
+    rig.channel.scaling = slider
+    rig.channel.command(Kind.SPEED_CARTESIAN, turn, 5.0, LONG)
+    rig.pass_time(2.0 * SLIDER_RAMP)
+    assert {rig.registers(state)[2] for state in rig.states[begin:]} == {Phase.MOVING}
+    assert rig.states[-1].target_qd[5] == pytest.approx(0.3 * slider, abs=1e-3)
+
+
+@pytest.mark.parametrize("kind", [Kind.SPEED_CARTESIAN, Kind.SPEED_JOINT])
+@pytest.mark.parametrize("slider", [0.5, 0.1])
+def test_a_slow_arm_stops_before_the_end_of_a_range_as_well(rig, kind, slider):
+    """The way of a stop is as long at any slider, though the arm is seen to be slower."""
+    rig.start()
+    rig.slow_down(slider)
+    down = kind is Kind.SPEED_CARTESIAN
+    speed = (0.0, 0.0, 0.0, 0.0, 0.0, -1.5 if down else 1.5)  # at HOME the tool points down
+    rig.channel.command(kind, speed, 5.0, LONG)
+    rig.until(lambda state: state.target_q[5] > 0.3)
+    rig.until(lambda state: max(map(abs, state.target_qd)) < 1e-3)
+    farthest = max(state.target_q[5] for state in rig.states)
+    assert 0.4 < farthest < RANGES.upper[5] + 1e-3
+
+
 def test_a_setting_does_not_disturb_a_motion(rig):
     rig.start()
     goal = (0.4, *HOME[1:])
@@ -235,7 +311,7 @@ def stream_through_stalls(rig: Rig, seconds: float, lump: float) -> Streamed:
     began = time.monotonic()
     sent: dict[int, float] = {}
     while (now := time.monotonic() - began) < seconds:
-        sent[rig.channel.command(Kind.SERVO_JOINT, (now, *HOME[1:]), 1.0, 300.0)] = now
+        sent[rig.channel.command(Kind.SERVO_JOINT, (now, *HOME[1:]), 300.0)] = now
         time.sleep(0.002)
     rig.sim.control.clear()
     rig.until_done(rig.channel.command(Kind.REST))
@@ -266,7 +342,7 @@ def test_commands_that_arrive_late_are_no_jump(rig):
 def test_the_program_goes_no_further_than_it_was_told_and_as_fast_as_it_may(rig):
     rig.start()
     goal = (2.0, *HOME[1:])
-    rig.channel.command(Kind.SERVO_JOINT, goal, 1.0, 300.0)
+    rig.channel.command(Kind.SERVO_JOINT, goal, 300.0)
     rig.until(lambda state: abs(state.target_q[0] - 2.0) < 1e-3 and state.target_qd[0] < 1e-3)
     assert max(state.target_q[0] for state in rig.states) < 2.0 + 1e-4
     assert max(state.target_qd[0] for state in rig.states) <= SPEEDS[0] * 1.001
@@ -288,6 +364,7 @@ def test_what_cannot_be_meant_stops_the_arm(rig, kind, bad):
     assert done.runtime_state == PLAYING
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize(
     ("kind", "values"),
     [
@@ -299,8 +376,8 @@ def test_what_cannot_be_meant_stops_the_arm(rig, kind, bad):
 def test_no_joint_leaves_its_range_whatever_is_commanded(rig, kind, values):
     """The second line behind the driver: the program knows the ranges itself."""
     rig.start()
-    for _ in range(100):
-        rig.channel.command(kind, values, 1.0 if kind is Kind.SERVO_JOINT else 5.0, 300.0)
+    for _ in range(60):
+        rig.channel.command(kind, values, 300.0 if kind is Kind.SERVO_JOINT else 5.0, 300.0)
         time.sleep(0.02)
     rig.until_done(rig.channel.command(Kind.REST))
     farthest = max(state.target_q[5] for state in rig.states)
@@ -329,7 +406,7 @@ def test_a_twist_into_a_singularity_stops_before_the_controller_trips(rig, kind)
 
 def test_quit_stops_and_ends_the_program(rig):
     rig.start()
-    rig.channel.command(Kind.SERVO_JOINT, (0.05, *HOME[1:]), 1.0, 300.0)
+    rig.channel.command(Kind.SERVO_JOINT, (0.05, *HOME[1:]), 300.0)
     rig.until(lambda state: state.target_qd[0] > 0.1)
     rig.channel.command(Kind.QUIT)
     ended = rig.until(lambda state: state.runtime_state == STOPPED)
@@ -356,7 +433,7 @@ def test_the_arm_stops_a_declared_time_after_the_last_package():
 def test_registers_that_another_client_has_are_named():
     names = b"input_int_register_0"
     with (
-        SIM.spawn(realtime=True) as sim,
+        brisk_sim() as sim,
         socket.create_connection((sim.host, 30004), LONG) as other,
     ):
         other.sendall(struct.pack(">HBH", 5, ord("V"), 2))

@@ -16,8 +16,7 @@ from crtk_drivers.errors import (
     Reason,
     TransitionFailed,
 )
-from crtk_sim_backends.ur import SIM
-from rigs.ur_bench import HOME, LONG, WAYS, UrBench, driver_at, eventually
+from rigs.ur_bench import HOME, LONG, WAYS, UrBench, brisk_sim, driver_at, eventually
 
 LATEST = (10, 14)
 
@@ -26,8 +25,7 @@ LATEST = (10, 14)
 def sim(tmp_path_factory) -> Iterator:
     programs: Path = tmp_path_factory.mktemp("programs")
     (programs / "wait.script").write_text("def waiting():\n  sleep(60)\nend\n")
-    with SIM.spawn(
-        realtime=True,
+    with brisk_sim(
         version="10.14",
         robot_api=True,
         robot_api_port=0,
@@ -135,8 +133,8 @@ def test_older_software_is_not_even_asked(version, name, words):
         RobotApiClient("127.0.0.1", 1, version).ask(name, {"text": "x"})
 
 
-def test_the_first_version_loads_by_another_path_and_unlocks_when_five_seconds_are_over():
-    with SIM.spawn(realtime=True, version="10.11", robot_api=True, robot_api_port=0) as sim:
+def test_the_first_version_loads_by_another_path_and_unlocks_when_its_time_is_over():
+    with brisk_sim(version="10.11", robot_api=True, robot_api_port=0) as sim:
         client = RobotApiClient(sim.host, sim.ports["robot_api"], (10, 11))
         assert client.ask("load_program", {"text": "simulation"}) == "OK"
         sim.control.inject("protective_stop")

@@ -1,12 +1,16 @@
 """Services of the UR driver: dashboard commands and the force sensor, against a simulated controller."""
 
 import threading
+from unittest.mock import patch
 
 import pytest
 
+from crtk_driver_ur import robot
 from crtk_drivers.errors import CommandRefused, DeviceFault, Reason, TransitionFailed
-from crtk_sim_backends.ur import SIM
-from rigs.ur_bench import LONG, UrBench, driver_at, eventually, ur_bench
+from rigs.ur_bench import LONG, UrBench, brisk_sim, driver_at, eventually, ur_bench
+
+UNLOCK_AFTER = robot.UNLOCK_AFTER
+"""As it is without a bench."""
 
 POWER_OFF, IDLE, RUNNING = 3, 5, 7
 NORMAL, PROTECTIVE_STOP, VIOLATION = 1, 3, 8
@@ -37,7 +41,10 @@ def bench(shared: UrBench) -> UrBench:
 @pytest.fixture
 def idle():
     """A driver that was not enabled, at an arm without power."""
-    with SIM.spawn(model="ur5e", powered_on=False) as sim, driver_at(sim) as bench:
+    with (
+        brisk_sim(model="ur5e", powered_on=False, power_seconds=0.8) as sim,
+        driver_at(sim) as bench,
+    ):
         yield bench
 
 
@@ -77,16 +84,18 @@ def test_power_off_is_refused_while_the_arm_is_being_enabled(idle):
     idle.until_state("ENABLED")
 
 
-def test_a_protective_stop_is_unlocked_without_enabling(bench):
-    refused(bench.arm.unlock_protective_stop, Reason.INVALID_TRANSITION, "NORMAL")
-    bench.sim.control.inject("protective_stop")
-    bench.until_state("FAULT", "protective stop")
-    assert bench.arm.safety_mode(timeout=LONG) == "PROTECTIVE_STOP"
-    with bench.nothing_moves():
-        assert "NORMAL" in bench.arm.unlock_protective_stop(timeout=LONG)
-    assert bench.outputs("safety_mode") == NORMAL
-    assert bench.status.state == "FAULT"
-    bench.arm.enable(timeout=LONG)
+def test_a_protective_stop_is_unlocked_without_enabling_after_the_five_seconds_of_a_controller():
+    with ur_bench(lock_seconds=5.0) as bench, patch.object(robot, "UNLOCK_AFTER", UNLOCK_AFTER):
+        bench.enable()
+        refused(bench.arm.unlock_protective_stop, Reason.INVALID_TRANSITION, "NORMAL")
+        bench.sim.control.inject("protective_stop")
+        bench.until_state("FAULT", "protective stop")
+        assert bench.arm.safety_mode(timeout=LONG) == "PROTECTIVE_STOP"
+        with bench.nothing_moves():
+            assert "NORMAL" in bench.arm.unlock_protective_stop(timeout=LONG)
+        assert bench.outputs("safety_mode") == NORMAL
+        assert bench.status.state == "FAULT"
+        bench.arm.enable(timeout=LONG)
 
 
 def test_the_safety_system_is_restarted_after_a_violation_only(bench):

@@ -18,7 +18,7 @@ from crtk_drivers.client.conformance.probe.graph_reading import find_device
 from crtk_drivers.client.conformance.probe.looking import look
 from crtk_drivers.client.conformance.probe.ros_probe import RosProbe
 from crtk_drivers.client.conformance.rounds import NOT_PERMITTED, judge
-from crtk_drivers.client.conformance.trial import Trial
+from crtk_drivers.client.conformance.trial import NO_LEAVE, Leave, Trial
 from crtk_drivers.client.conformance.trials import HEARD_BELOW, run_trials
 from crtk_drivers.client.ros_link import Link
 from crtk_drivers.ros import environment
@@ -35,7 +35,7 @@ def examine(
     may_move: bool = False,
     expected: Expectations | None = None,
     tell: Callable[[str], None] = lambda text: None,
-    may_home: bool = False,
+    leave: Leave = NO_LEAVE,
 ) -> Outcome:
     """Judge the device in a namespace.
 
@@ -47,7 +47,7 @@ def examine(
         may_move: also command it. However that ends, it is held, and brought back to the state it was in.
         expected: tolerances and steps.
         tell: called with what is being done.
-        may_home: with `may_move`, tell it to home too.
+        leave: what `may_move` allows beside small motions.
 
     Raises:
         ConnectionFailed: there is no device.
@@ -67,7 +67,7 @@ def examine(
         why = NOT_PERMITTED
         if may_move and any(CLAUSES[each].needs is not Needs.PASSIVE for each in ids):
             wanted = expected or Expectations()
-            tried, why = try_out(link.node, ears, seen, ids, wanted, tell, may_home)
+            tried, why = try_out(link.node, ears, seen, ids, wanted, tell, leave)
         results = judge(seen, ids, tried, why)
         seconds = time.monotonic() - since
         ended = why if may_move and why != NOT_PERMITTED else ""
@@ -83,7 +83,7 @@ def try_out(
     ids: Sequence[str],
     expected: Expectations,
     tell: Callable[[str], None],
-    may_home: bool = False,
+    leave: Leave = NO_LEAVE,
 ) -> tuple[Mapping[str, Sequence[Finding]], str]:
     """Command a device, and return what `run_trials` does.
 
@@ -94,7 +94,7 @@ def try_out(
         ids: of the clauses.
         expected: tolerances and steps.
         tell: called with what is being done.
-        may_home: also tell it to home.
+        leave: what may be done beside small motions.
 
     Raises:
         ConnectionFailed: the device does not hear a command that it offers.
@@ -102,6 +102,6 @@ def try_out(
     ears.drop([name for name in seen.graph.offered() if "/" in name and name not in HEARD_BELOW])
     probe = RosProbe(node, seen.graph, ears)
     try:
-        return run_trials(Trial(probe, expected, seen, may_home), ids, tell)
+        return run_trials(Trial(probe, expected, seen, leave), ids, tell)
     finally:
         probe.close()

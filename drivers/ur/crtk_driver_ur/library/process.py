@@ -262,6 +262,8 @@ class ControlProcess:
         flags = RTDEControlInterface.FLAG_UPLOAD_SCRIPT | RTDEControlInterface.FLAG_NO_EXT_FT
         if self._upper_registers:
             flags |= RTDEControlInterface.FLAG_UPPER_RANGE_REGISTERS
+        if not arguments["require_remote_control"]:
+            flags |= RTDEControlInterface.FLAG_DISABLE_REMOTE_CONTROL_CHECK
         try:
             interface = RTDEControlInterface(host, -1.0, flags)
         except Exception as error:

@@ -290,6 +290,7 @@ class ControlSupervisor:
             host=self.host,
             watchdog_frequency=self.options.watchdog_frequency,
             upper_range_registers=self.options.upper_range_registers,
+            require_remote_control=self.options.require_remote_control,
             **asdict(self.options.motion),
         )
 

@@ -25,6 +25,7 @@ from crtk_driver_ur.control_requests import CallError, Reply, Request
 from crtk_driver_ur.dashboard import REQUESTS
 from crtk_driver_ur.dashboard_worker import DashboardWorker
 from crtk_driver_ur.native.program import (
+    SLOWEST_PACE,
     UPPER_RANGE,
     Kind,
     Phase,
@@ -67,9 +68,6 @@ STOP_PROGRAM: Final = "def crtk_stop():\n  stopj({:g})\nend\n"
 
 CLOSE_TIMEOUT: Final = 0.7
 """Most seconds that `close` feeds the watchdog while the arm slows down, and waits for threads to end."""
-
-SLOWEST_PACE: Final = 0.1
-"""At which the program follows positions, or it would never reach the last of a stream."""
 
 STOP_MARGIN: Final = 0.1
 """Seconds for the last of a stop to die away."""
@@ -257,6 +255,8 @@ class NativeLink(ControlLink):
     def take(self, state: StateSample) -> None:
         self._speed = max(map(abs, state.target_qd))
         self._pace = max(SLOWEST_PACE, state.combined_speed_scaling)
+        if self._channel is not None:
+            self._channel.scaling = state.combined_speed_scaling
         found = state.control_registers(self._first)
         if found is not None and found[0] == self._program:
             self._follow_program(ProgramState(*found), state)
@@ -340,7 +340,7 @@ class NativeLink(ControlLink):
 
     @override
     def servo_joint(self, q: Sequence[float]) -> None:
-        self._command(Kind.SERVO_JOINT, q, self._pace, self._options.motion.gain)
+        self._command(Kind.SERVO_JOINT, q, self._options.motion.gain)
 
     @override
     def speed_joint(self, qd: Sequence[float], acceleration: float, valid_for: float) -> None:

@@ -6,6 +6,7 @@ Driver and program talk over RTDE registers, counted from the first of the range
 |----------|---------------------------------------------|----------------------------------------------|
 | 0        | number of the program that is meant         | 0 to 5: values of the motion                 |
 | 1, 2     | sequence number and `Kind` of the motion    | 6, 7: its parameters (see `Kind`)            |
+|          |                                             | 8: speed scaling of the controller, 0 to 1   |
 | 3, 4     | number and `Setting` of a setting           | 10 to 19: values of the setting              |
 | 5        | number of the package, see `Echoes`         |                                              |
 
@@ -59,7 +60,7 @@ class Kind(IntEnum):
     REST = 0
     """Stop, and hold."""
     SERVO_JOINT = 1
-    """Joint angles, rad; pace of the controller (its speed slider), 0 to 1, and gain of servoJ."""
+    """Joint angles, rad; gain of servoJ."""
     SPEED_JOINT = 2
     """Joint speeds, rad/s; acceleration, rad/s², and for how many seconds it is good."""
     SPEED_CARTESIAN = 3
@@ -118,6 +119,12 @@ SERVOJ_LOOKAHEAD: Final = 0.03
 SHORTEST_SMOOTHING: Final = 4.0
 """Control periods that the smoothing before it takes at least."""
 
+SLOWEST_PACE: Final = 0.1
+"""At which the program follows positions at least, whatever the speed slider says."""
+
+SLIDER_RAMP: Final = 0.25
+"""Seconds in which the arm becomes as slow as the speed slider says, from full speed to none, at most."""
+
 LARGEST_VALUE: Final = 10000.0
 """Of a motion's values (rad, m, N, ...): what is larger, or not finite, cannot be meant."""
 
@@ -137,7 +144,7 @@ class Registers(NamedTuple):
 
 
 FEED: Final = Registers((0, 5))
-MOTION: Final = Registers((0, 1, 2, 5), (*range(8),))
+MOTION: Final = Registers((0, 1, 2, 5), (*range(9),))
 SETTING: Final = Registers((0, 3, 4), (*range(10, 10 + SETTING_VALUES),))
 
 
@@ -232,6 +239,8 @@ def program_text(options: ProgramOptions, program: int) -> str:
         "lower": [max(-LARGEST_VALUE, value) for value in options.joint_ranges.lower],
         "upper": [min(LARGEST_VALUE, value) for value in options.joint_ranges.upper],
         "largest_value": LARGEST_VALUE,
+        "slowest": SLOWEST_PACE,
+        "slider_ramp": SLIDER_RAMP,
         "kinds": _constants(Kind),
         "phases": _constants(Phase),
         "settings": _constants(Setting),

@@ -43,6 +43,7 @@ class ControlChannel:
 
     Attributes:
         echoes: when packages left.
+        scaling: by how much the controller slows motion down now, 0 to 1; sent with each motion.
 
     Raises:
         ConnectionFailed: unreachable, or the registers are in use.
@@ -70,6 +71,7 @@ class ControlChannel:
                 else error.remedy,
             ) from error
         self.echoes = Echoes()
+        self.scaling = 1.0
         self._program = 0
         self._sequence = 0
         self._settings = 0
@@ -136,7 +138,7 @@ class ControlChannel:
         self, kind: Kind, values: Sequence[float], first: float, second: float
     ) -> None:
         numbers = (self._program, self._sequence, kind, self._number())
-        self._inputs.post(self._motion, (*numbers, *values, first, second))
+        self._inputs.post(self._motion, (*numbers, *values, first, second, self.scaling))
 
     def _number(self) -> int:
         """Return the number of a package that leaves now."""

@@ -75,6 +75,7 @@ class Arm:
         self._steady_ticks = self.still_ticks
         self._drift_qd = [0.0] * 6
         self._pending: tuple[list[float], list[float]] | None = None
+        self._part: tuple[float, list[float]] | None = None  # of this period that is planned
         self._too_fast: LimitViolation | None = None  # what that violates where it is too fast
         self._tracking = 1.0 - exp(-dt / TRACKING_TIME)
 
@@ -98,10 +99,22 @@ class Arm:
         self._pending = (q, qd)
         self._too_fast = SUDDEN_CHANGE
 
-    def command_velocity(self, qd: list[float]) -> None:
-        """Plan to move with `qd` (path time) during this period."""
-        h = self.dt * self.scale
-        self._pending = ([p + v * h for p, v in zip(self.plan_q, qd, strict=True)], qd)
+    @property
+    def time_left(self) -> float:
+        """Path time of this period for which nothing is planned yet, s."""
+        planned = 0.0 if self._part is None else self._part[0]
+        return self.dt * self.scale - planned
+
+    def command_velocity(self, qd: list[float], seconds: float | None = None) -> None:
+        """Plan to move with `qd` (path time) for the rest of this period.
+
+        With `seconds` of path time, fewer than are left, the next command may have what remains.
+        """
+        start, left = self.plan_q if self._part is None else self._part[1], self.time_left
+        self._pending = ([p + v * left for p, v in zip(start, qd, strict=True)], qd)
+        if seconds is not None:
+            reached = [p + v * seconds for p, v in zip(start, qd, strict=True)]
+            self._part = (self.dt * self.scale - left + seconds, reached)
         self._too_fast = None
 
     @property
@@ -156,7 +169,7 @@ class Arm:
         """Advance one period. A returned violation has not been followed: the arm slows down."""
         pending = self._pending
         drift = self._drift_qd
-        self._pending = None
+        self._pending = self._part = None
         violation = None
         if not self.enabled:
             pending = None

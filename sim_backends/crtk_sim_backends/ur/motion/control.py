@@ -93,8 +93,8 @@ class MotionControl:
         arm, compliance = self.arm, self.plant.compliance
         while any(arm.plan_qd) or compliance.coasts:
             self.claim()
-            step = deceleration * arm.dt * arm.scale
-            arm.command_velocity(approach(arm.plan_qd, (0.0,) * 6, step))
+            step = deceleration * arm.time_left
+            arm.command_velocity(approach(arm.commanded_qd, (0.0,) * 6, step))
             yield
 
     def stop_protectively(self, code: int) -> Generator[None, None, NoReturn]:
@@ -103,14 +103,6 @@ class MotionControl:
         while True:
             yield
 
-    def leaps(self, before: Floats, after: Floats) -> bool:
-        """Whether a joint would turn faster than it can, as near a singularity."""
-        dt = self.arm.dt
-        return any(
-            abs(y - x) > limit * dt
-            for x, y, limit in zip(before, after, self.arm.model.velocity, strict=True)
-        )
-
     def target(self, name: str, value: Any) -> Transform:
         """Transform of an argument that is a pose or joint positions."""
         numbers = six(name, value)
@@ -118,17 +110,11 @@ class MotionControl:
             return to_transform(numbers)
         return compose(self.kinematics.flange(numbers), self.plant.tool)
 
-    def goal(self, name: str, value: Any, near: Floats) -> list[float]:
-        """Joint positions of an argument that is a pose or joint positions.
+    def goal(self, name: str, value: Any, near: Floats) -> list[float] | None:
+        """Joint positions of an argument that is a pose or joint positions; None when out of reach.
 
-        Raises:
-            ScriptRuntimeError: when the pose is out of reach; of several solutions, that nearest
-                to `near` counts.
+        Of several solutions, that nearest to `near` counts.
         """
         if not isinstance(value, Pose):
             return six(name, value)
-        goal = self.target(name, value)
-        q = self.kinematics.inverse(goal, near, self.plant.tool)
-        if q is None:
-            raise ScriptRuntimeError(f"{name}: Unable to find an inverse kinematics solution")
-        return q
+        return self.kinematics.inverse(self.target(name, value), near, self.plant.tool)

@@ -36,7 +36,7 @@ class SafetyLimits:
 
     tool_speed: float = 5.0
     tool_force: float = 250.0
-    power: float = 3000.0
+    power: float = 6000.0
     momentum: float = 100.0
 
     def violation(self, outputs: Mapping[str, Any], torque: Floats) -> tuple[int, int] | None:

@@ -15,8 +15,8 @@ rounds corners on an arc at constant speed, and blends that would overlap skip t
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass
-from math import sqrt
+from dataclasses import dataclass, replace
+from math import dist, sqrt
 from typing import Any, Final
 
 from crtk_sim_backends.ur.messages import ErrorMessage, Message, ReportLevel
@@ -39,7 +39,16 @@ SKIPPED: Final = {
 ABORTABLE: Final = ("movej", "movel")
 """Moves that `abort` of interpreter mode stops (manual: "currently only movej and movel")."""
 
+TOOL_ACCELERATION: Final = 10.0
+JOINT_ACCELERATION: Final = 10.0
+"""m/s^2 and rad/s^2 of the largest accelerations of `optimovel` and `optimovej`, and of what a move that is
+given its time, or slowed down, has at most."""
+
+SLOWEST_SHARE: Final = 0.02
+"""Of its speed, to which a move is slowed down where a joint cannot follow; less is a singularity."""
+
 _NOWHERE = 1e-9  # rad or m
+_TRIALS = 12  # to find how far joints can follow in one period
 
 
 @dataclass(frozen=True)
@@ -85,11 +94,15 @@ class Moves:
     Args:
         control: of the arm.
         post: sends a message to the clients.
+        tool_speed: of the tool at most, m/s.
     """
 
-    def __init__(self, control: MotionControl, post: Callable[[Message], None]) -> None:
+    def __init__(
+        self, control: MotionControl, post: Callable[[Message], None], tool_speed: float
+    ) -> None:
         self._control = control
         self._post = post
+        self._tool_speed = tool_speed
         self._plant = control.plant
         self._arm = control.arm
         self._kinematics = control.kinematics
@@ -131,7 +144,7 @@ class Moves:
         """Move to `q`, rad (or to a pose), linear in joint space; `t` s overrides `a` and `v`."""
         a = positive("movej a", a)
         goal = yield from self._begin("movej", q, a, r)
-        path = self._joint_path(goal)
+        path = self._joint_path(_reached("movej", goal))
         v = positive("movej v", v)
         if path.length:
             # The leading axis moves with v; a slower joint slows the whole move down.
@@ -186,18 +199,18 @@ class Moves:
         """Move to `q` with fractions `a` and `v` (0 to 1] of what the joints can do."""
         a, v = _fractions("optimovej", a, v)
         model = self._arm.model
-        acceleration = a * model.acceleration / 4
+        acceleration = a * JOINT_ACCELERATION
         goal = yield from self._begin("optimovej", q, acceleration, r)
-        path = self._joint_path(goal)
+        path = self._joint_path(_reached("optimovej", goal))
         speed = v * path.fastest(model.velocity) if path.length else v
         yield from self._go("movej", path, Pace(speed, acceleration), r)
 
     def optimovel(self, pose: Any, a: float = 0.3, v: float = 0.3, r: float = 0) -> Motion:
         """Move linearly to `pose` with fractions `a` and `v` of 10 m/s^2 and 1 m/s."""
         a, v = _fractions("optimovel", a, v)
-        goal = yield from self._begin("optimovel", pose, 10.0 * a, r)
+        goal = yield from self._begin("optimovel", pose, TOOL_ACCELERATION * a, r)
         path = self._line(self._control.target("optimovel", pose), goal)
-        yield from self._go("movel", path, Pace(v, 10.0 * a), r)
+        yield from self._go("movel", path, Pace(v, TOOL_ACCELERATION * a), r)
 
     def servoc(self, pose: Any, a: float = 1.2, v: float = 0.25, r: float = 0) -> Motion:
         """Servo to `pose` with constant tool speed, around corners on an arc."""
@@ -210,8 +223,12 @@ class Moves:
 
     def _begin(
         self, name: str, goal: Any, deceleration: float, radius: float
-    ) -> Generator[None, None, list[float]]:
-        """Take the arm, at rest or out of a blend; returns the joint positions of `goal`."""
+    ) -> Generator[None, None, list[float] | None]:
+        """Take the arm, at rest or out of a blend; returns the joint positions of `goal`.
+
+        None when that is out of reach: a line leads towards it, and ends where joints cannot follow
+        with a protective stop (tests of Universal_Robots_Client_Library).
+        """
         if not isinstance(radius, (int, float)) or not 0.0 <= radius <= LARGEST:
             raise ScriptRuntimeError(f"{name} r: expected a blend radius, got {radius}")
         control = self._control
@@ -219,7 +236,10 @@ class Moves:
         if self._tail is not None and self._tail.tick != control.tick:
             self._tail = None
         q = self._origin() if goal is None else control.goal(name, goal, self._origin())
-        self._set_waypoint(compose(self._kinematics.flange(q), self._plant.tool))
+        if q is None:
+            self._set_waypoint(control.target(name, goal))
+        else:
+            self._set_waypoint(compose(self._kinematics.flange(q), self._plant.tool))
         if self._tail is None:
             for _ in control.halt(deceleration):
                 self._waypoint_tick = control.tick
@@ -240,7 +260,7 @@ class Moves:
     def _joint_path(self, goal: Floats) -> JointPath:
         return JointPath(self._origin(), goal, self._kinematics, self._plant.tool)
 
-    def _line(self, target: Transform, goal: Floats) -> ToolPath:
+    def _line(self, target: Transform, goal: Floats | None) -> ToolPath:
         line = Line(self._origin_pose(), target)
         return ToolPath(line, self._kinematics, self._plant.tool, goal)
 
@@ -271,8 +291,19 @@ class Moves:
                 profile = Profile(pieces, tail.speed)
                 yield from self._follow(around, profile, None, pace, radius if entry else 0.0)
                 return
+        if pace.seconds:
+            pace = replace(pace, seconds=max(pace.seconds, self._least_seconds(path)))
         profile = Profile(_pieces(path.length, pace, tail, lead, entry))
         yield from self._follow(path, profile, tail, pace, radius if entry else 0.0)
+
+    def _least_seconds(self, path: Path) -> float:
+        """Seconds that a move takes at least, in three equal parts: speeding up, going, slowing down."""
+        model = self._arm.model
+        if isinstance(path, JointPath):
+            speed, acceleration = path.fastest(model.velocity), JOINT_ACCELERATION
+        else:
+            speed, acceleration = self._tool_speed, TOOL_ACCELERATION
+        return max(1.5 * path.length / speed, sqrt(4.5 * path.length / acceleration))
 
     def _skip(self, name: str) -> None:
         argument, text = SKIPPED[name]
@@ -303,30 +334,30 @@ class Moves:
         arm = self._arm
         control = self._control
         alone = path if isinstance(path, JointPath) and tail is None else None
-        elapsed = 0.0
+        elapsed, rates = 0.0, arm.plan_qd
         while True:
             control.claim()
             self._waypoint_tick = control.tick
             if pace.abortable:
                 self._abortable = pace
             h = arm.dt * arm.scale
-            elapsed += h
+            found = self._farther(path, profile, tail, elapsed, rates)
+            if found is None:
+                yield from control.stop_protectively(SINGULARITY)
+                return
+            later, q = found
+            slowed = later < elapsed + h - TIME_TOLERANCE
+            elapsed = later
             distance, speed = profile.at(elapsed)
             arrived = not radius and elapsed >= profile.duration - TIME_TOLERANCE
             before = arm.plan_q
             if tail is not None and elapsed >= tail.duration:
                 tail = None
-            q = self._point(path, distance, tail, elapsed)
-            if q is None or (alone is None and control.leaps(before, q)):
-                yield from control.stop_protectively(SINGULARITY)
-            elif arrived:
-                arm.command(q, [0.0] * 6)
-            elif alone is not None:
-                arm.command(q, alone.rates(speed))
-            elif h > 0.0:
-                arm.command(q, [(x - y) / h for x, y in zip(q, before, strict=True)])
-            else:
-                arm.command(q, arm.plan_qd)
+            if alone is not None and not slowed:
+                rates = alone.rates(speed)
+            elif h > TIME_TOLERANCE:
+                rates = [(x - y) / h for x, y in zip(q, before, strict=True)]
+            arm.command(q, [0.0] * 6 if arrived else rates)
             yield
             if arrived:
                 return
@@ -357,6 +388,59 @@ class Moves:
                     )
                 return
 
+    def _farther(
+        self, path: Path, profile: Profile, tail: Tail | None, elapsed: float, rates: Floats
+    ) -> tuple[float, list[float]] | None:
+        """Path time after this period, and joint positions then: as far as joints and tool get.
+
+        `rates` are those of the period before. None where they hardly get on, as in a singularity.
+        """
+        arm = self._arm
+        period = arm.dt * arm.scale
+        share = 1.0
+        for _ in range(_TRIALS):
+            later = elapsed + share * period
+            distance, _ = profile.at(later)
+            behind = tail if tail is not None and later < tail.duration else None
+            q = self._point(path, distance, behind, later)
+            if q is None:
+                return None
+            excess = self._excess(q, period, rates)
+            if excess <= 1.0:
+                return later, q
+            share *= max(0.1, 0.999 / excess)
+            if share < SLOWEST_SHARE:
+                return None
+        return None
+
+    def _excess(self, q: Floats, period: float, rates: Floats) -> float:
+        """How many times faster joints or tool would be than they may, to be at `q` in `period` s.
+
+        A joint also gets faster no sooner than it can.
+        """
+        if period < TIME_TOLERANCE:
+            return 0.0
+        arm, model = self._arm, self._arm.model
+        gain = model.acceleration * period
+        way = most = 0.0
+        for before, after, speed, limit in zip(arm.plan_q, q, rates, model.velocity, strict=True):
+            step = abs(after - before)
+            way += step
+            most = max(most, step / min(limit, abs(speed) + gain))
+        # What the tool could move if all joints turned it at arm's length.
+        if way * self._length() > self._tool_speed * period:
+            here, there = (
+                compose(self._kinematics.flange(joints), self._plant.tool)[9:]
+                for joints in (arm.plan_q, q)
+            )
+            most = max(most, dist(here, there) / self._tool_speed)
+        return most / period
+
+    def _length(self) -> float:
+        """Longest distance of the tool from any joint, m."""
+        model = self._arm.model
+        return sum(map(abs, (*model.a, *model.d, *self._plant.tool[9:])))
+
     def _early_tail(
         self, path: Path, distance: float, speed: float, pace: Pace, radius: float
     ) -> Tail | None:
@@ -384,6 +468,12 @@ class Moves:
         if a is None or b is None:
             return None
         return [x + y - w for x, y, w in zip(a, b, tail.waypoint, strict=True)]
+
+
+def _reached(name: str, goal: list[float] | None) -> list[float]:
+    if goal is None:
+        raise ScriptRuntimeError(f"{name}: Unable to find an inverse kinematics solution")
+    return goal
 
 
 def _pace(name: str, v: Any, a: float, t: Any = 0, constant: bool = False) -> Pace:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from math import tanh
+from collections.abc import Callable, Iterator
+from math import inf, isfinite, tanh
 from typing import Any, Final
 
 from crtk_sim_backends.ur.motion.arm import approach
@@ -16,7 +16,8 @@ from crtk_sim_backends.ur.motion.kinematics import (
     norm,
     transpose_multiply,
 )
-from crtk_sim_backends.ur.urscript import Builtin
+from crtk_sim_backends.ur.motion.profiles import TIME_TOLERANCE
+from crtk_sim_backends.ur.urscript import Builtin, ScriptRuntimeError
 from crtk_sim_backends.ur.urscript.arguments import positive, six
 
 LOOKAHEAD_RANGE = (0.03, 0.2)  # s
@@ -72,18 +73,19 @@ class Streams:
             yield
 
     def speedj(self, qd: Any, a: float = 1.4, t: float | None = None) -> Motion:
-        """Accelerate to joint speeds `qd`, rad/s; return after `t` s, or once they are reached."""
+        """Accelerate to joint speeds `qd`, rad/s; return after `t` s, or once they are reached.
+
+        As everything that moves the arm, `t` is longer the lower the speed slider is (UR's external
+        control program counts the time of its splines by it).
+        """
         goal = six("speedj", qd)
-        acceleration = positive("speedj a", a)
+        acceleration = _acceleration("speedj a", a)
         arm = self._arm
-        ticks = self._ticks(t) if t is not None else 0
-        while True:
-            self._control.claim()
-            arm.command_velocity(approach(arm.plan_qd, goal, acceleration * arm.dt * arm.scale))
-            yield
-            ticks -= 1
-            if ticks == 0 or (t is None and arm.plan_qd == goal):
-                return
+
+        def faster(seconds: float) -> list[float]:
+            return approach(arm.commanded_qd, goal, acceleration * seconds)
+
+        yield from self._speed(faster, lambda: arm.plan_qd == goal, t)
 
     def speedl(
         self,
@@ -94,27 +96,51 @@ class Streams:
     ) -> Motion:
         """Accelerate to tool speed `xd` (m/s and rad/s, base axes); return as `speedj` does."""
         goal = six("speedl", xd)
-        acceleration = positive("speedl a", a)
-        turn = positive("speedl aRot", aRot) if isinstance(aRot, (int, float)) else acceleration
+        acceleration = _acceleration("speedl a", a)
+        turn = (
+            _acceleration("speedl aRot", aRot) if isinstance(aRot, (int, float)) else acceleration
+        )
         arm = self._arm
-        ticks = self._ticks(t) if t is not None else 0
+        reached: list[float] = []
+
+        def faster(seconds: float) -> list[float] | None:
+            matrix = self._kinematics.jacobian(arm.plan_q, self._plant.tool)
+            twist = multiply(matrix, arm.commanded_qd)
+            reached[:] = (
+                *_approach_vector(twist[:3], goal[:3], acceleration * seconds),
+                *_approach_vector(twist[3:], goal[3:], turn * seconds),
+            )
+            return joint_rates(matrix, reached)
+
+        yield from self._speed(faster, lambda: reached == goal, t)
+
+    def _speed(
+        self,
+        faster: Callable[[float], list[float] | None],
+        reached: Callable[[], bool],
+        t: float | None,
+    ) -> Motion:
+        """Move with the joint speeds of `faster`, which gets the seconds (path time) of each step.
+
+        One that ends within a period leaves the rest of it to the next.
+        """
+        arm = self._arm
+        seconds = t if t is not None and t > 0.0 else inf
         while True:
             self._control.claim()
-            matrix = self._kinematics.jacobian(arm.plan_q, self._plant.tool)
-            twist = multiply(matrix, arm.plan_qd)
-            h = arm.dt * arm.scale
-            reached = (
-                *_approach_vector(twist[:3], goal[:3], acceleration * h),
-                *_approach_vector(twist[3:], goal[3:], turn * h),
-            )
-            qd = joint_rates(matrix, reached)
+            left = arm.time_left
+            step = min(seconds, left)
+            qd = faster(step)
             if qd is None:
                 yield from self._control.stop_protectively(SINGULARITY)
                 return
+            seconds -= step
+            if seconds < TIME_TOLERANCE < left - step:
+                arm.command_velocity(qd, step)
+                return
             arm.command_velocity(qd)
             yield
-            ticks -= 1
-            if ticks == 0 or (t is None and list(reached) == goal):
+            if seconds < TIME_TOLERANCE or (t is None and reached()) or t == 0.0:
                 return
 
     def stopj(self, a: float = 2.0) -> Motion:
@@ -211,6 +237,13 @@ def _approach_vector(current: Floats, goal: Floats, step: float) -> list[float]:
     if distance <= step:
         return list(goal)
     return [c + d * step / distance for c, d in zip(current, delta, strict=True)]
+
+
+def _acceleration(name: str, value: Any) -> float:
+    """Check an acceleration, which may be 0: the speed stays, as between equal points of a spline."""
+    if not isinstance(value, (int, float)) or not isfinite(value) or value < 0.0:
+        raise ScriptRuntimeError(f"{name}: expected a number of at least zero, got {value}")
+    return float(value)
 
 
 def _scales(name: str, value: Any, default: Floats, full: float) -> list[float]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 from crtk_sim_backends.ur.program.programs import PROGRAM_FOLDER, ProgramError
 from crtk_sim_backends.ur.safety.modes import RobotMode, RuntimeState, SafetyMode
-from crtk_sim_backends.ur.signals.variables import Version
+from crtk_sim_backends.ur.versions import ALWAYS, E_SERIES, Since, Version
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller
@@ -46,20 +46,14 @@ class Command:
     """One dashboard command.
 
     `pattern` matches the whole line, upper or lower case; its first group is the argument that
-    `answer` gets, "" when it has none. `since_cb3` and `since_e` are the first software versions
-    that know it, None where it never existed. `local` tells that it works in local control too.
+    `answer` gets, "" when it has none. `since` is the first software that knows it. `local` tells
+    that it works in local control too.
     """
 
     pattern: re.Pattern[str]
     answer: Callable[[Robot, str], str]
-    since_cb3: tuple[int, int] | None
-    since_e: tuple[int, int] | None
+    since: Since
     local: bool
-
-    def exists_in(self, version: Version) -> bool:
-        """Whether the software `version` knows the command."""
-        since = self.since_e if version[0] >= 5 else self.since_cb3
-        return since is not None and version[:2] >= since
 
 
 def _boolean(value: bool) -> str:
@@ -163,7 +157,8 @@ def _program_state(robot: Robot, _: str) -> str:
 
 
 def _running(robot: Robot, _: str) -> str:
-    return "Program running: " + _boolean(robot.controller.runtime_state == RuntimeState.PLAYING)
+    state = _PROGRAM_STATES.get(robot.controller.runtime_state)
+    return f"Program running: {_boolean(state == 'PLAYING')}"
 
 
 def _version_text(robot: Robot, _: str) -> str:
@@ -201,10 +196,8 @@ def _safety_mode(robot: Robot, _: str) -> str:
 
 def _clear_operational_mode(robot: Robot, _: str) -> str:
     robot.controller.set_operational_mode("NONE")
-    return (
-        "No longer controlling the operational mode. "
-        f"Current operational mode: {robot.controller.operational_mode}."
-    )
+    mode = "MANUAL" if robot.controller.safety.manual else "AUTOMATIC"
+    return f"No longer controlling the operational mode. Current operational mode: '{mode}'."
 
 
 def _add_to_log(robot: Robot, text: str) -> str:
@@ -222,20 +215,19 @@ def _shut_down(robot: Robot, _: str) -> str:
 def _command(
     pattern: str,
     answer: Callable[[Robot, str], str] | str,
-    since_cb3: tuple[int, int] | None = (3, 0),
-    since_e: tuple[int, int] | None = (5, 0),
+    since: Since = ALWAYS,
     local: bool = False,
 ) -> Command:
     if isinstance(answer, str):
         text = answer
         answer = lambda _robot, argument: text.format(argument)  # noqa: E731
-    return Command(re.compile(pattern, re.IGNORECASE), answer, since_cb3, since_e, local)
+    return Command(re.compile(pattern, re.IGNORECASE), answer, since, local)
 
 
 _LOCAL: Final = True
 
 COMMANDS: Final[tuple[Command, ...]] = (
-    _command(r"load installation (.+)", _load_installation, (3, 2)),
+    _command(r"load installation (.+)", _load_installation, Since((3, 2))),
     _command(r"load (.+)", _load),
     _command(r"play", _play),
     _command(r"stop", _stop),
@@ -252,8 +244,7 @@ COMMANDS: Final[tuple[Command, ...]] = (
     _command(
         r"safetystatus",
         lambda robot, _: f"Safetystatus: {SafetyMode(robot.controller.safety_mode).name}",
-        (3, 11),
-        (5, 4),
+        Since((3, 11), (5, 4)),
         _LOCAL,
     ),
     _command(r"programState", _program_state, local=_LOCAL),
@@ -264,57 +255,54 @@ COMMANDS: Final[tuple[Command, ...]] = (
         local=_LOCAL,
     ),
     _command(r"PolyscopeVersion", _version_text, local=_LOCAL),
+    _command(r"version", lambda robot, _: "{}.{}.{}.{}".format(*robot.version), E_SERIES, _LOCAL),
     _command(
-        r"version", lambda robot, _: "{}.{}.{}.{}".format(*robot.version), None, (5, 0), _LOCAL
+        r"get serial number", lambda robot, _: robot.serial_number, Since((3, 12), (5, 6)), _LOCAL
     ),
-    _command(r"get serial number", lambda robot, _: robot.serial_number, (3, 12), (5, 6), _LOCAL),
     _command(
         r"get robot model",
         lambda robot, _: robot.model.title.removesuffix("e"),
-        (3, 12),
-        (5, 6),
+        Since((3, 12), (5, 6)),
         _LOCAL,
     ),
     _command(
         r"is in remote control",
         lambda robot, _: _boolean(robot.controller.remote),
-        None,
-        (5, 6),
+        Since(None, (5, 6)),
         _LOCAL,
     ),
     _command(r"power on", _power_on),
     _command(r"power off", _power_off),
     _command(r"brake release", _brake_release),
-    _command(r"unlock protective stop", _unlock, (3, 1)),
-    _command(r"restart safety", _restart_safety, (3, 7), (5, 1)),
-    _command(r"close safety popup", "closing safety popup", (3, 1)),
+    _command(r"unlock protective stop", _unlock, Since((3, 1))),
+    _command(r"restart safety", _restart_safety, Since((3, 7), (5, 1))),
+    _command(r"close safety popup", "closing safety popup", Since((3, 1))),
     _command(r"close popup", _close_popup, local=_LOCAL),
     _command(r"popup ?(.*)", _popup, local=_LOCAL),
     _command(r"addToLog ?(.*)", _add_to_log, local=_LOCAL),
-    _command(r"saveLog", "Log saved to disk", (3, 13), (5, 8), _LOCAL),
-    _command(r"set operational mode (.+)", _set_operational_mode, None, local=_LOCAL),
+    _command(r"saveLog", "Log saved to disk", Since((3, 13), (5, 8)), _LOCAL),
+    _command(r"set operational mode (.+)", _set_operational_mode, E_SERIES, _LOCAL),
     _command(
         r"get operational mode",
         lambda robot, _: robot.controller.operational_mode,
-        None,
-        (5, 6),
+        Since(None, (5, 6)),
         _LOCAL,
     ),
-    _command(r"clear operational mode", _clear_operational_mode, None, local=_LOCAL),
-    _command(r"setUserRole (.+)", _set_user_role, (3, 1), None),
-    _command(r"getUserRole", lambda robot, _: robot.controller.user_role, (3, 1), None),
+    _command(r"clear operational mode", _clear_operational_mode, E_SERIES, _LOCAL),
+    _command(r"setUserRole (.+)", _set_user_role, Since((3, 1), None, None)),
+    _command(
+        r"getUserRole", lambda robot, _: robot.controller.user_role, Since((3, 1), None, None)
+    ),
     _command(
         r"generate flight report ?(.*)",
         "Flight Report generated with id: 00000000-0000-4000-8000-000000000001",
-        (3, 13),
-        (5, 8),
+        Since((3, 13), (5, 8)),
         _LOCAL,
     ),
     _command(
         r"generate support file (.+)",
         "Completed successfully: {}/ursupport.zip",
-        (3, 13),
-        (5, 8),
+        Since((3, 13), (5, 8)),
         _LOCAL,
     ),
 )
@@ -347,8 +335,8 @@ class DashboardSession:
         self._note(line)
         for command in COMMANDS:
             match = command.pattern.fullmatch(line)
-            if match and command.exists_in(self._robot.version):
-                if not (command.local or self._robot.controller.remote):
+            if match and command.since.reached_by(self._robot.version):
+                if not (command.local or self._robot.controller.obeys_clients):
                     return NOT_IN_REMOTE_CONTROL
                 self.ended = line.lower() == "quit"
                 return command.answer(self._robot, match.group(1) if match.re.groups else "")

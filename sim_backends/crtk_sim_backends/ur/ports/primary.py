@@ -29,7 +29,7 @@ from crtk_sim_backends.ur.messages import (
 from crtk_sim_backends.ur.models import ALPHA, RobotModel
 from crtk_sim_backends.ur.safety.modes import RobotMode, RobotStatus, RuntimeState, SafetyMode
 from crtk_sim_backends.ur.signals.tool_line import LineSettings
-from crtk_sim_backends.ur.signals.variables import Version
+from crtk_sim_backends.ur.versions import ALWAYS, E_SERIES, Since, Version
 
 STATE_PERIOD: Final = 0.1  # s
 
@@ -123,25 +123,17 @@ class _Source:
     model: RobotModel
     image: Image
     safety_checksum: int
-    operational_mode: str
+    manual: bool
     line: LineSettings
 
 
 @dataclass(frozen=True)
 class _Piece:
-    """Some fields at the end of a sub-package, and the first software that has them.
+    """Some fields at the end of a sub-package, and the first software that has them."""
 
-    `since_cb3` is None where CB3 software never got them.
-    """
-
-    since_cb3: tuple[int, int] | None
-    since_e: tuple[int, int]
+    since: Since
     format: str
     values: Callable[[_Source], Iterable[Any]]
-
-    def exists_in(self, version: Version) -> bool:
-        since = self.since_e if version[0] >= 5 else self.since_cb3
-        return since is not None and version[:2] >= since
 
 
 def _robot_mode(source: _Source) -> tuple[Any, ...]:
@@ -237,9 +229,6 @@ def _configuration(source: _Source) -> tuple[Any, ...]:
     return (*limits, *speeds, *defaults, *model.a, *model.d, *ALPHA, *_ZERO6, *boards)
 
 
-_CB3: Final = (3, 0)
-_E: Final = (5, 0)
-_E_ONLY: Final = None
 _DEXTERITY: Final = 1.0
 _NO_LINE: Final = LineSettings()
 
@@ -253,56 +242,57 @@ _PARTS: Final[tuple[tuple[int, tuple[_Piece, ...]], ...]] = (
     (
         0,
         (
-            _Piece(_CB3, _E, "Q7?bBdd", _robot_mode),
-            _Piece((3, 2), _E, "d", lambda s: (1.0,)),  # limit of the speed fraction
-            _Piece((3, 5), _E, "B", lambda s: (0,)),
+            _Piece(ALWAYS, "Q7?bBdd", _robot_mode),
+            _Piece(Since((3, 2)), "d", lambda s: (1.0,)),  # limit of the speed fraction
+            _Piece(Since((3, 5)), "B", lambda s: (0,)),
         ),
     ),
-    (1, (_Piece(_CB3, _E, "3d4fB" * 6, _joints),)),
+    (1, (_Piece(ALWAYS, "3d4fB" * 6, _joints),)),
     (
         4,
         (
-            _Piece(_CB3, _E, "6d", lambda s: s.image["actual_TCP_pose"]),
-            _Piece((3, 2), _E, "6d", lambda s: s.image["tcp_offset"]),
+            _Piece(ALWAYS, "6d", lambda s: s.image["actual_TCP_pose"]),
+            _Piece(Since((3, 2)), "6d", lambda s: s.image["tcp_offset"]),
         ),
     ),
-    (5, (_Piece(_CB3, _E, "6I24dI", _kinematics),)),
-    (9, (_Piece(_CB3, _E, "6d", lambda s: _ZERO6),)),  # for calibration, internal
+    (5, (_Piece(ALWAYS, "6I24dI", _kinematics),)),
+    (9, (_Piece(ALWAYS, "6d", lambda s: _ZERO6),)),  # for calibration, internal
     (
         3,
         (
-            _Piece(_CB3, _E, "2I2b2d2b2d4f3B", _masterboard),
-            _Piece((3, 2), _E, "I", lambda s: (s.safety_checksum,)),
+            _Piece(ALWAYS, "2I2b2d2b2d4f3B", _masterboard),
+            _Piece(Since((3, 2)), "I", lambda s: (s.safety_checksum,)),
             # Selector of the operational mode, three-position enabling device.
-            _Piece((3, 5), _E, "2B", lambda s: (s.operational_mode != "MANUAL", 1)),
-            _Piece((3, 10), (5, 4), "B", lambda s: (1,)),
+            _Piece(Since((3, 5)), "2B", lambda s: (not s.manual, 1)),
+            _Piece(Since((3, 10), (5, 4)), "B", lambda s: (1,)),
         ),
     ),
-    (2, (_Piece(_CB3, _E, "2b2dfB2fB", _tool),)),
-    (6, (_Piece(_CB3, _E, "53d4i", _configuration),)),
-    (7, (_Piece((3, 2), _E, "7d", lambda s: (*s.image["actual_TCP_force"], _DEXTERITY)),)),
+    (2, (_Piece(ALWAYS, "2b2dfB2fB", _tool),)),
+    (6, (_Piece(ALWAYS, "53d4i", _configuration),)),
+    (7, (_Piece(Since((3, 2)), "7d", lambda s: (*s.image["actual_TCP_force"], _DEXTERITY)),)),
     (
         8,
         (
-            _Piece((3, 2), _E, "2?", lambda s: (False, True)),  # freedrive button: pressed, enabled
-            _Piece((3, 10), _E, "?", lambda s: (False,)),  # freedrive by an input
-            _Piece(_E_ONLY, _E, "B", lambda s: (1,)),
+            _Piece(
+                Since((3, 2)), "2?", lambda s: (False, True)
+            ),  # freedrive button: pressed, enabled
+            _Piece(Since((3, 10)), "?", lambda s: (False,)),  # freedrive by an input
+            _Piece(E_SERIES, "B", lambda s: (1,)),
         ),
     ),
     (  # safety configuration and the sphere around the elbow, internal
         10,
         (
             _Piece(
-                (3, 5),
-                _E,
+                Since((3, 5)),
                 "I2B4d",
                 lambda s: (s.safety_checksum, 1, 1, *s.image["elbow_position"], 0.13),
             ),
         ),
     ),
-    (11, (_Piece(_E_ONLY, _E, "?3I2f", lambda s: astuple(s.line)),)),
-    (12, (_Piece(_E_ONLY, (5, 2), "3B", lambda s: [s.image[name] for name in _TOOL_MODES]),)),
-    (13, (_Piece(_E_ONLY, (5, 10), "2B", lambda s: (0, 0)),)),  # singularity: severity, type
+    (11, (_Piece(E_SERIES, "?3I2f", lambda s: astuple(s.line)),)),
+    (12, (_Piece(Since(None, (5, 2)), "3B", lambda s: [s.image[name] for name in _TOOL_MODES]),)),
+    (13, (_Piece(Since(None, (5, 10)), "2B", lambda s: (0, 0)),)),  # singularity: severity, type
 )
 """The sub-packages of a robot state, in the order in which they are sent."""
 
@@ -315,22 +305,20 @@ class RobotStateEncoder:
         self._safety_checksum = zlib.crc32(model.name.encode())
         self._parts: list[tuple[int, struct.Struct, list[Callable[[_Source], Iterable[Any]]]]] = []
         for number, pieces in _PARTS:
-            present = [piece for piece in pieces if piece.exists_in(version)]
+            present = [piece for piece in pieces if piece.since.reached_by(version)]
             if present:
                 body = struct.Struct(">" + "".join(piece.format for piece in present))
                 self._parts.append((number, body, [piece.values for piece in present]))
 
-    def packet(
-        self, image: Image, operational_mode: str = "NONE", line: LineSettings = _NO_LINE
-    ) -> bytes:
+    def packet(self, image: Image, manual: bool = False, line: LineSettings = _NO_LINE) -> bytes:
         """Build the packet with all sub-packages.
 
         Args:
             image: process image by RTDE variable name.
-            operational_mode: "NONE", "MANUAL" or "AUTOMATIC".
+            manual: whether the robot is in manual mode.
             line: settings of the serial line to the tool.
         """
-        source = _Source(self._model, image, self._safety_checksum, operational_mode, line)
+        source = _Source(self._model, image, self._safety_checksum, manual, line)
         return _frame(
             ROBOT_STATE,
             b"".join(

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Mapping
 from typing import Any, Final
 
-from crtk_sim_backends.ur.signals.variables import Version
+from crtk_sim_backends.ur.versions import Version
 
 LENGTHS_E: Final = (((5, 0), 1108), ((5, 4), 1116), ((5, 9), 1140), ((5, 10), 1220))
 LENGTHS_CB3: Final = (

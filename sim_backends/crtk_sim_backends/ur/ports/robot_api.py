@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from crtk_sim_backends.ur.program.programs import ProgramError
 from crtk_sim_backends.ur.safety.modes import RobotMode, RuntimeState, SafetyMode
-from crtk_sim_backends.ur.signals.variables import Version
+from crtk_sim_backends.ur.versions import Version
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller
@@ -122,11 +122,11 @@ QUESTIONS: Final[Mapping[str, Callable[[Robot], dict[str, Any]]]] = {
         "programs": [
             {
                 "name": name.rsplit(".", 1)[0],
-                "description": None,
+                "description": "",
                 "createdDate": None,
                 "lastModifiedDate": None,
                 "lastSavedDate": None,
-                "programState": None,
+                "programState": "FINAL",
             }
             for name in robot.controller.programs.names()
         ]
@@ -135,7 +135,7 @@ QUESTIONS: Final[Mapping[str, Callable[[Robot], dict[str, Any]]]] = {
         "mode": "REMOTE" if robot.controller.remote else "LOCAL"
     },
     "/system/v1/operationalmode": lambda robot: {
-        "mode": "MANUAL" if robot.controller.operational_mode == "MANUAL" else "AUTOMATIC"
+        "mode": "MANUAL" if robot.controller.safety.manual else "AUTOMATIC"
     },
     "/system/v1/information": lambda robot: {
         "robotType": robot.model.title,
@@ -236,7 +236,7 @@ class RobotApiSession:
         return {"message": "OK"}
 
     def _check_remote(self) -> None:
-        if not self._robot.controller.remote:
+        if not self._robot.controller.obeys_clients:
             raise RequestError(403, "The robot is not in remote control")
 
     def _robot_action(self, body: bytes) -> None:

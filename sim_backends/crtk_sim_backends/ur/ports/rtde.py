@@ -17,7 +17,8 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Final
 
 from crtk_sim_backends.ur.hardware import properties
-from crtk_sim_backends.ur.signals.variables import INPUTS, OUTPUTS, TYPES, Variable, Version
+from crtk_sim_backends.ur.signals.variables import INPUTS, OUTPUTS, TYPES, Variable
+from crtk_sim_backends.ur.versions import Version
 
 if TYPE_CHECKING:
     from crtk_sim_backends.ur.controller import Controller
@@ -351,7 +352,7 @@ class RtdeSession:
             if not (name := name.strip()):
                 continue
             variable = table.get(name)
-            if variable is None or not variable.exists_in(self._version):
+            if variable is None or not variable.since.reached_by(self._version):
                 types.append(NOT_FOUND)
             else:
                 found.append(variable)

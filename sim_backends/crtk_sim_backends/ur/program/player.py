@@ -17,7 +17,6 @@ from crtk_sim_backends.ur.messages import (
 from crtk_sim_backends.ur.motion.plant import Plant
 from crtk_sim_backends.ur.program.running import ProgramRuntime
 from crtk_sim_backends.ur.safety.modes import RobotMode, RuntimeState, SafetyMode
-from crtk_sim_backends.ur.signals.variables import Version
 from crtk_sim_backends.ur.urscript import (
     Builtin,
     ScriptError,
@@ -25,6 +24,7 @@ from crtk_sim_backends.ur.urscript import (
     compile_program,
     dialect_of,
 )
+from crtk_sim_backends.ur.versions import Version
 
 RAMP_SECONDS: Final = 0.2  # for speed scaling to go from nothing to full, s
 SECONDARY_LIMIT: Final = 16  # secondary programs at a time

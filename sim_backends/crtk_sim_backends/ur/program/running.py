@@ -158,6 +158,8 @@ class ProgramRuntime:
                 self.stop()
 
     def _join(self, handle: Any) -> Generator[None]:
+        """Wait for the end of a thread: a period at least, in which the others have their turn."""
+        yield
         while handle in self._threads:
             yield
 

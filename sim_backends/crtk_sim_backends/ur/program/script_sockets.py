@@ -35,13 +35,19 @@ _Parser: TypeAlias = Callable[[bytearray], tuple[int, T] | None]
 
 
 class _Socket:
-    """One connected socket with what was read ahead and what the peer has not taken."""
+    """One connected socket with what was read ahead and what the peer has not taken.
+
+    Attributes:
+        received: what was read ahead.
+        read_tick: control period in which the program read from it last.
+    """
 
     def __init__(self, sock: socket.socket) -> None:
         self._socket = sock
         self._unsent = bytearray()
         self.received = bytearray()
         self.open = True
+        self.read_tick = -1
 
     def send(self, data: bytes) -> bool:
         self._unsent += data
@@ -211,14 +217,19 @@ class ScriptSockets:
     def socket_read_byte_list(
         self, number: int, socket_name: str = _DEFAULT, timeout: float = READ_TIMEOUT
     ) -> Steps[List]:
-        """Read bytes: ``[count, value, ...]``, or ``[0, -1, ...]`` on failure."""
+        """Read bytes: ``[count, value, ...]``, with what has come and -1 for the rest on failure."""
         count = _count(number)
 
         def parse(data: bytearray) -> tuple[int, bytes] | None:
             return (count, bytes(data[:count])) if len(data) >= count else None
 
         values = yield from self._read(parse, socket_name, timeout)
-        return List([0, *[-1] * count] if values is None else [count, *values])
+        if values is None:
+            sock = self._sockets.get(socket_name)
+            values = b"" if sock is None else bytes(sock.received)
+            if sock is not None:
+                sock.received.clear()
+        return List([len(values), *values, *[-1] * (count - len(values))])
 
     def socket_read_ascii_float(
         self, number: int, socket_name: str = _DEFAULT, timeout: float = READ_TIMEOUT
@@ -265,22 +276,33 @@ class ScriptSockets:
     def _time(self) -> float:
         return self._clock.time if self._clock is not None else 0.0
 
+    def _tick(self) -> int:
+        return self._clock.ticks if self._clock is not None else 0
+
     def _send(self, data: bytes, socket_name: str) -> bool:
         sock = self._sockets.get(socket_name)
         return sock is not None and sock.send(data)
 
     def _read(self, parse: _Parser[T], socket_name: str, timeout: float) -> Steps[T | None]:
-        """Read until `parse` finds something; None after `timeout` (never when it is <= 0)."""
+        """Read until `parse` finds something; None after `timeout` (never when it is <= 0).
+
+        A read takes time: from one socket one succeeds in a control period, so that who sends faster
+        than the program reads fills the buffers and does not keep the program busy without an end.
+        """
         deadline = self._time() + timeout if timeout > 0 else math.inf
         while True:
             sock = self._sockets.get(socket_name)
             if sock is None:
                 break
+            if sock.read_tick == self._tick():
+                yield
+                continue
             sock.receive()
             found = parse(sock.received)
             if found is not None:
                 size, value = found
                 del sock.received[:size]
+                sock.read_tick = self._tick()
                 return value
             if not sock.open or self._time() >= deadline:
                 break

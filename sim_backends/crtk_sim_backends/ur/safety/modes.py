@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum, IntFlag
 from typing import Final
 
+from crtk_sim_backends.ur.messages import ReportLevel
+
 
 class RobotMode(IntEnum):
     """`robot_mode` of RTDE."""
@@ -160,13 +162,16 @@ SAFETY_RULES: Final[dict[SafetyMode, SafetyRule]] = {
 POWER_UP: Final[dict[RobotMode, tuple[float, RobotMode]]] = {
     RobotMode.DISCONNECTED: (0.0, RobotMode.BOOTING),  # a boot takes what the option says
     RobotMode.BOOTING: (0.0, RobotMode.POWER_OFF),
-    RobotMode.POWER_OFF: (0.2, RobotMode.POWER_ON),
-    RobotMode.POWER_ON: (0.3, RobotMode.IDLE),
-    RobotMode.IDLE: (0.3, RobotMode.RUNNING),
+    RobotMode.POWER_OFF: (0.25, RobotMode.POWER_ON),
+    RobotMode.POWER_ON: (0.375, RobotMode.IDLE),
+    RobotMode.IDLE: (0.375, RobotMode.RUNNING),
 }
-"""Next robot mode on the way up, and the seconds until it is reached."""
+"""Next robot mode on the way up, and which part of the time to RUNNING it takes to get there."""
 
 BOOT_STEPS: Final = 2
+
+POWER_SECONDS: Final = 0.8
+"""From POWER_OFF to RUNNING."""
 
 POWER_OFF_SECONDS: Final = 0.2
 
@@ -209,6 +214,17 @@ STOP_REASONS: Final[dict[tuple[int, int], str]] = {
 Codes: Universal Robots service manual, "Error codes". With a violated safety limit (191) the real
 controller goes to VIOLATION where its own monitoring is too late; here that is always in time.
 """
+
+SAFETY_LIMIT: Final = 191
+
+
+def stop_level(code: int) -> ReportLevel:
+    """Severity of a protective stop.
+
+    A warning, as tests of Universal_Robots_Client_Library have it of `protective_stop()` and of a line out
+    of reach, but for a violated limit of the safety configuration, as its name says.
+    """
+    return ReportLevel.VIOLATION if code == SAFETY_LIMIT else ReportLevel.WARNING
 
 
 def gravest(causes: set[SafetyMode]) -> SafetyMode:

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
-from crtk_sim_backends.ur.safety.modes import BOOT_STEPS, POWER_OFF_SECONDS, POWER_UP, RobotMode
+from crtk_sim_backends.ur.safety.modes import (
+    BOOT_STEPS,
+    POWER_OFF_SECONDS,
+    POWER_SECONDS,
+    POWER_UP,
+    RobotMode,
+)
 
 
 class ArmPower:
-    """Where the arm is between POWER_OFF and RUNNING, and where it goes."""
+    """Where the arm is between POWER_OFF and RUNNING, and where it goes.
 
-    def __init__(self, boot_seconds: float = 0.0) -> None:
+    Args:
+        boot_seconds: time to POWER_OFF; 0.0: it has been on for long.
+        power_seconds: time from there to RUNNING.
+    """
+
+    def __init__(self, boot_seconds: float = 0.0, power_seconds: float = POWER_SECONDS) -> None:
         self._boot_step = boot_seconds / BOOT_STEPS
+        self._power_seconds = power_seconds
         self.mode: RobotMode = RobotMode.DISCONNECTED if boot_seconds else RobotMode.POWER_OFF
         self._goal: RobotMode = RobotMode.POWER_OFF
         self._due = self._boot_step
@@ -21,7 +33,7 @@ class ArmPower:
         if self.mode >= goal:
             return self._goal >= goal
         if self._goal <= self.mode:  # at rest, or on the way down
-            self._due = time + POWER_UP[self.mode][0]
+            self._due = time + self._step
         self._goal = max(goal, self._goal)
         return True
 
@@ -53,5 +65,9 @@ class ArmPower:
         if self.mode < RobotMode.POWER_OFF:
             self._due = time + self._boot_step
         elif self.mode != self._goal:
-            self._due = time + POWER_UP[self.mode][0]
+            self._due = time + self._step
         return True
+
+    @property
+    def _step(self) -> float:
+        return self._power_seconds * POWER_UP[self.mode][0]

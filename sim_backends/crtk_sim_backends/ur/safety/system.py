@@ -21,16 +21,23 @@ _NEEDS_RESTART: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT, SafetyMode.PROT
 class SafetySystem:
     """All causes of a stop that hold now. The safety mode is that of the gravest.
 
+    Args:
+        lock_seconds: time for which a protective stop cannot be unlocked.
+
     Attributes:
-        operational_mode: "NONE" (not configured), "MANUAL" or "AUTOMATIC".
+        operational_mode: what remote clients control: "NONE" (nothing), "MANUAL" or "AUTOMATIC".
+        manual: whether the robot is in manual mode, in which it stays when they give control back.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, lock_seconds: float = PROTECTIVE_STOP_LOCK_SECONDS) -> None:
         self.operational_mode = "NONE"
+        self.manual = False
+        self._lock_seconds = lock_seconds
         self._causes: set[SafetyMode] = set()
         self._protective_stop_time = 0.0
         self._pressed: set[SafetyMode] = set()  # emergency stop buttons
         self._emergency_end = 0.0
+        self._automatic = False
         self._device_held = True  # the three-position enabling device, or none is connected
         self._automatic_safeguard_open = False
 
@@ -57,8 +64,13 @@ class SafetySystem:
             self._causes.discard(cause)
 
     def set_operational_mode(self, mode: str) -> None:
-        """Change between manual and automatic mode, in each of which other devices count."""
+        """Change between manual and automatic mode, in each of which other devices count.
+
+        "NONE" gives the choice back to the pendant, and leaves the robot in the mode that it is in.
+        """
         self.operational_mode = mode
+        self._automatic = mode == "AUTOMATIC" or (self._automatic and mode == "NONE")
+        self.manual = mode == "MANUAL" or (self.manual and mode == "NONE")
         self._check_devices()
 
     def hold_enabling_device(self, held: bool) -> None:
@@ -72,14 +84,12 @@ class SafetySystem:
         self._check_devices()
 
     def _check_devices(self) -> None:
-        mode = self.operational_mode
         self.set(
-            SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP,
-            mode == "MANUAL" and not self._device_held,
+            SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP, self.manual and not self._device_held
         )
         self.set(
             SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP,
-            mode == "AUTOMATIC" and self._automatic_safeguard_open,
+            self._automatic and self._automatic_safeguard_open,
         )
 
     def stop_protectively(self, time: float) -> None:
@@ -88,8 +98,8 @@ class SafetySystem:
         self._causes.add(SafetyMode.PROTECTIVE_STOP)
 
     def unlock_protective_stop(self, time: float, *, at_once: bool = False) -> bool:
-        """End it; False in its first 5 s, but for `at_once`."""
-        locked = time - self._protective_stop_time < PROTECTIVE_STOP_LOCK_SECONDS
+        """End it; False while it is locked, but for `at_once`."""
+        locked = time - self._protective_stop_time < self._lock_seconds
         if locked and not at_once:
             return False
         self._causes.discard(SafetyMode.PROTECTIVE_STOP)

@@ -23,7 +23,7 @@ from crtk_sim_backends.ur.signals.control_box import (
     to_ratio,
 )
 from crtk_sim_backends.ur.signals.registers import boolean_written, read_boolean
-from crtk_sim_backends.ur.signals.variables import Version
+from crtk_sim_backends.ur.versions import Version
 
 Read: TypeAlias = Callable[["PortMap", int], Any]
 Write: TypeAlias = Callable[["PortMap", int, int], object]

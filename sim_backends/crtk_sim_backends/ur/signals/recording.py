@@ -30,7 +30,8 @@ from pathlib import Path
 from typing import Any, Final, TextIO
 
 from crtk_sim_backends.faults import unknown
-from crtk_sim_backends.ur.signals.variables import OUTPUTS, TYPES, Variable, Version
+from crtk_sim_backends.ur.signals.variables import OUTPUTS, TYPES, Variable
+from crtk_sim_backends.ur.versions import Version
 
 TIME: Final = "timestamp"
 USUAL: Final = (
@@ -63,7 +64,9 @@ def chosen_variables(names: Iterable[str], version: Version) -> list[Variable]:
     Raises:
         RecordingError: a name that this software does not have, with the nearest that it has.
     """
-    known = {name: variable for name, variable in OUTPUTS.items() if variable.exists_in(version)}
+    known = {
+        name: variable for name, variable in OUTPUTS.items() if variable.since.reached_by(version)
+    }
     found = {TIME: known[TIME]}
     for name in names:
         if name not in known:

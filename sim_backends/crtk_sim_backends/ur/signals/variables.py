@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
-Version: TypeAlias = tuple[int, int, int, int]
+from crtk_sim_backends.ur.versions import Release, Since
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,24 +42,14 @@ TYPES: Final[dict[str, WireType]] = {
 class Variable:
     """One RTDE variable.
 
-    `initial` is a scalar, or a tuple for a vector type. `since_cb3`, `since_e` and `since_x` are
-    the first CB3, e-Series and PolyScope X software that has it, None where that never got it.
+    `initial` is a scalar, or a tuple for a vector type. `since` is the first software that has it.
     """
 
     name: str
     type: str
     initial: Any
     unit: str
-    since_cb3: tuple[int, int] | None
-    since_e: tuple[int, int] | None
-    since_x: tuple[int, int]
-
-    def exists_in(self, version: Version) -> bool:
-        """Whether the controller software `version` knows this variable."""
-        since = self.since_cb3 if version[0] < 5 else self.since_e
-        if version[0] >= 10:
-            since = self.since_x
-        return since is not None and version[:2] >= since
+    since: Since
 
 
 _CB3: Final = (3, 0)
@@ -73,18 +63,18 @@ def _variable(
     name: str,
     type_name: str,
     unit: str = "",
-    since_cb3: tuple[int, int] | None = _CB3,
-    since_e: tuple[int, int] | None = _E,
-    since_x: tuple[int, int] = _X,
+    since_cb3: Release | None = _CB3,
+    since_e: Release | None = _E,
+    since_x: Release = _X,
     initial: Any = None,
 ) -> Variable:
     wire = TYPES[type_name]
     if initial is None:
         initial = wire.zero if wire.count == 1 else (wire.zero,) * wire.count
-    return Variable(name, type_name, initial, unit, since_cb3, since_e, since_x)
+    return Variable(name, type_name, initial, unit, Since(since_cb3, since_e, since_x))
 
 
-def _registers(direction: str, since_cb3: tuple[int, int]) -> Iterator[Variable]:
+def _registers(direction: str, since_cb3: Release) -> Iterator[Variable]:
     """Bit, int and double registers: the lower half is for fieldbuses, the upper for RTDE."""
     upper = ((3, 9), (5, 3))
     for span in ("0_to_31", "32_to_63"):
@@ -168,7 +158,7 @@ OUTPUTS: Final[dict[str, Variable]] = _table(
         _variable("tool_digital_output0_mode", "UINT8", "", _E_ONLY, (5, 2)),
         _variable("tool_digital_output1_mode", "UINT8", "", _E_ONLY, (5, 2)),
         _variable("tcp_force_scalar", "DOUBLE", "N"),
-        _variable("tcp_offset", "VECTOR6D", "m, rotation vector", _E_ONLY),
+        _variable("tcp_offset", "VECTOR6D", "m, rotation vector", (3, 12), (5, 5, 1)),
         _variable("joint_position_deviation_ratio", "DOUBLE", "", _E_ONLY),
         _variable("collision_detection_ratio", "DOUBLE", "", _E_ONLY, (5, 15)),
         _variable("time_scale_source", "INT32", "", _E_ONLY, (5, 17)),

@@ -8,33 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 from crtk_sim_backends.ur.urscript.values import Builtin
-
-_Release = tuple[int, int]
-
-NEVER: Final = (99, 0)
-
-
-class Since(NamedTuple):
-    """First software that has a function, of CB3 (3.x), e-Series (5.x) and PolyScope X (10.x)."""
-
-    cb3: _Release
-    e_series: _Release
-    polyscope_x: _Release = (10, 0)
-
-    def reached_by(self, version: tuple[int, ...]) -> bool:
-        """Tell whether software (major, minor, ...) has the function."""
-        first = {3: self.cb3, 5: self.e_series}.get(version[0], self.polyscope_x)
-        return tuple(version[:2]) >= first
-
+from crtk_sim_backends.ur.versions import ALWAYS, Since
 
 SINCE: Final[Mapping[str, Since]] = {
     # ur_rtde's control script, which keeps or drops its lines by version.
     "force_mode_set_damping": Since((3, 5), (5, 0)),
     "get_actual_joint_positions_history": Since((3, 0), (5, 4)),
-    "get_freedrive_status": Since(NEVER, (5, 10)),
+    "get_freedrive_status": Since(None, (5, 10)),
     "get_tcp_offset": Since((3, 6), (5, 0)),
     "protective_stop": Since((3, 8), (5, 0)),
     "set_target_payload": Since((3, 0), (5, 10)),
@@ -44,34 +27,34 @@ SINCE: Final[Mapping[str, Since]] = {
     # ur_rtde keeps it from 5.0 on, but UR's external control program names it from 3.14 on.
     "force_mode_set_gain_scaling": Since((3, 14), (5, 0)),
     # UR's external control program, which asks for the version.
-    "direct_torque": Since(NEVER, (5, 23), (10, 11)),
+    "direct_torque": Since(None, (5, 23), (10, 11)),
     "ft_rtde_input_enable": Since((3, 14), (5, 9)),
-    "optimovej": Since(NEVER, (5, 21), (10, 8)),
-    "optimovel": Since(NEVER, (5, 21), (10, 8)),
+    "optimovej": Since(None, (5, 21), (10, 8)),
+    "optimovel": Since(None, (5, 21), (10, 8)),
     # UR's example of joint impedance control, made for 5.22.
-    "get_coriolis_and_centrifugal_torques": Since(NEVER, (5, 22)),
-    "get_jacobian": Since(NEVER, (5, 22)),
-    "get_jacobian_time_derivative": Since(NEVER, (5, 22)),
-    "get_mass_matrix": Since(NEVER, (5, 22)),
-    "get_rtde_value": Since(NEVER, (5, 22)),
-    "torque_command": Since(NEVER, (5, 22)),
+    "get_coriolis_and_centrifugal_torques": Since(None, (5, 22)),
+    "get_jacobian": Since(None, (5, 22)),
+    "get_jacobian_time_derivative": Since(None, (5, 22)),
+    "get_mass_matrix": Since(None, (5, 22)),
+    "get_rtde_value": Since(None, (5, 22)),
+    "torque_command": Since(None, (5, 22)),
     # UR's article "Interpreter mode": e-Series, from 5.10 on.
-    "clear_interpreter": Since(NEVER, (5, 10)),
-    "end_interpreter": Since(NEVER, (5, 10)),
-    "interpreter_mode": Since(NEVER, (5, 10)),
+    "clear_interpreter": Since(None, (5, 10)),
+    "end_interpreter": Since(None, (5, 10)),
+    "interpreter_mode": Since(None, (5, 10)),
     # Manual, "Motion Version": the behaviour up to 5.21 is version 1.
-    "motion_version_get": Since(NEVER, (5, 22)),
-    "motion_version_set": Since(NEVER, (5, 22)),
+    "motion_version_get": Since(None, (5, 22)),
+    "motion_version_set": Since(None, (5, 22)),
     # UR, "Linear Algebra Examples": matrices since 3.14 and 5.9.
     "inv": Since((3, 14), (5, 9)),
     "size": Since((3, 14), (5, 9)),
     "transpose": Since((3, 14), (5, 9)),
     # UR's forum, "Variable length lists".
-    "make_list": Since(NEVER, (5, 15)),
+    "make_list": Since(None, (5, 15)),
     # e-Series arms alone have a serial interface in the tool.
-    "set_tool_communication": Since(NEVER, (5, 0)),
-    "set_tool_digital_output_mode": Since(NEVER, (5, 0)),
-    "set_tool_output_mode": Since(NEVER, (5, 0)),
+    "set_tool_communication": Since(None, (5, 0)),
+    "set_tool_digital_output_mode": Since(None, (5, 0)),
+    "set_tool_output_mode": Since(None, (5, 0)),
 }
 """Functions that not every software has; of the others no source says since when."""
 
@@ -163,11 +146,9 @@ _FIXED_LISTS: Final = ((5, 9), (5, 15))
 """First software in which "Resizing of 'List' is not supported", and first in which it is again:
 5.9.4 to 5.14.6, found with every URSim by an author of URCaps; lists with a capacity came in 5.15."""
 
-_ALWAYS: Final = Since((0, 0), (0, 0), (0, 0))
-
 
 def _has(name: str, version: tuple[int, ...]) -> bool:
-    return SINCE.get(name, _ALWAYS).reached_by(version)
+    return SINCE.get(name, ALWAYS).reached_by(version)
 
 
 def available(builtins: Mapping[str, Builtin], version: tuple[int, ...]) -> dict[str, Builtin]:

@@ -17,7 +17,7 @@ from crtk_sim_backends.ur.models import RobotModel
 from crtk_sim_backends.ur.ports.rtde import InputClaims, RtdeSession
 from crtk_sim_backends.ur.safety.modes import RobotMode, RuntimeState, SafetyMode
 from crtk_sim_backends.ur.signals.recording import Recording, RecordingError, read_recording
-from crtk_sim_backends.ur.signals.variables import Version
+from crtk_sim_backends.ur.versions import Version
 
 REFUSED: Final = "a recording is replayed, and nothing can be commanded"
 

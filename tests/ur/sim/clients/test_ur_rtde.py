@@ -18,7 +18,7 @@ SESSIONS = Path(__file__).parents[3] / "rigs" / "ur_rtde_sessions.py"
 
 @pytest.fixture(scope="module")
 def sim():
-    with SIM.spawn() as running:
+    with SIM.spawn(lock_seconds=0.5) as running:
         yield running
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from crtk_sim_backends.options import ConfigError
 from crtk_sim_backends.ur.config import SimConfig
-from crtk_sim_backends.ur.messages import ErrorMessage, RuntimeExceptionMessage
+from crtk_sim_backends.ur.messages import ErrorMessage, ReportLevel, RuntimeExceptionMessage
+from crtk_sim_backends.ur.motion.kinematics import norm
 from crtk_sim_backends.ur.motion.limits import SafetyLimits
 from crtk_sim_backends.ur.safety.modes import RuntimeState, SafetyMode
 from rigs.ur_controller import Bench
@@ -32,7 +33,6 @@ def stopped(bench: Bench, body: str) -> tuple[int, int]:
 @pytest.mark.parametrize(
     ("limits", "argument"),
     [
-        (SafetyLimits(tool_speed=0.5), 3),
         (SafetyLimits(power=100.0), 6),
         (SafetyLimits(momentum=1.0), 12),
     ],
@@ -40,6 +40,25 @@ def stopped(bench: Bench, body: str) -> tuple[int, int]:
 def test_a_violated_safety_limit_stops_the_arm(limits: SafetyLimits, argument: int) -> None:
     assert stopped(Bench(limits=limits), FAST) == (191, argument)
     assert Bench().run(FAST)  # which the default limits permit
+
+
+def test_a_tool_speed_beyond_the_limit_stops_what_is_not_planned() -> None:
+    body = "speedj([2.5, 0, 0, 0, 0, 0], 10, 0.5)\nstopj(10)"
+    assert stopped(Bench(limits=SafetyLimits(tool_speed=0.5)), body) == (191, 3)
+
+
+@pytest.mark.parametrize("move", ["movej({}, v=2.5, a=10)", "movel({}, v=2.5, a=10)"])
+def test_a_move_keeps_to_the_tool_speed(move: str) -> None:
+    bench = Bench(limits=SafetyLimits(tool_speed=0.5))
+    goal = "[0.8, -1.2, 1.2, -1.57, -1.57, 0.5]"
+    bench.start(move.format(goal))
+    fastest = 0.0
+    while bench.controller.runtime_state == RuntimeState.PLAYING:
+        bench.ticks(1)
+        fastest = max(fastest, norm(bench["target_TCP_speed"][:3]))
+    assert fastest == pytest.approx(0.5, rel=0.01)
+    assert bench["target_q"] == pytest.approx((0.8, -1.2, 1.2, -1.57, -1.57, 0.5))
+    assert bench.controller.safety_mode == SafetyMode.NORMAL
 
 
 def test_a_tool_slower_than_its_limit_is_left_alone() -> None:
@@ -75,7 +94,7 @@ def test_a_speed_through_a_singularity() -> None:
     assert code in (154, 191)
 
 
-@pytest.mark.parametrize("call", ["movel", "movej", "movep", "servoc"])
+@pytest.mark.parametrize("call", ["movej", "optimovej"])
 def test_a_pose_out_of_reach_is_a_runtime_exception(call: str) -> None:
     bench = Bench()
     bench.start(f"sync()\n{call}(p[2, 0, 0, 0, 0, 0])")
@@ -86,12 +105,57 @@ def test_a_pose_out_of_reach_is_a_runtime_exception(call: str) -> None:
     assert bench.controller.safety_mode == SafetyMode.NORMAL
 
 
+OUT_OF_REACH = (
+    "p[10, 0, 0, 0, 0, 0]",
+    "p[0, 0, 0, 0, 0, 0]",
+    "p[-10.2, 0.26, 0.56, 0.7, -1.1, -2.1]",
+)
+
+
+@pytest.mark.parametrize("target", OUT_OF_REACH)
+@pytest.mark.parametrize(
+    "move",
+    [
+        "movel({}, v=1, a=2)",
+        "movep({}, v=1, a=2)",
+        "servoc({}, v=1, a=2)",
+        "optimovel({}, v=0.5)",
+        "movec(pose_add(get_target_tcp_pose(), p[0, 0.02, 0.02, 0, 0, 0]), {}, v=1, a=2)",
+    ],
+)
+def test_a_line_out_of_reach_is_a_warning_and_a_protective_stop(move: str, target: str) -> None:
+    """UR's client library: an error code and a stop, after whose unlocking the arm moves again."""
+    bench = Bench()
+    assert stopped(bench, move.format(target)) == (154, 0)
+    assert [m.level for m in bench.of_type(ErrorMessage)] == [ReportLevel.WARNING]
+    assert not bench.of_type(RuntimeExceptionMessage)
+    bench.controller.run_script("set unlock protective stop")
+    bench.run("movej([0.1, -1.57, 1.57, -1.57, -1.57, 0])")
+    assert bench["target_q"][0] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("body", "code", "level"),
+    [
+        ("protective_stop()", 209, ReportLevel.WARNING),
+        (SWING.format("-3, 0, 0, 0, 0, 0"), 150, ReportLevel.WARNING),
+        (SWING.format("3.3, 0, 0, 0, 0, 0"), 191, ReportLevel.VIOLATION),
+    ],
+)
+def test_only_limits_of_the_safety_configuration_are_violations(
+    body: str, code: int, level: ReportLevel
+) -> None:
+    bench = Bench()
+    stopped(bench, body)
+    assert [(m.code, m.level) for m in bench.of_type(ErrorMessage)] == [(code, level)]
+
+
 def test_the_arm_goes_on_after_a_violated_limit_is_unlocked() -> None:
-    bench = Bench(limits=SafetyLimits(tool_speed=0.5))
+    bench = Bench(limits=SafetyLimits(power=100.0))
     stopped(bench, FAST)
     bench.seconds(5.0)
     assert bench.controller.unlock_protective_stop()
-    bench.run("movej([0.8, -1.2, 1.2, -1.57, -1.57, 0.5], v=0.3)")
+    bench.run("movej([0.8, -1.2, 1.2, -1.57, -1.57, 0.5], v=0.1, a=0.2)")
     assert bench["target_q"] == (0.8, -1.2, 1.2, -1.57, -1.57, 0.5)
 
 

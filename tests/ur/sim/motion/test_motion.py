@@ -81,6 +81,62 @@ def test_speed_slider_stretches_a_move(bench: Bench) -> None:
     assert bench["target_speed_fraction"] == 0.5
 
 
+START = "movej([-1.57, -1.6, 1.6, -0.7, 0.7, 0.2], a=3, v=3)\n"
+FIRST, SECOND = (f"p[-0.203, {y}, 0.559, 0.68, -1.083, -2.076]" for y in (0.263, 0.463))
+
+
+def fastest_of(bench: Bench, body: str) -> list[float]:
+    """Run a program; the largest speed of each joint as a share of what the joint can do."""
+    bench.start(body)
+    shares = [0.0] * 6
+    while bench.controller.runtime_state == RuntimeState.PLAYING:
+        bench.ticks(1)
+        for i, speed in enumerate(bench["target_qd"]):
+            shares[i] = max(shares[i], abs(speed) / bench.controller.model.velocity[i])
+    assert bench.controller.safety_mode == SafetyMode.NORMAL, bench.describe()
+    assert not bench.of_type(ErrorMessage)
+    return shares
+
+
+@pytest.mark.parametrize("model", ["ur3e", "ur5", "ur5e", "ur10e", "ur20"])
+def test_a_time_that_cannot_be_kept_is_a_slower_move(model: str) -> None:
+    """UR's client library, "unfeasible times": pi rad in 0.1 s succeeds, slower."""
+    bench = Bench(model)
+    bench.run(START)
+    shares = fastest_of(bench, "movej([1.57, -1.6, 1.6, -0.7, 0.7, 0.2], t=0.1)")
+    assert max(shares) == pytest.approx(1.0, abs=1e-6)
+    assert bench["target_q"] == pytest.approx((1.57, -1.6, 1.6, -0.7, 0.7, 0.2))
+
+
+@pytest.mark.parametrize("how", ["a=1.4, v=1.04", "a=2.5, v=2.5", "a=1.4, v=1.04, t=0.1"])
+@pytest.mark.parametrize("model", ["ur5", "ur5e", "ur10e", "ur16e", "ur20", "ur30"])
+def test_a_line_is_as_fast_as_the_joints_can(model: str, how: str) -> None:
+    """UR's client library: lines from that posture, of which a UR20's joints are too slow for some."""
+    bench = Bench(model)
+    bench.run(START)
+    for target in (FIRST, SECOND, FIRST, SECOND):
+        assert max(fastest_of(bench, f"movel({target}, {how})")) <= 1.0 + 1e-6
+    bench.seconds(0.1)
+    assert bench["target_TCP_pose"][:3] == pytest.approx((-0.203, 0.463, 0.559), abs=1e-6)
+
+
+@pytest.mark.parametrize("move", ["movep({}, a=3, v=3, r=0.02)", "servoc({}, a=3, v=3)"])
+def test_so_are_lines_at_constant_speed(move: str) -> None:
+    bench = Bench("ur20")
+    bench.run(START)
+    body = "\n".join(move.format(target) for target in (FIRST, SECOND, FIRST))
+    assert max(fastest_of(bench, f"{body}\nmovel({SECOND})")) <= 1.0 + 1e-6
+
+
+def test_at_half_the_speed_a_move_is_planned_alike() -> None:
+    full = Bench("ur20").run(f"{START}movel({FIRST}, a=2.5, v=2.5)\nmovel({SECOND}, a=2.5, v=2.5)")
+    slow = Bench("ur20")
+    slow.write(speed_slider_mask=1, speed_slider_fraction=0.5)
+    slow.seconds(0.5)
+    half = slow.run(f"{START}movel({FIRST}, a=2.5, v=2.5)\nmovel({SECOND}, a=2.5, v=2.5)")
+    assert half == pytest.approx(2 * full, rel=0.01)
+
+
 def test_movel_is_a_straight_line_with_the_tool_speed(bench: Bench) -> None:
     bench.ticks(1)
     start = list(bench["target_TCP_pose"])
@@ -132,7 +188,7 @@ def test_optimove_takes_fractions_only(bench: Bench) -> None:
 
 
 def test_unreachable_pose_is_a_runtime_error(bench: Bench) -> None:
-    bench.start("textmsg(1)\nmovel(p[3, 0, 0, 0, 0, 0])")
+    bench.start("textmsg(1)\nmovej(p[3, 0, 0, 0, 0, 0])")
     bench.ticks(3)
     assert bench.controller.runtime_state == RuntimeState.STOPPED
     error = bench.of_type(RuntimeExceptionMessage)[-1]

@@ -120,14 +120,18 @@ def test_a_program_is_loaded_played_paused_and_stopped(sim):
         assert dashboard.ask("running") == "Program running: true"
         assert dashboard.ask("pause") == "Pausing program"
         wait_until(lambda: dashboard.ask("programState") == "PAUSED external_control.urp")
+        assert dashboard.ask("running") == "Program running: false"
         assert dashboard.ask("play") == "Starting program"
+        # While it speeds up again already (tests of UR's client library, which ask at once).
+        assert dashboard.ask("running") == "Program running: true"
+        assert dashboard.ask("programState") == "PLAYING external_control.urp"
         wait_until(lambda: dashboard.ask("programState") == "PLAYING external_control.urp")
         assert dashboard.ask("stop") == "Stopped"
         wait_until(lambda: dashboard.ask("programState") == "STOPPED external_control.urp")
 
 
-def test_a_protective_stop_cannot_be_unlocked_at_once(sim):
-    with DashboardClient(sim.host) as dashboard:
+def test_a_protective_stop_cannot_be_unlocked_at_once():
+    with SIM.spawn(lock_seconds=1.0) as sim, DashboardClient(sim.host) as dashboard:
         sim.control.inject("protective_stop")
         wait_until(lambda: dashboard.ask("safetystatus") == "Safetystatus: PROTECTIVE_STOP")
         assert dashboard.ask("unlock protective stop").startswith("Cannot unlock protective stop")
@@ -213,7 +217,17 @@ def test_manual_mode_refuses_what_needs_remote_control_until_it_ends():
         )
         assert dashboard.ask("safetymode") == "Safetymode: SAFEGUARD_STOP"
         assert dashboard.ask("clear operational mode") == (
-            "No longer controlling the operational mode. Current operational mode: NONE."
+            "No longer controlling the operational mode. Current operational mode: 'MANUAL'."
+        )
+        # The robot stays in the mode in which it is (tests of UR's client library).
+        assert dashboard.ask("get operational mode") == "NONE"
+        assert dashboard.ask("is in remote control") == "false"
+        assert dashboard.ask("safetystatus") == "Safetystatus: SYSTEM_THREE_POSITION_ENABLING_STOP"
+        assert (
+            dashboard.ask("set operational mode automatic") == "Operational mode AUTOMATIC is set"
+        )
+        assert dashboard.ask("clear operational mode") == (
+            "No longer controlling the operational mode. Current operational mode: 'AUTOMATIC'."
         )
         assert dashboard.ask("is in remote control") == "true"
         assert dashboard.ask("safetystatus") == "Safetystatus: NORMAL"

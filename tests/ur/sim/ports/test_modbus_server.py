@@ -15,7 +15,7 @@ from pymodbus.client import ModbusTcpClient
 
 from crtk_sim_backends.ur import SIM, ConfigError, SimConfig, SimStartError
 from crtk_sim_backends.ur.ports.modbus_server import ModbusSession
-from rigs.ur_clients import TcpClient, wait_until
+from rigs.ur_clients import TcpClient, own_address, wait_until
 from rigs.ur_controller import Bench
 
 LONG = 20.0
@@ -173,10 +173,11 @@ def test_the_port_of_a_robot_needs_privilege():
 
 
 def test_a_port_in_use_is_refused_with_its_number(sim):
-    with socket.create_server(("127.0.0.1", 0)) as taken:
+    host = own_address()
+    with socket.create_server((host, 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(SimStartError, match=f"modbus port .*:{port}.*in use"):
-            SIM.spawn(host="127.0.0.1", modbus=True, modbus_port=port)
+            SIM.spawn(host=host, modbus=True, modbus_port=port)
     with pytest.raises(ConfigError, match="modbus_port"):
         SimConfig(modbus_port=70000)
 

@@ -60,13 +60,23 @@ def test_a_malformed_output_setup_is_refused(client, payload):
     assert not client.start()
 
 
-@pytest.mark.parametrize("version", ["5.12.4", "5.26", "10.15"])
-def test_every_output_can_be_read_at_once(version):
+@pytest.mark.parametrize(
+    ("model", "version"),
+    [
+        ("ur5", "3.12"),
+        ("ur5", "3.15.8"),
+        ("ur5e", "5.9.4"),
+        ("ur5e", "5.12.4"),
+        ("ur20", "5.26"),
+        ("ur5e", "10.15"),
+    ],
+)
+def test_every_output_can_be_read_at_once(model, version):
     """UR's own client library subscribes to all of them, far more than the guide's 2048 bytes."""
     software = (*map(int, version.split(".")), 0, 0)[:4]
-    names = [name for name, variable in OUTPUTS.items() if variable.exists_in(software)]
-    assert len(",".join(names)) > 8000
-    with SIM.spawn(version=version) as own, RtdeClient(own.host) as client:
+    names = [name for name, variable in OUTPUTS.items() if variable.since.reached_by(software)]
+    assert len(",".join(names)) > 2048
+    with SIM.spawn(model=model, version=version) as own, RtdeClient(own.host) as client:
         number, types = client.setup_outputs(",".join(names))
         assert number == 1
         assert types == [OUTPUTS[name].type for name in names]
@@ -83,6 +93,12 @@ def test_variables_come_with_the_software_version(client):
         assert (number, types) == (0, ["NOT_FOUND", "VECTOR6D"])
 
 
+def test_a_cb3_controller_tells_its_tool():
+    """UR's C++ client library, and so its ROS driver, subscribes to it and gives up without."""
+    with SIM.spawn(model="ur5") as cb3, RtdeClient(cb3.host) as client:
+        assert client.setup_outputs("timestamp,tcp_offset")[1] == ["DOUBLE", "VECTOR6D"]
+
+
 @pytest.mark.parametrize(
     ("name", "versions"),
     [
@@ -91,13 +107,14 @@ def test_variables_come_with_the_software_version(client):
         ("target_base_wrench", {"5.25": False, "10.13": False, "10.14": True}),
         ("tool_output_voltage_2", {"5.26": False, "10.14": False, "10.15": True}),
         ("actual_current_as_torque", {"10.10": False, "10.11": True}),
+        ("tcp_offset", {"3.11": False, "3.12": True, "5.5": False, "5.5.1": True, "10.7": True}),
         ("payload_inertia", {"3.15": True, "3.14": False, "5.10": False, "10.10": True}),
         ("input_int_register_24", {"3.8": False, "3.9": True, "5.2": False, "5.3": True}),
     ],
 )
 def test_the_first_software_of_a_variable(name, versions):
     exists = {
-        version: OUTPUTS[name].exists_in((*map(int, version.split(".")), 0, 0))
+        version: OUTPUTS[name].since.reached_by((*map(int, version.split(".")), 0, 0)[:4])
         for version in versions
     }
     assert exists == versions
@@ -287,6 +304,7 @@ def test_a_client_that_does_not_read_loses_packages_and_disturbs_nobody(sim):
         assert behind == sorted(set(behind))  # whole packages only, some left out
 
 
+@pytest.mark.slow  # one that does not read for a while is its quick brother
 def test_a_client_that_never_reads_is_closed():
     """The controller gives up on a reader that takes nothing for some seconds."""
     names = ",".join(f"output_double_register_{n}" for n in range(48))

@@ -102,6 +102,7 @@ def test_what_a_program_reads(sim, server, call, sent, result):
         ('socket_read_binary_integer(2, "s", 0.1)', "[0,-1,-1]"),
         ('socket_read_byte_list(1, "s", 0.1)', "[0,-1]"),
         ('socket_read_line("s", 0.1)', ""),
+        ('socket_read_byte_list(2, "other", 0.1)', "[0,-1,-1]"),
         ('socket_read_binary_integer(1, "other", 0.1)', "[0,-1]"),
         ('socket_send_int(1, "other")', "False"),
     ],
@@ -110,6 +111,22 @@ def test_what_does_not_come_fails_after_its_timeout(sim, server, call, result):
     with start(sim, server, f"textmsg({call})") as primary, accept(server):
         assert primary.message(0) == b"open True"
         assert primary.message(0).decode() == result
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_bytes_that_come_are_returned_though_others_do_not(sim, server, closed):
+    """Robotiq's URCap reads three digits of a number that may have one, and looks how many there are."""
+    lines = (
+        'textmsg(socket_read_byte_list(3, "s", 0.3))',
+        'textmsg(socket_read_byte_list(3, "s", 0.1))',
+    )
+    with start(sim, server, *lines) as primary, accept(server) as peer:
+        peer.sendall(b"42")
+        if closed:
+            peer.shutdown(socket.SHUT_WR)
+        assert primary.message(0) == b"open True"
+        assert primary.message(0).decode() == "[2,52,50,-1]"
+        assert primary.message(0).decode() == "[0,-1,-1,-1]"
 
 
 def test_a_connection_that_is_refused_is_reported_and_blocks_nothing(sim, server):
@@ -127,3 +144,63 @@ def test_stopping_the_program_closes_its_sockets(sim, server):
         assert primary.message(0) == b"open True"
         primary.send(b"stop program\n")
         assert peer.recv(1) == b""
+
+
+def test_who_sends_faster_than_a_message_a_period_does_not_end_the_program(sim, server):
+    """In one control period the program took them all, until it "used too much time"."""
+    count = 3000
+    lines = (
+        "n = 0",
+        f"while n < {count}:",
+        '  x = socket_read_binary_integer(1, "s")',
+        "  n = n + x[0]",
+        "end",
+        'textmsg("read ", n)',
+    )
+    with start(sim, server, *lines) as primary, accept(server) as peer:
+        began = sim.control.status()["time"]
+        peer.sendall(struct.pack(">i", 7) * (2 * count))
+        assert primary.message(0) == b"open True"
+        assert primary.message(0, 30.0) == f"read {count}".encode()
+        assert sim.control.status()["time"] - began > count * 0.002 * 0.9
+
+
+ENDING = """def ending():
+  socket_open("127.0.0.1", {port}, "orders")
+  socket_open("127.0.0.1", {port}, "commands")
+  global going = True
+  mover = 0
+  thread take_orders():
+    while going:
+      x = socket_read_binary_integer(1, "orders", 0)
+      if x[0] > 0:
+        set_tcp(p[0, 0, x[1] / 1000, 0, 0, 0])
+      end
+    end
+  end
+  taker = run take_orders()
+  sync()
+  socket_send_int(1, "commands")
+  x = socket_read_binary_integer(1, "commands", 0)
+  going = False
+  join mover
+  kill taker
+  stopj(4.0)
+  socket_close("orders")
+  socket_close("commands")
+end
+"""
+"""As UR's external control program ends: what was sent to a thread before the end is carried out."""
+
+
+def test_what_a_thread_was_sent_before_the_end_of_the_program_is_not_lost(sim, server):
+    port = server.getsockname()[1]
+    for millimetres in range(101, 106):
+        with PrimaryClient(sim.host) as primary:
+            primary.send(ENDING.format(port=port).encode())
+            with accept(server) as orders, accept(server) as commands:
+                read(commands, 4)
+                orders.sendall(struct.pack(">i", millimetres))
+                commands.sendall(struct.pack(">i", 1))
+                assert commands.recv(1) == b""
+                assert sim.control.outputs("tcp_offset")["tcp_offset"][2] == millimetres / 1000

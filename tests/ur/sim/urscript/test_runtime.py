@@ -113,7 +113,7 @@ def test_kill_ends_a_thread_where_it_waits() -> None:
 
 @pytest.mark.parametrize("handle", ["0", "99", "-1"])
 def test_kill_and_join_of_no_thread_do_no_harm(handle: str) -> None:
-    assert run(f"kill {handle}\njoin {handle}\nlog(1)", ticks=1) == [1]
+    assert run(f"kill {handle}\njoin {handle}\nlog(1)", ticks=2) == [1]
 
 
 def test_a_thread_may_kill_itself() -> None:
@@ -150,7 +150,7 @@ def test_join_goes_on_in_the_tick_after_the_end_of_a_later_thread() -> None:
     end
     """
     log: list[Any] = []
-    assert steps(start(script, log), log, 3) == [[], ["short ends"], ["joined", "again"]]
+    assert steps(start(script, log), log, 4) == [[], ["short ends"], ["joined"], ["again"]]
 
 
 def test_a_function_that_joins_blocks_its_caller() -> None:

@@ -1,0 +1,106 @@
+"""The text server of the URCap on the robot's port 63352, in both of its dialects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from crtk_sim_backends.kit import Session
+from crtk_sim_backends.robotiq.gripper import ACT, ATR, GTO, Gripper
+from crtk_sim_backends.robotiq.line import Distortion
+
+WRITTEN: Final = {"POS": 3, "SPE": 4, "FOR": 5}
+"""Byte of the command block, by the name of the variable."""
+BITS: Final = {"ACT": ACT, "GTO": GTO, "ATR": ATR, "ARD": 0x20}
+BARE: Final = {b"GET STA": 1, b"GET OBJ": 1, b"GET FLT": 2, b"GET PRE": 3}
+"""What URScript asks for without an end of line, and how many digits it reads."""
+UNKNOWN: Final = "?"
+
+
+def value(gripper: Gripper, name: str) -> int | None:
+    """Return a variable that can be read; None: there is none of that name."""
+    status, _, fault, asked, position, _ = gripper.report
+    known = {
+        "ACT": status & 1,
+        "GTO": status >> 3 & 1,
+        "STA": status >> 4 & 3,
+        "OBJ": status >> 6,
+        "FLT": fault & 0xF,
+        "PRE": asked,
+        "POS": position,
+        "SID": 9,
+        **{word: gripper.written[at] for word, at in WRITTEN.items() if word != "POS"},
+    }
+    return known.get(name)
+
+
+class UrcapSession:
+    """One client.
+
+    Args:
+        gripper: that it speaks to.
+        distortion: of its answers.
+        end: of a line that is answered to a GET: it may be empty.
+        later: sends bytes to this session so many seconds from now.
+    """
+
+    ended = False
+
+    def __init__(
+        self,
+        gripper: Gripper,
+        distortion: Distortion,
+        end: bytes,
+        later: Callable[[float, Session, bytes], object],
+    ) -> None:
+        self._gripper = gripper
+        self._distortion = distortion
+        self._end = end
+        self._later = later
+        self._rest = b""
+
+    def receive(self, data: bytes) -> bytes:
+        """Take received bytes and return the answers."""
+        self._gripper.heard()
+        answers = self._answers(data)
+        if self._distortion.strikes("unit_silent"):
+            return b""
+        if not self._distortion.delay:
+            return answers
+        self._later(self._distortion.delay, self, answers)
+        return b""
+
+    def _answers(self, data: bytes) -> bytes:
+        if not self._rest and (digits := BARE.get(data)):
+            number = value(self._gripper, data[4:].decode())
+            return f"{number:0{digits}}".encode()
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        return b"".join(self._obey(line.decode("ascii", "replace")) for line in lines)
+
+    def close(self) -> None:
+        """Forget an unfinished line."""
+        self._rest = b""
+
+    def _obey(self, line: str) -> bytes:
+        verb, *words = line.upper().split() or [""]
+        if verb == "GET" and len(words) == 1:
+            number = value(self._gripper, words[0])
+            told = UNKNOWN if number is None else f"{words[0]} {number}"
+            return told.encode() + self._end
+        if verb == "SET" and words and len(words) % 2 == 0:
+            return self._set(dict(zip(words[::2], words[1::2], strict=True)))
+        return UNKNOWN.encode() + self._end if verb else b""
+
+    def _set(self, pairs: dict[str, str]) -> bytes:
+        block = bytearray(self._gripper.written)
+        for name, text in pairs.items():
+            if not text.isdigit() or int(text) > 255:
+                return UNKNOWN.encode() + self._end
+            if name in WRITTEN:
+                block[WRITTEN[name]] = int(text)
+            elif name in BITS:
+                block[0] = block[0] & ~BITS[name] | BITS[name] * (text != "0")
+            elif name != "SID":
+                return UNKNOWN.encode() + self._end
+        self._gripper.write(0, bytes(block))
+        return b"ack"

@@ -1,0 +1,43 @@
+"""``crtk-driver robotiq info`` and ``calibrate`` at a simulated gripper."""
+
+from __future__ import annotations
+
+import pytest
+
+from crtk_drivers.cli import main
+
+SIM = [
+    "--sim",
+    *(f"--sim-set={name}_port=0" for name in ("tool", "modbus", "urcap")),
+]
+
+
+def test_info_tells_what_it_reports(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["robotiq", "info", *SIM]) == 0
+    told = capsys.readouterr().out
+    assert "2F-85" in told
+    assert "done" in told
+    assert "fault                   none" in told
+
+
+@pytest.mark.parametrize("link", ["serial", "urcap"])
+def test_calibrate_measures_the_band(link: str, capsys: pytest.CaptureFixture[str]) -> None:
+    band = ["--sim-set=band_open=13", "--sim-set=band_closed=228"]
+    assert main(["robotiq", "calibrate", "--move", f"--link={link}", *SIM, *band]) == 0
+    assert "open_count = 13\nclosed_count = 228" in capsys.readouterr().out
+
+
+def test_calibrate_moves_nothing_without_leave(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["robotiq", "calibrate", *SIM]) == 2
+    assert "--move" in capsys.readouterr().out
+
+
+def test_calibrate_tells_what_is_in_the_way(capsys: pytest.CaptureFixture[str]) -> None:
+    thing = "--sim-set=object_width=0.02"
+    assert main(["robotiq", "calibrate", "--move", *SIM, thing]) == 1
+    assert "met something" in capsys.readouterr().out
+
+
+def test_calibrate_does_not_activate(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["robotiq", "calibrate", "--move", *SIM, "--sim-set=activated=false"]) == 1
+    assert "not activated" in capsys.readouterr().out
