@@ -111,8 +111,8 @@ class StatusTracker:
         self._late: dict[str, CommandRefused] = {}
         self._refused_at: dict[str, float] = {}
         self._sent: set[str] = set()
-        self._status_callbacks: tuple[Callable[[Status], Any], ...] = ()
-        self._refusal_callbacks: tuple[Callable[[CommandRefused], Any], ...] = ()
+        self._status_callbacks: list[Callable[[Status], Any]] = []
+        self._refusal_callbacks: list[Callable[[CommandRefused], Any]] = []
 
     # ------------------------------------------------------------------------------------ lifetime
 
@@ -196,7 +196,7 @@ class StatusTracker:
                 watch.add(status)
             for move in self._moves:
                 move.status_changed(status)
-            callbacks = self._status_callbacks if changed else ()
+            callbacks = tuple(self._status_callbacks) if changed else ()
         for callback in callbacks:
             _call(callback, status)
 
@@ -212,7 +212,7 @@ class StatusTracker:
                 return
             for watch in self._watches:
                 watch.add(refusal)
-            callbacks = self._refusal_callbacks
+            callbacks = tuple(self._refusal_callbacks)
         for callback in callbacks:
             _call(callback, refusal)
 
@@ -352,35 +352,27 @@ class StatusTracker:
 
     def on_status(self, callback: Callable[[Status], Any]) -> Callable[[], None]:
         """Call `callback` with each new status; return what ends that."""
-        with self._lock:
-            self._status_callbacks = (*self._status_callbacks, callback)
-
-        def end() -> None:
-            with self._lock:
-                self._status_callbacks = _without(self._status_callbacks, callback)
-
-        return end
+        return self._called(self._status_callbacks, callback)
 
     def on_refusal(self, callback: Callable[[CommandRefused], Any]) -> Callable[[], None]:
         """Call `callback` with each refusal, also those of other clients; return what ends that."""
+        return self._called(self._refusal_callbacks, callback)
+
+    def _called(
+        self, callbacks: list[Callable[..., Any]], callback: Callable[..., Any]
+    ) -> Callable[[], None]:
         with self._lock:
-            self._refusal_callbacks = (*self._refusal_callbacks, callback)
+            callbacks.append(callback)
 
         def end() -> None:
             with self._lock:
-                self._refusal_callbacks = _without(self._refusal_callbacks, callback)
+                callbacks.remove(callback)
 
         return end
 
 
 def _newer(serial: int, received: Received) -> bool:
     return received.serial > serial
-
-
-def _without(callbacks: tuple[Any, ...], callback: Any) -> tuple[Any, ...]:
-    left = list(callbacks)
-    left.remove(callback)
-    return tuple(left)
 
 
 def _call(callback: Callable[[Any], Any], event: object) -> None:

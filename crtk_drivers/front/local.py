@@ -118,7 +118,7 @@ class LocalDevice(DeviceFront):
     def __init__(self, session: Session, child: str = "") -> None:
         self._session = session
         self._engine = session.children[child] if child else session.engine
-        self._client = _Handle()
+        self._client = Client("another handle of the driver's own program")
         self._watch = _StatusWatch(self._engine.status, self._engine.where)
         self._engine.add_observer(self._watch)
         for name, command in self._engine.commands.items():
@@ -138,7 +138,7 @@ class LocalDevice(DeviceFront):
     @override
     def close(self) -> None:
         """Leave the hardware holding and disconnect; with all that belongs to it."""
-        self._client.is_open = False
+        self._client.leave()
         self._session.close()
 
     def __getattr__(self, name: str) -> Any:
@@ -327,19 +327,6 @@ class _RefusalWatch(Observer):
     def command_refused(self, refusal: CommandRefused) -> None:
         if refusal.command == "state_command" and refusal.stamp_ns == self._stamp_ns:
             self._refusals.append(refusal)
-
-
-class _Handle(Client):
-    """The client that a `LocalDevice` is, until it is closed."""
-
-    def __init__(self) -> None:
-        super().__init__("another handle of the driver's own program")
-        self.is_open = True
-
-    @property
-    @override
-    def is_there(self) -> bool:
-        return self.is_open
 
 
 class _SubNamespace:

@@ -80,6 +80,7 @@ class Client:
 
     def __init__(self, name: str) -> None:
         self._name = name
+        self._is_there = True
 
     @property
     def name(self) -> str:
@@ -89,7 +90,11 @@ class Client:
     @property
     def is_there(self) -> bool:
         """Whether it may still command. Must not wait."""
-        return True
+        return self._is_there
+
+    def leave(self) -> None:
+        """It commands no more: what it has begun ends."""
+        self._is_there = False
 
     def is_same(self, other: Client) -> bool:
         """Whether the two are one client. Must not wait."""

@@ -95,7 +95,6 @@ class Sender(Client):
         self.gid = gid
         self.participant = gid[:_PARTICIPANT] if has_participant else b""
         self._owner = ""
-        self._is_there = True
         self.is_watched = False
 
     @property

@@ -21,11 +21,12 @@ from crtk_drivers.labs.bench.bed import Bed
 from crtk_drivers.labs.bench.calls import About, HostOrder
 from crtk_drivers.labs.bench.declared import Acquisition, Subject
 from crtk_drivers.labs.bench.door import Door, Refused
-from crtk_drivers.labs.bench.host import Host, Visitor
+from crtk_drivers.labs.bench.host import Host
 from crtk_drivers.labs.bench.operator import Operator
 from crtk_drivers.labs.bench.trace import Row, Trace
 from crtk_drivers.labs.bench.watch import Watch
 from crtk_drivers.labs.carried import Carried
+from crtk_drivers.motion.arbiter import Client
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.samples import Pose, Stamp, Value
 from crtk_drivers.session.opened import engine_options
@@ -45,7 +46,7 @@ class SteppedDoor(Door):
     """A door to a host in this thread."""
 
     def __init__(self, hosting: Host) -> None:
-        self._calls = hosting.calls(Visitor())
+        self._calls = hosting.calls(Client("the bench"))
 
     def close(self) -> None:
         """It holds nothing."""

@@ -47,19 +47,6 @@ LEAVING: Final = 0.5
 logger = logging.getLogger(__name__)
 
 
-class Visitor(Client):
-    """Whoever commands through one connection."""
-
-    def __init__(self) -> None:
-        super().__init__("a connection of the bench")
-        self.is_open = True
-
-    @property
-    @override
-    def is_there(self) -> bool:
-        return self.is_open
-
-
 class _Refusals(Observer):
     """Keeps what was refused and every change of state, for the recording."""
 
@@ -150,7 +137,7 @@ class Host:
             first = False
 
     def _serve_one(self, connection: Connection, supervises: bool) -> None:
-        visitor = Visitor()
+        visitor = Client("a connection of the bench")
         calls = self.calls(visitor)
         try:
             while True:
@@ -166,7 +153,7 @@ class Host:
         except (EOFError, OSError):
             pass
         finally:
-            visitor.is_open = False
+            visitor.leave()
             connection.close()
             if supervises and not self._ended.is_set():
                 logger.error("%s: the bench is gone: held, and left", self._engine.where)
