@@ -94,7 +94,9 @@ class Catalogue:
             content: dict[str, Any] = json.loads(received.text)
             if not isinstance(content, dict):
                 raise ValueError("it is no object")
-        except ValueError as error:
+            if not isinstance(content.get("commands", {}), dict):
+                raise ValueError("its commands are no object")
+        except (ValueError, RecursionError) as error:
             logger.warning("%s holds no manifest: %s", topic, error)
             content = {} if cached is None else cached[1]
         self._read[topic] = received.serial, content

@@ -187,10 +187,10 @@ class RemoteDevice(DeviceFront):
         latest = inbox.latest
         if not inbox.connected:
             what, remedy = "nobody publishes it", "Is the driver still running?"
-        elif latest is None:
-            what, remedy = "no value yet", "If the node is your own, is it spun?"
         elif inbox.problem:
             what, remedy = inbox.problem, "Does its publisher have the same definition of the type?"
+        elif latest is None:
+            what, remedy = "no value yet", "If the node is your own, is it spun?"
         else:
             reason = "stamped as not valid" if latest.wall_ns == 0 else "too old"
             what = f"nothing valid and newer than {oldest:g} s; the last value is {reason}"

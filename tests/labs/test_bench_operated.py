@@ -53,6 +53,7 @@ SOUND = {
     "pressed_state": "FAULT",
     "released": [0.501],
     "released_state": "FAULT",
+    "enabled_again": True,
 }
 
 
@@ -90,6 +91,25 @@ def test_a_device_that_is_enabled_meanwhile_fails(state: str, told: str) -> None
     assert told in found.violations[0]
 
 
+def test_a_simulator_that_notices_it_long_after_fails() -> None:
+    subject = Subject(("joint_1",), (ROTARY,), 100.0, 0.0, 1.0, 0.1, 0.5, 0.05, 0.1)
+    found = S7.analyse(Trace.of([]), replace(subject, kept=SOUND | {"noticed": None}))
+    assert found.verdict is Verdict.FAIL
+    assert "still ENABLED" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("kept", "verdict"), [({}, Verdict.INCONCLUSIVE), ({"pressed": [0.6]}, Verdict.FAIL)]
+)
+def test_one_that_was_not_enabled_again_does_not_pass(
+    kept: dict[str, Any], verdict: Verdict
+) -> None:
+    """As with a button that is pulled out too late, after which the acquisition breaks off."""
+    subject = Subject(("joint_1",), (ROTARY,), 100.0, 0.0, 1.0, 0.1, 0.5, 0.05, 0.1)
+    until_then = {name: value for name, value in SOUND.items() if name != "enabled_again"}
+    assert S7.analyse(Trace.of([]), replace(subject, kept=until_then | kept)).verdict is verdict
+
+
 class Bystander:
     """Somebody beside a virtual arm, who does `press` when asked for its emergency stop: it has none."""
 
@@ -125,6 +145,7 @@ def test_a_person_is_waited_for() -> None:
     kept = kept_beside(operator)
     assert kept["by_operator"]
     assert (kept["pressed_state"], kept["released_state"]) == ("DISABLED", "DISABLED")
+    assert kept["enabled_again"]
     assert operator.released == 1
 
 

@@ -7,10 +7,11 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
-from crtk_drivers.errors import ConnectionFailed
+from crtk_drivers.errors import ConnectionFailed, DeviceError
 from crtk_drivers.labs.bench.relay import Mode, RelayProcess
 from crtk_drivers.plugins import DeviceLink
 
@@ -196,3 +197,12 @@ def test_it_ends_with_whoever_started_it(relay: RelayProcess) -> None:
     with suppress(BrokenPipeError):
         process.stdin.close()
     assert process.wait(LONG) == 0
+
+
+def test_one_that_was_killed_is_told_and_closed(relay: RelayProcess) -> None:
+    relay._process.kill()
+    relay._process.wait()
+    with pytest.raises(DeviceError, match="does not answer"):
+        relay.mode = Mode.SILENT
+    relay.close()
+    assert not Path(relay._names.name).exists()

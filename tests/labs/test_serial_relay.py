@@ -110,6 +110,17 @@ def test_a_device_that_is_gone_hangs_up(relay: RelayProcess, device: tuple[int, 
     relay.mode = Mode.SILENT  # it still answers
 
 
+def test_a_device_that_is_unplugged_while_it_is_closed_is_told(
+    relay: RelayProcess, device: tuple[int, str]
+) -> None:
+    relay.mode = Mode.CLOSED
+    with suppress(OSError):
+        os.close(device[0])
+    with pytest.raises(ConnectionFailed, match=r"the device is gone.*no such port"):
+        relay.mode = Mode.OPEN
+    relay.mode = Mode.SILENT  # it still answers
+
+
 def test_a_driver_that_comes_back_finds_the_line(
     relay: RelayProcess, device: tuple[int, str]
 ) -> None:

@@ -78,7 +78,9 @@ def _stays(trial: Trial, before: Sequence[float]) -> Finding:
 
 
 def _enabled_where_it_is(trial: Trial) -> Finding:
-    """Enable it, and return whether it holds where it is now."""
+    """Enable it, and return whether it holds where it is now: not while somebody has it in hand."""
+    if not trial.at_rest():
+        return undetermined("it was not let go in time: it still moved")
     pushed_to = trial.here()
     trial.enable()
     trial.settle(2.0 * trial.expected.wait)

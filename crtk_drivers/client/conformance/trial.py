@@ -170,11 +170,13 @@ class Trial:
         """Return the measured joints.
 
         Raises:
-            Stopped: none are heard.
+            Stopped: none are heard, or they are no numbers.
         """
         heard = self.probe.joints("measured_js")
         if heard is None or not heard.position:
             raise Stopped("no measured joints")
+        if not all(map(math.isfinite, heard.position)):
+            raise Stopped("its measured joints are no numbers")
         return heard.position
 
     def pose(self) -> tuple[float, ...]:

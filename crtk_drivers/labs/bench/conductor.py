@@ -491,19 +491,27 @@ class _Hosted:
             raise Broken("its driver reaches it over nothing that a relay could cut")
         self._direct = self._host
         self._leave_driver()  # a serial line has one user
-        self._relay = RelayProcess(link)
-        self._restart(replace(self._host, config=plugin.link.at(config, self._relay.link)))
+        try:
+            self._relay = RelayProcess(link)
+            self._restart(replace(self._host, config=plugin.link.at(config, self._relay.link)))
+        except CrtkError:
+            with contextlib.suppress(CrtkError):  # that it is not there is seen when it is held
+                self._return_to_device()
+            raise
         return self.door, self.connected(), self._relay
 
     def take_relay(self) -> tuple[Door, Door]:
         """Start the driver anew, at its device; return two connections."""
+        self._return_to_device()
+        return self.door, self.connected()
+
+    def _return_to_device(self) -> None:
         assert self._direct is not None
         self._leave_driver()
         if self._relay is not None:
             self._relay.close()
             self._relay = None
         self._restart(self._direct)
-        return self.door, self.connected()
 
     def _restart(self, order: HostOrder) -> None:
         Path(self._path).unlink(missing_ok=True)

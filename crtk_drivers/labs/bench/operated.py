@@ -10,9 +10,10 @@ import numpy as np
 from crtk_drivers.labs.bench.bed import Bed
 from crtk_drivers.labs.bench.calls import Glance
 from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
+from crtk_drivers.labs.bench.operator import UNNOTICED
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import exact, within
-from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Findings, Quantity
+from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Findings, Quantity, Verdict
 from crtk_drivers.state import OperatingState
 
 NOTICED: Final = 0.2
@@ -68,6 +69,7 @@ def _press_and_release(bed: Bed) -> None:
         bed.keep(released=bed.position.tolist(), released_state=str(bed.state))
     bed.disable()
     bed.enable()
+    bed.keep(enabled_again=True)
     bed.disable()
 
 
@@ -111,7 +113,11 @@ def _stops(trace: Trace, subject: Subject) -> Findings:
         )
         if state == OperatingState.ENABLED
     )
-    return Findings(tuple(found), violations)
+    if kept["noticed"] is None:
+        violations += (f"{UNNOTICED:g} s after the button was pressed it is still ENABLED",)
+    is_open = not kept.get("enabled_again") and Verdict.FAIL not in {one.verdict for one in found}
+    doubts = ("it was not ENABLED again after the button was released",) if is_open else ()
+    return Findings(tuple(found), violations, doubts)
 
 
 TESTS: Final = (

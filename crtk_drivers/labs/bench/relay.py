@@ -130,8 +130,12 @@ class _Relay:
             return
         *lines, self._input = (self._input + data).split(b"\n")
         for line in lines:
-            self._set(Mode(line.decode()))
-            _answer({"mode": self._mode})
+            try:
+                self._set(Mode(line.decode()))
+            except ConnectionFailed as error:
+                _answer({"error": f"the device is gone: {error.statement}", "remedy": error.remedy})
+            else:
+                _answer({"mode": self._mode})
 
     def _set(self, mode: Mode) -> None:
         before, self._mode = self._mode, mode
@@ -339,9 +343,6 @@ class RelayProcess:
         except DeviceError:
             self.close()
             raise
-        if "error" in answer:
-            self.close()
-            raise ConnectionFailed(answer["error"], where="relay", remedy=answer["remedy"])
         serial = {name: (port, baud) for name, (port, baud) in answer["serial"].items()}
         self.link = DeviceLink(answer["host"], answer["tcp"], link.udp, serial)
 
@@ -357,7 +358,8 @@ class RelayProcess:
 
     def close(self) -> None:
         """End it: connections through it are closed. May be called twice."""
-        with self._process:  # closes its pipes, and waits
+        # It closes pipes, and waits: one that died before has left something unread.
+        with contextlib.suppress(BrokenPipeError), self._process:
             self._process.kill()
         self._names.cleanup()
 
@@ -371,6 +373,7 @@ class RelayProcess:
         """Send a line, and return the answer.
 
         Raises:
+            ConnectionFailed: the answer is that it cannot.
             DeviceError: there is none.
         """
         process = self._process
@@ -384,6 +387,10 @@ class RelayProcess:
                 answer = process.stdout.readline()
                 if answer:
                     found: Mapping[str, Any] = json.loads(answer)
+                    if "error" in found:
+                        raise ConnectionFailed(
+                            found["error"], where="relay", remedy=found["remedy"]
+                        )
                     return found
         raise DeviceError("does not answer", where="relay")
 

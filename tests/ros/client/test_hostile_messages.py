@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,10 +12,12 @@ from crtk_msgs.msg import OperatingState as OperatingStateMessage
 from diagnostic_msgs.msg import DiagnosticArray
 from hypothesis import given
 from hypothesis import strategies as st
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
 from std_msgs.msg import Float64, Float64MultiArray, String
 
 from crtk_drivers.client import RemoteDevice, connect
+from crtk_drivers.client.discovery import Catalogue
 from crtk_drivers.client.goals import goal_test
 from crtk_drivers.client.inbox import Inbox, Received, Unreadable
 from crtk_drivers.errors import DataTimeout
@@ -121,6 +124,7 @@ class Other:
 
     def __init__(self, node: Any, namespace: str) -> None:
         self.joints = node.create_publisher(JointStateMessage, f"{namespace}/measured_js", 10)
+        self.setpoint = node.create_publisher(JointStateMessage, f"{namespace}/setpoint_js", 10)
         self.state = node.create_publisher(
             OperatingStateMessage, f"{namespace}/operating_state", 10
         )
@@ -157,6 +161,15 @@ def test_feedback_over_dds(ends: tuple[RemoteDevice, Other]) -> None:
         arm.measured_js(age=0, wait=0.0)
     other.joints.publish(joints(9.0))
     until(lambda: float(arm.measured_jp(age=0, wait=TIMEOUT)[0]) == 9.0, "it goes on")
+
+
+def test_what_was_never_anything_else_is_told_over_dds(ends: tuple[RemoteDevice, Other]) -> None:
+    arm, other = ends
+    inbox = arm._space.connected("setpoint_js")
+    other.setpoint.publish(b"")
+    until(lambda: inbox.unreadable == 1, "it was looked at")
+    with pytest.raises(DataTimeout, match=r"setpoint_js: it begins with nothing"):
+        arm.setpoint_js(age=0, wait=0.0)
 
 
 def test_operating_state_and_refusals_over_dds(ends: tuple[RemoteDevice, Other]) -> None:
@@ -200,3 +213,16 @@ def test_a_number() -> None:
     assert found is not None
     assert found.value == Number(0.5)
     assert found.wall_ns > 0  # when it arrived: it has no stamp
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"commands": 5}', "[1]", "{"])
+def test_a_text_that_is_no_manifest_leaves_the_one_before(text: str) -> None:
+    inbox = Inbox("/arm/driver/crtk_capabilities", String)
+    link: Any = SimpleNamespace(
+        topics=lambda: [inbox.topic], publishers=lambda topic: 1, text_inbox=lambda topic: inbox
+    )
+    catalogue = Catalogue(link, "/arm")
+    catalogue.look()
+    for told in ('{"name": "arm", "commands": {}}', text):
+        inbox.receive(serialize_message(String(data=told)))
+        assert catalogue.manifest == {"name": "arm", "commands": {}}

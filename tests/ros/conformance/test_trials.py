@@ -5,6 +5,7 @@ Device and tool are the real ones, their messages too; their time is stepped.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
@@ -256,3 +257,43 @@ def test_brakes_that_hold_leave_it_to_free(monkeypatch: pytest.MonkeyPatch) -> N
     outcome, _ = examined(["MOV-3"], push=0.1)
     (found,) = outcome.results
     assert found.finding.verdict is Verdict.CONFORMS, found.finding
+
+
+def test_who_still_has_it_in_hand_decides_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would be told to have moved when it was enabled."""
+    held: list[student_gantry.Gantry] = []
+    push, step = student_gantry.Gantry.push, StudentDevice.step
+
+    def take(gantry: student_gantry.Gantry, joint: int, by: float) -> None:
+        held.append(gantry)
+        push(gantry, joint, by)
+
+    def go_on(device: StudentDevice, seconds: float) -> None:
+        if device.gantry in held and device.gantry.state == "DISABLED":
+            push(device.gantry, 1, 0.1 * seconds)
+        step(device, seconds)
+
+    monkeypatch.setattr(student_gantry.Gantry, "push", take)
+    monkeypatch.setattr(StudentDevice, "step", go_on)
+    outcome, device = examined(["MOV-3"], push=0.1)
+    (found,) = outcome.results
+    assert found.finding.verdict is Verdict.UNDETERMINED, found.finding
+    assert "not let go" in found.finding.text
+    assert device.gantry.state == "DISABLED"
+
+
+def test_joints_that_are_no_numbers_are_not_where_they_were(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    command = student_gantry.Gantry.command
+
+    def lose(gantry: student_gantry.Gantry, word: str) -> None:
+        command(gantry, word)
+        if gantry.state == "ENABLED":
+            gantry.measured[2] = math.nan
+
+    monkeypatch.setattr(student_gantry.Gantry, "command", lose)
+    outcome, _ = examined(["MOV-3"], push=0.1)
+    (found,) = outcome.results
+    assert found.finding.verdict is Verdict.UNDETERMINED, found.finding
+    assert "no numbers" in outcome.ended
