@@ -159,9 +159,15 @@ class Controller:
         self.player.has_watchdogs = not any(group.ignores_watchdog for group in defects)
         self._has_button = not any(group.ignores_emergency_stop for group in defects)
         self.state_signals = StateSignals(self._power, self.player, self.plant.compliance)
-        motion = MotionControl(self.plant, self.clock, self.player.caller, self.protective_stop)
+        motion = MotionControl(
+            self.plant,
+            self.clock,
+            self.player.caller,
+            self.protective_stop,
+            self.limits.tool_speed,
+        )
         self.player.thread_ended.append(motion.release)
-        self._moves = Moves(motion, self.post, self.limits.tool_speed)
+        self._moves = Moves(motion, self.post)
         self.interpreter = Interpreter(self.player, self.clock, self.note, self._moves.abort)
         self.player.set_builtins(
             {

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from typing import Any, NoReturn, Protocol, TypeAlias
+from typing import Any, Final, NoReturn, Protocol, TypeAlias
 
 from crtk_sim_backends.ur.clock import Clock
 from crtk_sim_backends.ur.motion.arm import approach
-from crtk_sim_backends.ur.motion.kinematics import Floats, Transform, compose, to_transform
+from crtk_sim_backends.ur.motion.kinematics import (
+    Floats,
+    Transform,
+    compose,
+    multiply,
+    norm,
+    to_transform,
+)
 from crtk_sim_backends.ur.motion.plant import Plant
 from crtk_sim_backends.ur.urscript import Pose, Program, ScriptRuntimeError
 from crtk_sim_backends.ur.urscript.arguments import six
@@ -15,6 +22,13 @@ from crtk_sim_backends.ur.urscript.arguments import six
 Motion: TypeAlias = Generator[None, None, None]
 
 SINGULARITY = 154
+
+SLOWEST_SHARE: Final = 0.02
+"""Of its speed, to which a motion is slowed down where joints cannot follow; less is a singularity."""
+
+
+WITHIN: Final = 0.999
+"""Of the tool's limit, to which a motion is slowed down: what is monitored is the actual speed."""
 
 
 class Execution(Protocol):
@@ -38,6 +52,10 @@ class MotionControl:
         clock: counts the control periods.
         caller: execution and thread that run now.
         protective_stop: stops the robot, with a reason for the error log.
+        tool_speed: of the tool at most, m/s.
+
+    Attributes:
+        tool_speed: the same.
     """
 
     def __init__(
@@ -46,6 +64,7 @@ class MotionControl:
         clock: Clock,
         caller: Callable[[], tuple[Execution, int]],
         protective_stop: Callable[[int], object],
+        tool_speed: float,
     ) -> None:
         self.plant = plant
         self.arm = plant.arm
@@ -53,6 +72,7 @@ class MotionControl:
         self._clock = clock
         self._caller = caller
         self._protective_stop = protective_stop
+        self.tool_speed = tool_speed
         self._claimed_tick = -2
         self._owner: object = None
 
@@ -102,6 +122,20 @@ class MotionControl:
         self._protective_stop(code)
         while True:
             yield
+
+    @property
+    def arm_length(self) -> float:
+        """Longest distance of the tool from any joint, m."""
+        model = self.arm.model
+        return sum(map(abs, (*model.a, *model.d, *self.plant.tool[9:])))
+
+    def share(self, qd: Floats) -> float:
+        """Share of these joint speeds, at most 1, at which neither a joint nor the tool is too fast."""
+        most = max(abs(v) / limit for v, limit in zip(qd, self.arm.model.velocity, strict=True))
+        if sum(map(abs, qd)) * self.arm_length > self.tool_speed:
+            matrix = self.kinematics.jacobian(self.arm.plan_q, self.plant.tool)
+            most = max(most, norm(multiply(matrix, qd)[:3]) / (WITHIN * self.tool_speed))
+        return 1.0 / max(1.0, most)
 
     def target(self, name: str, value: Any) -> Transform:
         """Transform of an argument that is a pose or joint positions."""

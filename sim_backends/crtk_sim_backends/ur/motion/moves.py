@@ -20,7 +20,7 @@ from math import dist, sqrt
 from typing import Any, Final
 
 from crtk_sim_backends.ur.messages import ErrorMessage, Message, ReportLevel
-from crtk_sim_backends.ur.motion.control import SINGULARITY, Motion, MotionControl
+from crtk_sim_backends.ur.motion.control import SINGULARITY, SLOWEST_SHARE, Motion, MotionControl
 from crtk_sim_backends.ur.motion.kinematics import Floats, Transform, compose, invert, to_pose
 from crtk_sim_backends.ur.motion.paths import Arc, JointPath, Line, Path, Rounded, ToolPath, rounded
 from crtk_sim_backends.ur.motion.profiles import TIME_TOLERANCE, Piece, Profile, ramps, timed
@@ -43,9 +43,6 @@ TOOL_ACCELERATION: Final = 10.0
 JOINT_ACCELERATION: Final = 10.0
 """m/s^2 and rad/s^2 of the largest accelerations of `optimovel` and `optimovej`, and of what a move that is
 given its time, or slowed down, has at most."""
-
-SLOWEST_SHARE: Final = 0.02
-"""Of its speed, to which a move is slowed down where a joint cannot follow; less is a singularity."""
 
 _NOWHERE = 1e-9  # rad or m
 _TRIALS = 12  # to find how far joints can follow in one period
@@ -94,15 +91,11 @@ class Moves:
     Args:
         control: of the arm.
         post: sends a message to the clients.
-        tool_speed: of the tool at most, m/s.
     """
 
-    def __init__(
-        self, control: MotionControl, post: Callable[[Message], None], tool_speed: float
-    ) -> None:
+    def __init__(self, control: MotionControl, post: Callable[[Message], None]) -> None:
         self._control = control
         self._post = post
-        self._tool_speed = tool_speed
         self._plant = control.plant
         self._arm = control.arm
         self._kinematics = control.kinematics
@@ -302,7 +295,7 @@ class Moves:
         if isinstance(path, JointPath):
             speed, acceleration = path.fastest(model.velocity), JOINT_ACCELERATION
         else:
-            speed, acceleration = self._tool_speed, TOOL_ACCELERATION
+            speed, acceleration = self._control.tool_speed, TOOL_ACCELERATION
         return max(1.5 * path.length / speed, sqrt(4.5 * path.length / acceleration))
 
     def _skip(self, name: str) -> None:
@@ -428,18 +421,13 @@ class Moves:
             way += step
             most = max(most, step / min(limit, abs(speed) + gain))
         # What the tool could move if all joints turned it at arm's length.
-        if way * self._length() > self._tool_speed * period:
+        if way * self._control.arm_length > self._control.tool_speed * period:
             here, there = (
                 compose(self._kinematics.flange(joints), self._plant.tool)[9:]
                 for joints in (arm.plan_q, q)
             )
-            most = max(most, dist(here, there) / self._tool_speed)
+            most = max(most, dist(here, there) / self._control.tool_speed)
         return most / period
-
-    def _length(self) -> float:
-        """Longest distance of the tool from any joint, m."""
-        model = self._arm.model
-        return sum(map(abs, (*model.a, *model.d, *self._plant.tool[9:])))
 
     def _early_tail(
         self, path: Path, distance: float, speed: float, pace: Pace, radius: float

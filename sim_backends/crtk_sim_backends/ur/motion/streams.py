@@ -7,7 +7,12 @@ from math import inf, isfinite, tanh
 from typing import Any, Final
 
 from crtk_sim_backends.ur.motion.arm import approach
-from crtk_sim_backends.ur.motion.control import SINGULARITY, Motion, MotionControl
+from crtk_sim_backends.ur.motion.control import (
+    SINGULARITY,
+    SLOWEST_SHARE,
+    Motion,
+    MotionControl,
+)
 from crtk_sim_backends.ur.motion.dynamics import solve
 from crtk_sim_backends.ur.motion.kinematics import (
     Floats,
@@ -39,6 +44,8 @@ class Streams:
         self._plant = control.plant
         self._arm = control.arm
         self._kinematics = control.kinematics
+        self._planned: list[float] = []  # joint speeds of the last speedj or speedl
+        self._slowed: list[float] = []  # what they were slowed down to
 
     def builtins(self) -> Iterator[Builtin]:
         """Every built-in of this class."""
@@ -80,12 +87,11 @@ class Streams:
         """
         goal = six("speedj", qd)
         acceleration = _acceleration("speedj a", a)
-        arm = self._arm
 
-        def faster(seconds: float) -> list[float]:
-            return approach(arm.commanded_qd, goal, acceleration * seconds)
+        def faster(before: list[float], seconds: float) -> list[float]:
+            return approach(before, goal, acceleration * seconds)
 
-        yield from self._speed(faster, lambda: arm.plan_qd == goal, t)
+        yield from self._speed(faster, lambda qd: qd == goal, t)
 
     def speedl(
         self,
@@ -103,44 +109,54 @@ class Streams:
         arm = self._arm
         reached: list[float] = []
 
-        def faster(seconds: float) -> list[float] | None:
+        def faster(before: list[float], seconds: float) -> list[float] | None:
             matrix = self._kinematics.jacobian(arm.plan_q, self._plant.tool)
-            twist = multiply(matrix, arm.commanded_qd)
+            twist = multiply(matrix, before)
             reached[:] = (
                 *_approach_vector(twist[:3], goal[:3], acceleration * seconds),
                 *_approach_vector(twist[3:], goal[3:], turn * seconds),
             )
             return joint_rates(matrix, reached)
 
-        yield from self._speed(faster, lambda: reached == goal, t)
+        yield from self._speed(faster, lambda qd: reached == goal, t)
 
     def _speed(
         self,
-        faster: Callable[[float], list[float] | None],
-        reached: Callable[[], bool],
+        faster: Callable[[list[float], float], list[float] | None],
+        reached: Callable[[list[float]], bool],
         t: float | None,
     ) -> Motion:
-        """Move with the joint speeds of `faster`, which gets the seconds (path time) of each step.
+        """Move with the joint speeds of `faster`, which gets those before and the seconds of path time.
 
-        One that ends within a period leaves the rest of it to the next.
+        Where a joint or the tool would be too fast, path time passes more slowly. A call that ends
+        within a period leaves the rest of it to the next.
         """
-        arm = self._arm
+        arm, control = self._arm, self._control
         seconds = t if t is not None and t > 0.0 else inf
         while True:
-            self._control.claim()
+            control.claim()
             left = arm.time_left
+            # As fast as it was planned, where it was slowed down.
+            before = arm.commanded_qd
+            before = self._planned if before == self._slowed else before
             step = min(seconds, left)
-            qd = faster(step)
-            if qd is None:
-                yield from self._control.stop_protectively(SINGULARITY)
+            qd = faster(before, step)
+            share = 0.0 if qd is None else control.share(qd)
+            if qd is not None and share < 1.0:
+                step = min(seconds, left * share)
+                qd = faster(before, step)
+                share = 0.0 if qd is None else min(share, control.share(qd))
+            if qd is None or share < SLOWEST_SHARE:
+                yield from control.stop_protectively(SINGULARITY)
                 return
+            self._planned, self._slowed = qd, [v * share for v in qd]
             seconds -= step
-            if seconds < TIME_TOLERANCE < left - step:
-                arm.command_velocity(qd, step)
+            if seconds < TIME_TOLERANCE < left - step / share:
+                arm.command_velocity(self._slowed, step / share)
                 return
-            arm.command_velocity(qd)
+            arm.command_velocity(self._slowed)
             yield
-            if seconds < TIME_TOLERANCE or (t is None and reached()) or t == 0.0:
+            if seconds < TIME_TOLERANCE or (t is None and reached(qd)) or t == 0.0:
                 return
 
     def stopj(self, a: float = 2.0) -> Motion:

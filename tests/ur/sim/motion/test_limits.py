@@ -43,8 +43,20 @@ def test_a_violated_safety_limit_stops_the_arm(limits: SafetyLimits, argument: i
 
 
 def test_a_tool_speed_beyond_the_limit_stops_what_is_not_planned() -> None:
-    body = "speedj([2.5, 0, 0, 0, 0, 0], 10, 0.5)\nstopj(10)"
-    assert stopped(Bench(limits=SafetyLimits(tool_speed=0.5)), body) == (191, 3)
+    body = "while True:\n servoj([0.2, -1.57, 1.57, -1.57, -1.57, 0], lookahead_time=0.1)\nend"
+    assert stopped(Bench(limits=SafetyLimits(tool_speed=0.3)), body) == (191, 3)
+
+
+def test_a_speed_keeps_to_the_tool_speed() -> None:
+    bench = Bench(limits=SafetyLimits(tool_speed=0.5))
+    bench.start("speedj([2.5, 0, 0, 0, 0, 0], 10, 0.5)\nstopj(10)")
+    fastest = 0.0
+    while bench.controller.runtime_state == RuntimeState.PLAYING:
+        bench.ticks(1)
+        fastest = max(fastest, norm(bench["target_TCP_speed"][:3]))
+    assert fastest == pytest.approx(0.5, rel=0.01)
+    assert not bench.of_type(ErrorMessage)
+    assert bench.controller.safety_mode == SafetyMode.NORMAL
 
 
 @pytest.mark.parametrize("move", ["movej({}, v=2.5, a=10)", "movel({}, v=2.5, a=10)"])
@@ -68,9 +80,31 @@ def test_a_tool_slower_than_its_limit_is_left_alone() -> None:
 
 
 @pytest.mark.parametrize("joint", range(6))
-def test_a_joint_faster_than_it_can_turn(joint: int) -> None:
-    speeds = ", ".join("3.3" if i == joint else "0" for i in range(6))
-    assert stopped(Bench(), SWING.format(speeds)) == (191, 32 + joint)
+def test_a_joint_pushed_faster_than_it_can_turn(joint: int) -> None:
+    torques = ", ".join("25" if i == joint else "0" for i in range(6))
+    code = stopped(
+        Bench(), f"while True:\n direct_torque([{torques}], viscous_scale=[1,1,1,1,1,1])\nend"
+    )
+    assert code[0] in (191, 150)
+    assert joint not in (0, 5) or code == (191, 32 + joint)
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_joint_speed_that_is_asked_too_much_of_it_is_slowed_down(joint: int) -> None:
+    """As UR's splines go on though they are beyond a joint (its test of a first point of no time)."""
+    bench = Bench()
+    speeds = ", ".join("6.6" if i == joint else "0.66" for i in range(6))
+    bench.start(f"speedj([{speeds}], 40, 0.4)\nwrite_output_integer_register(0, 1)\nstopj(40)")
+    bench.seconds(0.4)
+    limits = bench.controller.model.velocity
+    assert max(map(abs, bench["target_qd"])) == pytest.approx(limits[joint], rel=1e-6)
+    assert bench["target_qd"][joint] / bench["target_qd"][(joint + 1) % 6] == pytest.approx(10.0)
+    ticks = 200 + bench.until(lambda: bench["output_int_register_0"] == 1)
+    way = 6.6 * 0.4 - 6.6**2 / 80.0  # that is planned
+    slowed = limits[joint] / 40.0 + (way - limits[joint] ** 2 / 80.0) / limits[joint]
+    assert ticks * 0.002 == pytest.approx(slowed, abs=0.005)
+    bench.until(lambda: bench.controller.runtime_state == RuntimeState.STOPPED)
+    assert bench.controller.safety_mode == SafetyMode.NORMAL
 
 
 @pytest.mark.parametrize("joint", range(6))
@@ -139,7 +173,7 @@ def test_a_line_out_of_reach_is_a_warning_and_a_protective_stop(move: str, targe
     [
         ("protective_stop()", 209, ReportLevel.WARNING),
         (SWING.format("-3, 0, 0, 0, 0, 0"), 150, ReportLevel.WARNING),
-        (SWING.format("3.3, 0, 0, 0, 0, 0"), 191, ReportLevel.VIOLATION),
+        ("while True:\n direct_torque([20, 0, 0, 0, 0, 0])\nend", 191, ReportLevel.VIOLATION),
     ],
 )
 def test_only_limits_of_the_safety_configuration_are_violations(

@@ -65,6 +65,13 @@ def test_a_tool_speed_lasts_as_much_longer(slider: float) -> None:
     assert bench["target_TCP_pose"][2] - start == pytest.approx(0.05, abs=1.1e-3)
 
 
+def test_a_spline_faster_than_a_joint_arrives_all_the_same() -> None:
+    bench = Bench()
+    bench.run(SPLINE.replace("3.0 * time", "18.0 * time"), seconds=10.0)  # up to 4.5 rad/s
+    assert bench["target_q"][0] == pytest.approx(3.0, abs=5e-3)
+    assert bench.controller.safety_mode == SafetyMode.NORMAL
+
+
 def test_at_no_speed_a_speed_does_not_end_and_nothing_moves() -> None:
     bench = at(0.0)
     before = bench["target_q"]
