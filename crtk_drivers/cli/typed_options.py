@@ -94,6 +94,8 @@ def _is_scalar(annotation: Any) -> bool:
         return all(_is_scalar(part) for part in get_args(annotation)) and not isinstance(
             get_origin(annotation), type
         )
+    if hasattr(annotation, "SHORTHAND"):
+        return True
     return isinstance(annotation, type) and issubclass(annotation, str | int | float | Path | Enum)
 
 

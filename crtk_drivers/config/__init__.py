@@ -1,5 +1,6 @@
 """Configuration: typed tables, read from defaults, a file and the command line, later ones first."""
 
+from crtk_drivers.config.attached import AttachedConfig
 from crtk_drivers.config.layers import (
     Layer,
     from_assignments,
@@ -27,6 +28,7 @@ from crtk_drivers.config.settings import (
 )
 
 __all__ = [
+    "AttachedConfig",
     "BaseConfig",
     "BoxConfig",
     "DeviceConfig",

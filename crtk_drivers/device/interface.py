@@ -181,7 +181,8 @@ class Device(ABC):
     def children(self) -> Mapping[str, Device]:
         """Devices with a state of their own behind it, by the name of their sub-namespace; constant.
 
-        A gripper on an arm's bus, for example. They return the same `bus`, and are served after this device.
+        A gripper on an arm's bus, for example. They return the same `bus`, and are served after this device;
+        or a bus of their own, which has a thread of its own.
         """
         return {}
 

@@ -8,7 +8,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from crtk_drivers.config import DeviceConfig, Layer, Settings, from_file, from_values, load
+from crtk_drivers.config import (
+    AttachedConfig,
+    DeviceConfig,
+    Layer,
+    Settings,
+    from_file,
+    from_values,
+    load,
+)
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins.finder import Finder
@@ -39,6 +47,10 @@ def required(key: str, example: str) -> Callable[[DeviceConfig], None]:
             )
 
     return check
+
+
+def _no_tool(config: Any) -> AttachedConfig | None:
+    return None
 
 
 def _no_options(config: Any) -> Mapping[str, Any]:
@@ -120,6 +132,10 @@ class DevicePlugin:
         tools: commands for people, to look at hardware, scan a bus, calibrate, ...
         typical: values of a configuration whose CRTK commands are listed where the default has no joints.
         link: how it reaches its device, so that the bench can cut that; None if it cannot.
+        tool: what hangs at the tool of an arm of this configuration, if it names any.
+        sim_tool: the options of the simulator of an arm that hang a simulated device at its tool.
+        at_tool: the configuration of a device that hangs at the tool of the arm at an address; None if it
+            cannot hang at one.
         is_model: it is computed in this process, and no hardware is behind it.
     """
 
@@ -138,6 +154,9 @@ class DevicePlugin:
     finder: Finder | None = None
     tools: tuple[Tool, ...] = ()
     typical: Mapping[str, Any] = field(default_factory=dict)
+    tool: Callable[[Any], AttachedConfig | None] = _no_tool
+    sim_tool: Callable[[RunningSim], Mapping[str, Any]] = _no_options
+    at_tool: Callable[[Any, str], Any] | None = None
     is_model: bool = False
     link: LinkAccess | None = None
 

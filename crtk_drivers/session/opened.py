@@ -18,6 +18,7 @@ from crtk_drivers.engine.threads import Runtime
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.options import LimitPolicy
 from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.plugins.attached import attached
 from crtk_drivers.plugins.page_plugin import RunningPage, start_page
 from crtk_drivers.plugins.sim_plugin import RunningSim, start_sim
 from crtk_drivers.session.scene import DeviceScene
@@ -171,8 +172,38 @@ def start_sim_of(
     """
     if plugin.sim is None:
         raise ConfigError(f"{plugin.name} has no simulator", remedy="Leave --sim out.")
-    return start_sim(
-        plugins.simulator(plugin.sim),
-        from_values(plugin.sim_options(config), f"the configuration of {plugin.name}"),
-        from_values(options or {}, "the options of the simulator"),
-    )
+    simulator, given = plugins.simulator(plugin.sim), options or {}
+    suited = from_values(plugin.sim_options(config), f"the configuration of {plugin.name}")
+    of_user = from_values(given, "the options of the simulator")
+    tool = plugin.tool(config)
+    if tool is None:
+        return start_sim(simulator, suited, of_user)
+    at_tool = start_sim_of(*attached(tool, ""), None)
+    try:
+        hung = from_values(plugin.sim_tool(at_tool), f"what {tool.plugin} is at the tool")
+        return SimWithTool(start_sim(simulator, suited, hung, of_user), at_tool)
+    except BaseException:
+        at_tool.stop()
+        raise
+
+
+class SimWithTool:
+    """A simulator of an arm, and that of what hangs at its tool; it is the arm's in all else.
+
+    Attributes:
+        tool: the simulator of what hangs there.
+    """
+
+    def __init__(self, arm: RunningSim, tool: RunningSim) -> None:
+        self._arm = arm
+        self.tool = tool
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._arm, name)
+
+    def stop(self, timeout: float = 2.0) -> None:
+        """End both. May be called twice."""
+        try:
+            self._arm.stop(timeout)
+        finally:
+            self.tool.stop(timeout)

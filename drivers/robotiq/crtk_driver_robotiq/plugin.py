@@ -54,6 +54,13 @@ def _at_link(config: RobotiqConfig, link: NetworkLink) -> RobotiqConfig:
     return config.model_copy(update=update)
 
 
+def _at_tool(config: RobotiqConfig, host: str) -> RobotiqConfig:
+    if config.port or config.host:
+        return config
+    link = config.link if config.link == "urcap" else "tool"
+    return config.model_copy(update={"link": link, "host": host})
+
+
 PLUGIN = DevicePlugin(
     name="robotiq",
     summary="Robotiq grippers: 2F-85, 2F-140, Hand-E; serial, robot's tool line, Modbus TCP, URCap",
@@ -66,5 +73,6 @@ PLUGIN = DevicePlugin(
     sim_config=_at_sim,
     sim_options=_sim_options,
     link=LinkAccess(_link, _at_link),
+    at_tool=_at_tool,
     tools=TOOLS,
 )

@@ -9,11 +9,34 @@ from pydantic import Field, model_validator
 from crtk_driver_ur.calibration import Calibration
 from crtk_driver_ur.models import JOINT_NAMES, RobotModel, model_named
 from crtk_driver_ur.plausibility import gravity_problem, payload_problem
-from crtk_drivers.config import DeviceConfig, Settings
+from crtk_drivers.config import AttachedConfig, DeviceConfig, Settings
 
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 Flags6 = tuple[bool, bool, bool, bool, bool, bool]
+
+
+class ToolLineConfig(Settings):
+    """Supply and RS-485 of the tool connector (URScript manual, set_tool_voltage, set_tool_communication)."""
+
+    voltage: Literal[0, 12, 24] = Field(default=24, description="Supply of the tool, in V.")
+    baud: Literal[9600, 19200, 38400, 57600, 115200, 1000000, 2000000, 5000000] = Field(
+        default=115200, description="Bits a second."
+    )
+    parity: Literal["none", "odd", "even"] = Field(default="none", description="Parity bit.")
+    stop_bits: Literal[1, 2] = Field(default=1, description="Stop bits.")
+    rx_idle: float = Field(
+        default=1.5,
+        ge=1.0,
+        le=40.0,
+        description="Silence that ends what the tool says, in characters.",
+    )
+    tx_idle: float = Field(
+        default=3.5,
+        ge=0.0,
+        le=40.0,
+        description="Silence before the tool is spoken to, in characters.",
+    )
 
 
 class MoveConfig(Settings):
@@ -215,6 +238,16 @@ class UrConfig(DeviceConfig):
         default="controller",
         description="Lengths and angles of this very arm: `controller`, as that tells them when it is "
         "connected; a table, as `crtk-driver ur info --output` writes it; or `nominal`, those of the model.",
+    )
+    gripper: AttachedConfig | None = Field(
+        default=None,
+        description="What hangs at the tool, in the namespace `gripper`: its driver, as `robotiq`, or a "
+        "table with its settings too.",
+    )
+    tool_line: ToolLineConfig | None = Field(
+        default=None,
+        description="Supply and serial line of the tool, switched on when the arm is connected (e-Series); "
+        "left as they are if null, but for a gripper that is reached by them.",
     )
     move: MoveConfig = Field(default=MoveConfig(), description="Point-to-point motion.")
     servo: ServoConfig = Field(default=ServoConfig(), description="Streamed motion.")

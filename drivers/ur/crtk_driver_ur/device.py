@@ -41,6 +41,7 @@ from crtk_driver_ur.safety import (
 )
 from crtk_driver_ur.services import UrServices
 from crtk_driver_ur.servo_lag import ServoLag
+from crtk_driver_ur.tool_line import ToolLine
 from crtk_drivers.device import (
     Capabilities,
     Condition,
@@ -71,6 +72,9 @@ from crtk_drivers.samples import Sample
 from crtk_drivers.state import OperatingState
 
 logger = logging.getLogger(__name__)
+
+GRIPPER: Final = "gripper"
+"""Namespace of what hangs at the tool."""
 
 STOP_TIMEOUT = 5.0
 """Seconds that disable waits for the arm to stand, before it goes on to switch the power off."""
@@ -113,11 +117,17 @@ class UrDevice(Device):
 
     Args:
         config: see `UrConfig`.
+        gripper: that hangs at its tool, with a bus of its own.
     """
 
-    def __init__(self, config: UrConfig) -> None:
+    def __init__(self, config: UrConfig, gripper: Device | None = None) -> None:
         self._config = config
         self._model: RobotModel = config.arm
+        self._tool_line = ToolLine(
+            config.tool_line, gripper, config.host, has_line=self._model.generation is not CB3
+        )
+        hung = self._tool_line.device
+        self._children = {} if hung is None else {GRIPPER: hung}
         self._geometry = ArmGeometry(config, self._model, f"ur {self.address}")
         link = resolve_name(_LINKS[config.control])
         options = _control_options(config, self._model)
@@ -258,6 +268,11 @@ class UrDevice(Device):
 
     @property
     @override
+    def children(self) -> Mapping[str, Device]:
+        return self._children
+
+    @property
+    @override
     def notes(self) -> tuple[Note, ...]:
         state = self._robot.state
         reports = () if state is None else reports_of(state)
@@ -301,6 +316,8 @@ class UrDevice(Device):
             self._link.open(version, has_local_control=_tells_who_has_control(version))
             if not self._aborted:
                 self._geometry.learn_calibration(deadline)
+            if not self._aborted:
+                self._tool_line.switch_on(f"ur {self.address}")
             self._found = found_in(stream.receive(max(deadline, time.monotonic() + FIRST_STATE)))
         except BaseException:
             stream.close()

@@ -11,7 +11,7 @@ from crtk_driver_ur.control_requests import Request
 from crtk_driver_ur.request_worker import Controller, RequestWorker
 from crtk_driver_ur.rtde.inputs import RtdeInputs
 
-__all__ = ["OUTPUT_REQUESTS", "OutputWorker"]
+__all__ = ["OUTPUT_REQUESTS", "OutputWorker", "run_beside"]
 
 OUTPUT_REQUESTS: Final = ("write_inputs", "set_tool_voltage")
 
@@ -35,13 +35,19 @@ class OutputWorker(RequestWorker):
         if request.name == "write_inputs":
             self._inputs.write(request.arguments["values"])
         else:
-            self._run_beside(_TOOL_VOLTAGE.format(request.arguments["voltage"]))
+            run_beside(self.host, _TOOL_VOLTAGE.format(request.arguments["voltage"]))
 
     @override
     def release(self) -> None:
         self._inputs.close()
 
-    def _run_beside(self, script: str) -> None:
-        with socket.create_connection((self.host, SECONDARY_PORT), TIMEOUT) as peer:
-            peer.recv(4096)  # the controller speaks first, when it has taken the connection
-            peer.sendall(script.encode())
+
+def run_beside(host: str, script: str) -> None:
+    """Have a controller run a secondary program.
+
+    Raises:
+        OSError: it could not be told.
+    """
+    with socket.create_connection((host, SECONDARY_PORT), TIMEOUT) as peer:
+        peer.recv(4096)  # the controller speaks first, when it has taken the connection
+        peer.sendall(script.encode())

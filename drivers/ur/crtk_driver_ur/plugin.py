@@ -17,6 +17,7 @@ from crtk_driver_ur.rtde.stream import RTDE_PORT
 from crtk_driver_ur.tools import TOOLS
 from crtk_drivers.errors import MissingExtra
 from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim, required
+from crtk_drivers.plugins.attached import attached
 
 _FIRST_WITHOUT_WHEELS = (3, 13)
 """The Python for which ur-rtde 1.6 has no wheels any more; pyproject.toml leaves it out there as well."""
@@ -25,7 +26,10 @@ _FIRST_WITHOUT_WHEELS = (3, 13)
 def _create(config: UrConfig) -> UrDevice:
     if config.control == "ur_rtde" and find_spec("rtde_control") is None:
         raise _no_library()
-    return UrDevice(config)
+    if config.gripper is None:
+        return UrDevice(config)
+    plugin, its = attached(config.gripper, config.host)
+    return UrDevice(config, plugin.make(its))
 
 
 def _no_library() -> MissingExtra:
@@ -52,6 +56,10 @@ def _sim_options(config: UrConfig) -> Mapping[str, Any]:
     return {"model": config.model, "version": "3.15.8" if cb3 else "5.12.4"}
 
 
+def _sim_tool(tool: RunningSim) -> Mapping[str, Any]:
+    return {"tool_device": next(iter(tool.ttys.values()))}
+
+
 def _link(config: UrConfig, sim: RunningSim | None) -> DeviceLink:
     ports = {str(port): port for port in (*PORTS, SECONDARY_PORT, RTDE_PORT, DASHBOARD_PORT)}
     if sim is not None and "robot_api" not in sim.ports:
@@ -75,6 +83,8 @@ PLUGIN = DevicePlugin(
     sim_config=_at_sim,
     sim_options=_sim_options,
     sim_emergency_stop="emergency_stop",
+    tool=lambda config: config.gripper,
+    sim_tool=_sim_tool,
     tools=TOOLS,
     link=LinkAccess(_link, _at_link),
 )
