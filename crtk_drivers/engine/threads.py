@@ -67,7 +67,8 @@ class BusThread:
 
     Args:
         bus: its name.
-        members: the engines on it with their time for `open`; a bus that is paced by its stream has one.
+        members: the engines on it with their time for `open`. One of them at most paces its stream; what it
+            brings is there when those behind it are read, and these wait for nothing.
     """
 
     def __init__(self, bus: str, members: Iterable[tuple[Engine, float]]) -> None:
@@ -75,9 +76,10 @@ class BusThread:
         self._members = [_Member(engine, timeout) for engine, timeout in members]
         rates = [member.engine.capabilities.rate for member in self._members]
         self._period = 1.0 / max(rates)
-        self._streamed = any(m.engine.capabilities.paced_by_stream for m in self._members)
-        if self._streamed and len(self._members) > 1:
-            raise ValueError(f"{bus}: a device that paces its stream cannot share its bus")
+        pacing = [m for m in self._members if m.engine.capabilities.paced_by_stream]
+        if len(pacing) > 1:
+            raise ValueError(f"{bus}: two devices that pace their streams cannot share a bus")
+        self._pacing = pacing[0].engine if pacing else None
         self._heartbeat = Deadman(STALL_LIMIT + 2.0 * self._period)
         self._stopping = threading.Event()
         self._failures: list[DeviceError] = []
@@ -130,7 +132,7 @@ class BusThread:
             while not self._stopping.is_set():
                 due = self._pace(due)
                 begin = max(due, time.monotonic())
-                deadline = begin + (2.0 if self._streamed else 0.5) * self._period
+                deadline = begin + (2.0 if self._is_paced() else 0.5) * self._period
                 lost = [member for member in self._members if not self._serve(member, deadline)]
                 # All have been told to stop before the first one is waited for.
                 for member in lost:
@@ -148,7 +150,7 @@ class BusThread:
             self._heartbeat.disarm()
             self._stopping.wait(min(m.reconnect.next_try for m in self._members) - now)
             return time.monotonic()
-        if self._streamed:
+        if self._is_paced():
             return now
         due += self._period
         if due < now - self._period:
@@ -156,6 +158,10 @@ class BusThread:
         if due > now:
             time.sleep(due - now)
         return due
+
+    def _is_paced(self) -> bool:
+        """Whether the hardware's own clock is waited for; without its device those behind it have ours."""
+        return self._pacing is not None and self._pacing.connected
 
     def _anyone_connected(self) -> bool:
         return any(member.engine.connected for member in self._members)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Final, Generic, TypeVar
 
 from crtk_drivers.errors import ProtocolError
 from crtk_drivers.kit.decoding import BadData, Decoder
@@ -12,6 +13,8 @@ from crtk_drivers.kit.transport import Transport
 __all__ = ["MessageLink"]
 
 Message = TypeVar("Message")
+
+_PATIENCE: Final = 50.0
 
 
 class MessageLink(Generic[Message]):
@@ -78,12 +81,18 @@ class MessageLink(Generic[Message]):
                 return messages
         return []
 
-    def forget(self) -> None:
+    def forget(self, quiet: float = 0.0) -> None:
         """Forget what has arrived by now: answers that come late must not be taken for others.
+
+        Args:
+            quiet: seconds in which nothing may come any more, for the rest of what was cut off or damaged; it
+                is waited for fifty times as long at the most.
 
         Raises:
             ConnectionLost: the connection is gone.
         """
-        while self._transport.read(0.0):
-            pass
+        end = time.monotonic() + _PATIENCE * quiet
+        while self._transport.read(time.monotonic() + quiet):
+            if quiet and time.monotonic() > end:
+                break
         self._decoder = self._make_decoder()

@@ -107,8 +107,15 @@ class Feedback:
     # ----------------------------------------------------------------------------------- written by
 
     def take(self, sample: Sample) -> None:
-        """Keep a new sample. One without values only shows that the link is alive: others go on ageing."""
-        if not sample.values and self.sample is not None:
+        """Keep a new sample.
+
+        One without values only shows that the link is alive: others go on ageing, and those from before the
+        link was lost stay invalid.
+        """
+        before = self.sample
+        if not sample.values and before is not None and before.values:
+            if before.stamp.monotonic == -math.inf:
+                self.sample = replace(before, stamp=Stamp(0, sample.stamp.monotonic))
             return
         self.sample = sample
         joints, stamp = sample.values.get("measured_js"), sample.stamp

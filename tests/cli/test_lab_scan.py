@@ -53,7 +53,9 @@ def test_what_answers_is_in_the_file(
     assert main(["lab", "new", str(path), "--scan", "--at", tty, "--at", hub]) == 0
     told = capsys.readouterr()
     assert "xm430-w350 (id 3), xl330-m288 (id 5), ax-12a (id 9)" in told.err
-    assert "Cannot be looked for, so enter their addresses: ati-netft, robotiq, ur." in told.err
+    assert (
+        "Cannot be looked for, so enter their addresses: ati-netft, ndi, robotiq, ur." in told.err
+    )
     assert "crtk-driver lab check" in told.out
     devices: dict[str, Any] = tomllib.loads(path.read_text())["devices"]
     assert list(devices) == ["canopen", "dynamixel"]

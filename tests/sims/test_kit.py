@@ -3,6 +3,7 @@
 import os
 import select
 import socket
+import termios
 import threading
 import time
 import tty
@@ -248,6 +249,14 @@ def test_delayed_data_arrives_late_and_in_order(control, peer):
     peer.sendall(b"b\nc\n")
     assert take(peer, 14) == b"b True\nc True\n"
     assert time.monotonic() - began >= 0.1
+
+
+def test_a_simulator_knows_the_rate_that_the_client_of_its_line_has_set(server, line):
+    attributes = termios.tcgetattr(line)
+    for speed, rate in ((termios.B9600, 9600), (termios.B115200, 115200)):
+        attributes[4] = attributes[5] = speed
+        termios.tcsetattr(line, termios.TCSANOW, attributes)
+        assert server.baud("line") == rate
 
 
 def test_a_serial_line_is_unplugged_and_found_again(server, control, line):

@@ -17,10 +17,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from crtk_driver_ati_netft.blocks import MEASUREMENT, Block, BlockReader, BlockRing
-from crtk_driver_ati_netft.clock import WallClock
 from crtk_driver_ati_netft.compensation import GRAVITY, NO_LOAD, UNKNOWN_LOAD, Compensation, Tool
 from crtk_driver_ati_netft.filters import Filter, LowPass, Mean
 from crtk_driver_ati_netft.stream import Batch
+from crtk_drivers.kit.clock_fit import WallClock
 from crtk_drivers.samples import Array, Vector
 
 RING: Final = 1 << 16

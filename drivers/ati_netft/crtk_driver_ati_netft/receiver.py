@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from crtk_driver_ati_netft.clock import WallClock
+from crtk_drivers.kit.clock_fit import WallClock
 
 MOST: Final = 512
 """Datagrams taken at once."""

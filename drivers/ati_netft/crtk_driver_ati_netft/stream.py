@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crtk_driver_ati_netft import rdt
-from crtk_driver_ati_netft.clock import ClockFit
 from crtk_driver_ati_netft.profiles import Action, Mode, Profile
 from crtk_driver_ati_netft.receiver import Receiver, ask_for_buffer, receiver_for
 from crtk_driver_ati_netft.sequence import Event, SequenceTracker
 from crtk_driver_ati_netft.stream_watch import PATIENCE, StreamWatch
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost
+from crtk_drivers.kit.clock_fit import ClockFit
 from crtk_drivers.samples import Vector
 
 RECEIVE_BUFFER: Final = 1 << 20

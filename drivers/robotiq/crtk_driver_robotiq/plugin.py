@@ -9,7 +9,7 @@ from crtk_driver_robotiq.config import RobotiqConfig
 from crtk_driver_robotiq.tools import TOOLS
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.plugins import DevicePlugin, LinkAccess, NetworkLink, RunningSim
+from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim
 
 
 def _create(config: RobotiqConfig) -> Device:
@@ -43,13 +43,13 @@ def _sim_options(config: RobotiqConfig) -> Mapping[str, Any]:
     }
 
 
-def _link(config: RobotiqConfig, sim: RunningSim | None) -> NetworkLink | None:
+def _link(config: RobotiqConfig, sim: RunningSim | None) -> DeviceLink | None:
     if config.link == "serial":
         return None
-    return NetworkLink(config.host, {config.link: config.number})
+    return DeviceLink(config.host, {config.link: config.number})
 
 
-def _at_link(config: RobotiqConfig, link: NetworkLink) -> RobotiqConfig:
+def _at_link(config: RobotiqConfig, link: DeviceLink) -> RobotiqConfig:
     update = {"host": link.host, "tcp_port": link.tcp[config.link]}
     return config.model_copy(update=update)
 

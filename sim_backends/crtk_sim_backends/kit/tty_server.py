@@ -44,6 +44,11 @@ class TtyServer:
         """How many have it open."""
         return self._tty.clients
 
+    @property
+    def baud(self) -> int:
+        """Bits a second that the client has set."""
+        return self._tty.baud
+
     def send(self, data: bytes, to: Session | None = None) -> None:
         """Send to whoever has it open; what its buffer does not take is lost. It has one session."""
         if self._tty.plugged and self._tty.clients and not self._silent:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from crtk_driver_ati_netft import stream as stream_module
-from crtk_driver_ati_netft.clock import WallClock
 from crtk_driver_ati_netft.profiles import AXIA, NETBOX, ONROBOT, Action, Mode
 from crtk_driver_ati_netft.receiver import (
     MOST,
@@ -24,6 +23,7 @@ from crtk_driver_ati_netft.receiver import (
 from crtk_driver_ati_netft.sequence import Event
 from crtk_driver_ati_netft.stream import Batch, RdtStream
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost
+from crtk_drivers.kit.clock_fit import WallClock
 from crtk_drivers.samples import vector
 from rigs.netft_peer import Peer, record
 

@@ -12,7 +12,13 @@ import pytest
 from crtk_drivers.device import Capabilities, Setpoint
 from crtk_drivers.engine import Engine, threads
 from crtk_drivers.engine.threads import LONGEST_RETRY, SWITCH_INTERVAL, Runtime
-from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceError, MotionAborted
+from crtk_drivers.errors import (
+    CommandRefused,
+    ConnectionFailed,
+    ConnectionLost,
+    DeviceError,
+    MotionAborted,
+)
 from crtk_drivers.motion.move import Outcome
 from crtk_drivers.samples import JointState, Sample, vector
 from crtk_drivers.state import OperatingState
@@ -396,14 +402,45 @@ def test_a_slow_device_is_not_taken_for_a_stuck_one() -> None:
         assert engine.status.state is S.DISABLED
 
 
-def test_a_stream_that_waits_cannot_share_its_bus() -> None:
-    class Streaming(Misbehaving):
-        @property
-        def capabilities(self) -> Capabilities:
-            return replace(super().capabilities, paced_by_stream=True)
+class Streaming(Misbehaving):
+    """Its `read` waits for a clock of its own."""
 
-    with pytest.raises(ValueError, match="cannot share its bus"):
-        Runtime([(Engine(Streaming("a"), "x"), 1.0), (Engine(Misbehaving("a"), "y"), 1.0)])
+    def __init__(self, address: str = "a") -> None:
+        super().__init__(address)
+        self.ticks = threading.Semaphore(0)
+
+    @property
+    def capabilities(self) -> Capabilities:
+        return replace(super().capabilities, paced_by_stream=True)
+
+    def read(self, deadline: float) -> Sample | None:
+        sample = super().read(deadline)
+        return sample if self.ticks.acquire(timeout=0.3) else None
+
+
+def test_two_streams_that_wait_cannot_share_a_bus() -> None:
+    with pytest.raises(ValueError, match="cannot share a bus"):
+        Runtime([(Engine(Streaming("a"), "x"), 1.0), (Engine(Streaming("a"), "y"), 1.0)])
+
+
+def test_what_shares_the_bus_of_a_stream_is_read_after_it_in_each_of_its_cycles() -> None:
+    stream, behind = Streaming(), Misbehaving()
+    with running(stream, behind) as (pacer, follower):
+        for count in range(1, 6):
+            stream.ticks.release()
+            until(lambda count=count: follower.health().samples >= count)  # type: ignore[misc]
+            assert pacer.health().samples == count
+
+
+def test_what_shares_the_bus_of_a_stream_goes_on_by_itself_without_it() -> None:
+    stream, behind = Streaming(), Misbehaving()
+    with running(stream, behind) as (pacer, follower):
+        stream.in_open = raising(ConnectionFailed("gone"))
+        stream.in_read = raising(ConnectionLost("gone"))
+        until(lambda: not pacer.connected)
+        goal = follower.health().cycles + 20
+        until(lambda: follower.health().cycles > goal)
+        assert follower.status.state is S.DISABLED
 
 
 def test_every_setpoint_is_written_by_the_io_thread() -> None:

@@ -218,6 +218,25 @@ def test_a_link_returns_messages_and_begins_anew(listener, transport):
         assert caught.value.remedy == "Is it a counter?"
 
 
+def test_a_link_waits_for_the_rest_of_what_it_forgets(listener, transport):
+    link = MessageLink(transport, lambda: LineDecoder(str))
+    link.open(soon())
+    peer, _ = listener.accept()
+    with peer:
+        peer.sendall(b"dam")
+        timer = threading.Timer(0.05, lambda: peer.sendall(b"aged\n"))
+        timer.start()
+        link.forget(quiet=0.5)
+        timer.join()
+        peer.sendall(b"whole\n")
+        assert link.read(soon()) == ["whole"]
+
+
+def test_a_link_that_is_never_quiet_is_not_waited_for_for_ever(listener, transport, monkeypatch):
+    monkeypatch.setattr(transport, "read", lambda deadline: b"x")
+    MessageLink(transport, lambda: LineDecoder(str)).forget(quiet=0.002)
+
+
 def test_a_link_forgets_what_was_not_asked_for(listener, transport):
     link = MessageLink(transport, lambda: LineDecoder(int))
     link.open(soon())

@@ -90,6 +90,27 @@ def test_what_was_read_before_the_link_was_lost_is_not_valid(bench: Bench) -> No
     assert bench.feedback.sample_age(bench.clock()) == np.inf
 
 
+def test_a_sample_without_values_after_a_loss_shows_that_the_link_is_alive_and_no_more(
+    bench: Bench,
+) -> None:
+    bench.feedback.invalidate()
+    bench.clock.advance(1.0)
+    bench.feedback.take(Sample(Stamp(1, bench.clock())))
+    assert bench.feedback.sample_age(bench.clock()) == 0.0
+    found = bench.told.get("measured_cp", bench.clock(), ON)
+    assert found is not None
+    assert found[1].wall_ns == 0
+    assert not bench.feedback.seed(bench.clock())
+
+
+def test_a_device_that_measures_nothing_itself_is_alive_while_samples_without_values_come() -> None:
+    bench = Bench()
+    for _ in range(3):
+        bench.clock.advance(1.0)
+        bench.feedback.take(Sample(Stamp(1, bench.clock())))
+        assert bench.feedback.seed(bench.clock())
+
+
 def test_hold_keeps_a_position_that_was_sent_also_twice(bench: Bench) -> None:
     bench.feedback.sent(Point(Setpoint(Mode.JOINT_POSITION, vector((0.3, 0.3)))), 0.0)
     for _ in range(2):

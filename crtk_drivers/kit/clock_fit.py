@@ -1,6 +1,6 @@
-"""The time of each measurement, from the arrival of records and the sensor's own clock. Pure.
+"""The time of each measurement, from the arrival of records and the device's own clock. Pure.
 
-A record never arrives before it was sent, and mostly a little later: the arrivals plotted over the sensor's
+A record never arrives before it was sent, and mostly a little later: the arrivals plotted over the device's
 clock lie above a straight line. `ClockFit` finds that line, the lower envelope, from the earliest arrivals of
 the last seconds, and gives each measurement its time on it. Delays of single records, and of whole bursts,
 leave no trace; what the network takes at the least cannot be told from the time of the measurement.
@@ -30,7 +30,7 @@ Point = tuple[float, float]
 
 
 class ClockFit:
-    """Follows the clock of one sensor."""
+    """Follows the clock of one device."""
 
     def __init__(self) -> None:
         self.resets = -1
@@ -56,7 +56,7 @@ class ClockFit:
 
     @property
     def tick_rate(self) -> float:
-        """The rate of the sensor's clock on ours, in Hz; 0 if it is not known yet."""
+        """The rate of the device's clock on ours, in Hz; 0 if it is not known yet."""
         return 1.0 / self._line[1] if self._line is not None else 0.0
 
     @property

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_driver_ati_netft.clock import BLOCK, QUICK, ClockFit, WallClock, lower_envelope
+from crtk_drivers.kit.clock_fit import BLOCK, QUICK, ClockFit, WallClock, lower_envelope
 
 
 def arrivals_of(seconds, rate, step=1, seed=1, start=1000.0, base=0.0, bursts=0.01, mean=60e-6):

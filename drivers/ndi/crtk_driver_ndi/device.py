@@ -1,0 +1,226 @@
+"""A tracker as a CRTK device; its tools are devices behind it. ENABLED means that it tracks."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+
+from typing_extensions import override
+
+from crtk_driver_ndi.codec import error_text
+from crtk_driver_ndi.config import NdiConfig
+from crtk_driver_ndi.frames import PARSERS, SYSTEM_STATUS, told
+from crtk_driver_ndi.stream import FrameStream
+from crtk_driver_ndi.tool import STOP, ToolDevice
+from crtk_driver_ndi.tracker import WRONG_MODE, Tracker
+from crtk_drivers.commands import Payload
+from crtk_drivers.device import (
+    Answer,
+    Capabilities,
+    Condition,
+    Device,
+    Note,
+    Reading,
+    Service,
+    Setpoint,
+    Severity,
+    Steps,
+)
+from crtk_drivers.errors import ConfigError, TransitionFailed
+from crtk_drivers.samples import Number, Sample, Stamp
+
+__all__ = ["NdiDevice"]
+
+logger = logging.getLogger(__name__)
+
+
+class NdiDevice(Device):
+    """One tracker. What it sees its tools tell.
+
+    Args:
+        config: of it and its tools.
+
+    Raises:
+        ConfigError: the definition of a tool cannot be read, two have one name, or there is no
+            such reference.
+    """
+
+    def __init__(self, config: NdiConfig) -> None:
+        self._config = config
+        self._tracker = Tracker(config)
+        names = [tool.namespace for tool in config.tools]
+        if len(set(names)) < len(names):
+            twice = max(names, key=names.count)
+            raise ConfigError(f"two tools are called {twice}", where="ndi", remedy="Name them.")
+        if config.reference and config.reference not in names:
+            raise ConfigError(
+                f"reference: there is no tool {config.reference!r}",
+                where="ndi",
+                remedy=f"Tools are: {', '.join(names) or 'none'}.",
+            )
+        reference = names.index(config.reference) if config.reference else None
+        self._tools = {
+            name: ToolDevice(self._tracker, name, place, None if place == reference else reference)
+            for place, name in enumerate(names)
+        }
+        self._capabilities = Capabilities(
+            measured=(),
+            rate=config.known_family.rate,
+            paced_by_stream=True,
+            base_frame=config.frame_id,
+            transition_timeout=15.0,
+            stop=STOP,
+        )
+
+    @property
+    @override
+    def capabilities(self) -> Capabilities:
+        return self._capabilities
+
+    @property
+    @override
+    def address(self) -> str:
+        return self._tracker.address
+
+    @property
+    @override
+    def children(self) -> Mapping[str, Device]:
+        return self._tools
+
+    @property
+    @override
+    def condition(self) -> Condition:
+        return self._tracker.condition
+
+    @override
+    def open(self, deadline: float) -> None:
+        self._tracker.open(deadline)
+        logger.info("%s: %s; %s", self.address, self._product, self._plugged)
+
+    @override
+    def abort_open(self) -> None:
+        self._tracker.abort()
+
+    @override
+    def close(self) -> None:
+        self._tracker.close()
+
+    @override
+    def read(self, deadline: float) -> Sample | None:
+        """Return a sample without values when it has answered."""
+        return Sample(Stamp.now()) if self._tracker.read(deadline) else None
+
+    @override
+    def write(self, setpoint: Setpoint) -> None:
+        """Not called: nothing moves."""
+        raise NotImplementedError
+
+    @override
+    def stop(self) -> None:
+        """Nothing moves."""
+
+    @override
+    def enable(self) -> Steps:
+        """Track.
+
+        Raises:
+            TransitionFailed: it has no tool, or refuses.
+        """
+        tracker, prepared = self._tracker, self._tracker.prepared
+        if prepared is None or not prepared.handles:
+            raise TransitionFailed(
+                "there is no tool to be tracked",
+                where=self.address,
+                remedy="Name tools in the configuration; 'crtk-driver ndi scan' shows those plugged in.",
+            )
+        tracker.condition = Condition()
+        error = (yield from tracker.asking("TSTART:80")).error
+        if error not in (None, WRONG_MODE):  # that: it tracks already
+            raise self._refused("TSTART:80", error)
+        family, wanted = prepared.identity.family, self._config.replies
+        for kind in family.replies if wanted == "auto" else (wanted,):
+            error = (yield from tracker.asking(PARSERS[kind][0])).error
+            if error is None:
+                logger.info("%s: it tracks, and tells frames by %s", self.address, kind)
+                tracker.stream = FrameStream(family.rate, kind)
+                return
+        raise self._refused("the question for frames", error)
+
+    @override
+    def disable(self) -> Steps:
+        """Track no more."""
+        self._tracker.stream = None
+        error = (yield from self._tracker.asking("TSTOP:")).error
+        if error not in (None, WRONG_MODE):
+            raise self._refused("TSTOP:", error)
+
+    @override
+    def resume(self) -> Steps:
+        """It has gone on tracking."""
+        if self._tracker.stream is None:
+            yield from self.enable()
+
+    @property
+    @override
+    def services(self) -> Mapping[str, Service]:
+        return {"beep": Service("beep once", self._beep)}
+
+    @property
+    @override
+    def readings(self) -> Mapping[str, Reading]:
+        summary = "how many tools have a pose"
+        return {"tools_in_view": Reading(summary, Payload.NUMBER, self._in_view)}
+
+    @property
+    @override
+    def counters(self) -> Mapping[str, float]:
+        return self._tracker.counters
+
+    @property
+    @override
+    def notes(self) -> tuple[Note, ...]:
+        prepared, stream = self._tracker.prepared, self._tracker.stream
+        if prepared is None:
+            return ()
+        absent = [name for at, name in enumerate(self._tools) if at not in prepared.handles]
+        frame = stream.newest if stream is not None else None
+        found = [
+            (Severity.INFO, "tracker", self._product),
+            (Severity.INFO, "plugged in", self._plugged),
+            *((Severity.WARNING, "port", text) for text in prepared.problems),
+            *((Severity.WARNING, "tool", f"{name} is not plugged in") for name in absent),
+            *(
+                (Severity.WARNING, "system", text)
+                for text in told(frame.system if frame else 0, SYSTEM_STATUS)
+            ),
+        ]
+        return tuple(Note(severity, key, text) for severity, key, text in found)
+
+    @property
+    def _product(self) -> str:
+        prepared = self._tracker.prepared
+        if prepared is None:
+            return ""
+        return " · ".join((prepared.identity.family.product, *prepared.identity.lines[1:3]))
+
+    @property
+    def _plugged(self) -> str:
+        infos = self._tracker.prepared.infos if self._tracker.prepared is not None else {}
+        return "; ".join(f"{handle:02X}: {info}" for handle, info in infos.items()) or "no tool"
+
+    def _in_view(self) -> Number | None:
+        stream = self._tracker.stream
+        if stream is None or stream.newest is None:
+            return None
+        return Number(float(sum(t.values is not None for t in stream.newest.tools.values())))
+
+    def _refused(self, what: str, code: int | None) -> TransitionFailed:
+        return TransitionFailed(
+            f"{what} was answered with {error_text(code or 0)}",
+            where=self.address,
+            remedy="Look at the tracker's own lights, and enable it again.",
+        )
+
+    def _beep(self) -> Answer:
+        reply = yield from self._tracker.asking("BEEP:1")
+        return "it beeped" if reply.text == "1" else f"it is busy, and did not ({reply.text})"

@@ -1,0 +1,85 @@
+"""The entry point of the driver."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from crtk_driver_ndi.config import NdiConfig
+from crtk_driver_ndi.tools import TOOLS
+from crtk_drivers.device import Device
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim
+
+_SIMULATED: Final = (
+    {"name": "pointer", "part_number": "SIM-POINTER"},
+    {"name": "reference", "part_number": "SIM-REFERENCE"},
+)
+"""Tools at a simulator, for who names none."""
+
+
+def _create(config: NdiConfig) -> Device:
+    from crtk_driver_ndi.device import NdiDevice
+
+    return NdiDevice(config)
+
+
+def _check_real(config: NdiConfig) -> None:
+    key, example = (
+        ("host", "192.168.1.30") if config.transport == "tcp" else ("port", "/dev/ttyUSB0")
+    )
+    if not getattr(config, key):
+        raise ConfigError(
+            f"{key}: is required for a real tracker over {config.transport}",
+            where="ndi",
+            remedy=f"Give it (--{key} {example}), or use --sim.",
+        )
+
+
+def _with_tools(config: NdiConfig) -> NdiConfig:
+    if config.tools:
+        return config
+    return NdiConfig(**{**config.model_dump(exclude_unset=True), "tools": _SIMULATED})
+
+
+def _at_sim(config: NdiConfig, sim: RunningSim) -> NdiConfig:
+    config = _with_tools(config)
+    where = {"host": sim.host, "tcp_port": sim.ports["tcp"], "port": sim.ttys["serial"]}
+    return config.model_copy(update=where)
+
+
+def _sim_options(config: NdiConfig) -> Mapping[str, Any]:
+    wired = [tool.part_number for tool in _with_tools(config).tools if tool.part_number]
+    family = {} if config.family == "auto" else {"family": config.family}
+    return {"wired": ",".join(wired), **family}
+
+
+def _link(config: NdiConfig, sim: RunningSim | None) -> DeviceLink | None:
+    if config.transport == "tcp":
+        return DeviceLink(config.host, {"tcp": config.tcp_port})
+    if "://" in config.port:
+        return None
+    return DeviceLink(serial={"serial": (config.port, config.baud)})
+
+
+def _at_link(config: NdiConfig, link: DeviceLink) -> NdiConfig:
+    if link.serial:
+        port, _ = link.serial["serial"]
+        return config.model_copy(update={"port": port})
+    return config.model_copy(update={"host": link.host, "tcp_port": link.tcp["tcp"]})
+
+
+PLUGIN = DevicePlugin(
+    name="ndi",
+    summary="NDI trackers: Polaris Vicra, Spectra, Vega, Lyra, and Aurora, over serial or TCP",
+    config=NdiConfig,
+    create=_create,
+    sim="ndi",
+    extra="ndi",
+    addresses=("host", "port"),
+    check_real=_check_real,
+    sim_config=_at_sim,
+    sim_options=_sim_options,
+    tools=TOOLS,
+    link=LinkAccess(_link, _at_link),
+)

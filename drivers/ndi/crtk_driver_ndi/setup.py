@@ -1,0 +1,235 @@
+"""From a tracker that somebody may have used before to one that is ready: the order that works everywhere.
+
+Source: what scikit-surgerynditracker, PlusLib and sawNDITracker have in common; ndicapi issue 40 for freeing
+handles first: a tool that a dead client has left initialised cannot be initialised again (ERROR13).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from string import hexdigits
+from typing import Final
+
+from typing_extensions import override
+
+from crtk_driver_ndi.config import ToolConfig
+from crtk_driver_ndi.families import UNKNOWN, Family, family_named
+from crtk_driver_ndi.link import NdiLink, Refused
+from crtk_driver_ndi.rom import TYPES, read_rom
+from crtk_drivers.errors import ConnectionFailed, ProtocolError
+
+__all__ = ["Identity", "PortInfo", "Prepared", "handles_of", "identify", "prepare"]
+
+logger = logging.getLogger(__name__)
+
+ALL, TO_BE_FREED, NOT_INITIALISED, NOT_ENABLED = "00", "01", "02", "03"
+"""What PHSR is asked for."""
+ROUNDS: Final = 8
+"""Times that PHSR:02 is asked: an Aurora tells of the next sensor of a tool when one is initialised."""
+NOT_TRACKING: Final = frozenset({0x0C, 0x10, 0x11})
+"""Errors of TSTOP where nothing was tracked."""
+
+_ENABLE_AS: Final[Mapping[int, str]] = {1: "S", 3: "B"}
+"""Tracking priority by main type: static for a reference, button box; dynamic else."""
+
+WORKS: Final = "Free it with the program that has it, or switch the tracker off and on."
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What a tracker says that it is."""
+
+    family: Family
+    lines: tuple[str, ...]
+    revision: str
+
+
+@dataclass(frozen=True, slots=True)
+class PortInfo:
+    """What is behind a port handle.
+
+    Attributes:
+        handle: its number.
+        kind: main type, see `crtk_driver_ndi.rom.TYPES`; 0 if it has none.
+        manufacturer, serial_number, part_number: of the tool.
+    """
+
+    handle: int
+    kind: int
+    manufacturer: str
+    serial_number: str
+    part_number: str
+
+    @override
+    def __str__(self) -> str:
+        kind = TYPES.get(self.kind, f"type {self.kind:02X}")
+        return (
+            f"{kind} {self.part_number or 'without part number'} "
+            f"(serial number {self.serial_number or 'unknown'}), by {self.manufacturer or 'nobody known'}"
+        )
+
+
+@dataclass(slots=True)
+class Prepared:
+    """A tracker that is ready.
+
+    Attributes:
+        identity: of it.
+        handles: of the tools, by their place in the configuration; without those that are not plugged in.
+        infos: of all handles.
+        problems: of handles that nobody asked for, in words.
+    """
+
+    identity: Identity
+    handles: dict[int, int] = field(default_factory=dict)
+    infos: dict[int, PortInfo] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+
+
+def identify(link: NdiLink, deadline: float) -> Identity:
+    """Ask a tracker what it is.
+
+    Raises:
+        ConnectionFailed, ConnectionLost: it does not say.
+    """
+    told = link.ask("VER:4", deadline).text
+    lines = tuple(line.strip() for line in told.splitlines() if line.strip())
+    try:
+        revision = link.ask("APIREV:", deadline).text.strip()
+    except Refused:  # older than this command
+        revision = ""
+    family = family_named(told)
+    if family is UNKNOWN:
+        logger.warning("%s: no family is known by %r", link.where, told[:80])
+    return Identity(family, lines, revision)
+
+
+def prepare(
+    link: NdiLink, tools: Sequence[ToolConfig], volume: int | None, deadline: float
+) -> Prepared:
+    """Initialise a tracker and its tools.
+
+    Raises:
+        ConfigError: the definition of a tool cannot be read.
+        ConnectionFailed: it or one of the tools refuses, with what to do.
+        ConnectionLost: the link is gone.
+    """
+    try:
+        link.ask("TSTOP:", deadline)
+    except Refused as refusal:
+        if refusal.code not in NOT_TRACKING:
+            logger.info("%s", refusal)
+    try:
+        link.ask("INIT:", deadline)
+        prepared = Prepared(identify(link, deadline))
+        if volume is not None:
+            link.ask(f"VSEL:{volume}", deadline)
+        for which in (TO_BE_FREED, ALL):
+            for handle in _handles(link, which, deadline):
+                link.ask(f"PHF:{handle:02X}", deadline)
+    except Refused as refusal:
+        raise ConnectionFailed(refusal.message, where=link.where, remedy=WORKS) from refusal
+    for place, tool in enumerate(tools):
+        if tool.rom:
+            prepared.handles[place] = _upload(link, tool, deadline)
+    _initialise(link, tools, prepared, deadline)
+    _enable(link, tools, prepared, deadline)
+    return prepared
+
+
+def _upload(link: NdiLink, tool: ToolConfig, deadline: float) -> int:
+    rom = read_rom(tool.rom)
+    try:
+        handle = int(link.ask("PHRQ:*********1****", deadline).text[:2], 16)
+        for address, data in rom.chunks:
+            link.ask(f"PVWR:{handle:02X}{address:04X}{data.hex().upper()}", deadline)
+    except (Refused, ValueError) as error:
+        raise _tool_refused(link, tool, error) from error
+    return handle
+
+
+def _initialise(
+    link: NdiLink, tools: Sequence[ToolConfig], prepared: Prepared, deadline: float
+) -> None:
+    wireless = {handle: tools[place] for place, handle in prepared.handles.items()}
+    tried: set[int] = set()
+    for _ in range(ROUNDS):
+        found = [h for h in _handles(link, NOT_INITIALISED, deadline) if h not in tried]
+        if not found:
+            return
+        for handle in found:
+            tried.add(handle)
+            try:
+                link.ask(f"PINIT:{handle:02X}", deadline)
+            except Refused as refusal:
+                if handle in wireless:
+                    raise _tool_refused(link, wireless[handle], refusal) from refusal
+                prepared.problems.append(refusal.message)
+
+
+def _enable(
+    link: NdiLink, tools: Sequence[ToolConfig], prepared: Prepared, deadline: float
+) -> None:
+    for handle in _handles(link, NOT_ENABLED, deadline):
+        info = prepared.infos[handle] = _info(link, handle, deadline)
+        for place, tool in enumerate(tools):
+            wanted = (tool.part_number, tool.serial_number)
+            is_it = wanted in ((info.part_number, ""), ("", info.serial_number))
+            if not tool.rom and is_it and place not in prepared.handles:
+                prepared.handles[place] = handle
+                break
+    for place, handle in prepared.handles.items():
+        kind = prepared.infos[handle].kind if handle in prepared.infos else 0
+        try:
+            link.ask(f"PENA:{handle:02X}{_ENABLE_AS.get(kind, 'D')}", deadline)
+        except Refused as refusal:
+            raise _tool_refused(link, tools[place], refusal) from refusal
+
+
+def handles_of(text: str) -> dict[int, int]:
+    """Return status by handle, of a reply to PHSR.
+
+    Raises:
+        ValueError: it is none.
+    """
+    count, rest = int(text[:2], 16), text[2:]
+    if len(rest) != 5 * count:
+        raise ValueError(f"{len(rest)} characters for {count} handles")
+    pairs = (rest[at : at + 5] for at in range(0, len(rest), 5))
+    return {int(pair[:2], 16): int(pair[2:], 16) for pair in pairs}
+
+
+def _handles(link: NdiLink, which: str, deadline: float) -> Iterator[int]:
+    text = link.ask(f"PHSR:{which}", deadline).text
+    try:
+        return iter(handles_of(text))
+    except ValueError as error:
+        raise ProtocolError(f"PHSR was answered with {text[:40]!r}", where=link.where) from error
+
+
+def _info(link: NdiLink, handle: int, deadline: float) -> PortInfo:
+    """Option 0001 (type 8, manufacturer 12, revision 3, serial number 8, status 2), 0004 (part number 20)."""
+    try:
+        text = link.ask(f"PHINF:{handle:02X}0005", deadline).text
+    except Refused as refusal:
+        logger.info("%s", refusal)
+        text = ""
+    digits = text[:2]
+    return PortInfo(
+        handle=handle,
+        kind=int(digits, 16) if len(digits) == 2 and set(digits) <= set(hexdigits) else 0,
+        manufacturer=text[8:20].strip(),
+        serial_number=text[23:31].strip(),
+        part_number=text[33:53].strip(),
+    )
+
+
+def _tool_refused(link: NdiLink, tool: ToolConfig, error: Exception) -> ConnectionFailed:
+    what = error.message if isinstance(error, Refused) else str(error)
+    return ConnectionFailed(
+        f"the tool {tool.namespace} cannot be used: {what}",
+        where=link.where,
+        remedy=f"Check {tool.rom or 'its plug'}, and that the tracker takes such a tool.",
+    )

@@ -1,0 +1,104 @@
+"""Frames while a tracker tracks: asked for when one is due, told once, and stamped with when it was taken."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from crtk_driver_ndi.codec import Reply
+from crtk_driver_ndi.frames import PARSERS, Frame
+from crtk_drivers.kit.clock_fit import ClockFit, WallClock
+from crtk_drivers.samples import Stamp
+
+__all__ = ["FrameStream"]
+
+EARLY: Final = 0.1
+"""Share of the period before the next frame is due at which it is asked for first."""
+STEP: Final = 0.05
+"""Share of the period from one question to the next while it is not there."""
+
+SHORTEST: Final = 1e-3
+LONGEST: Final = 0.2
+"""Seconds from one frame to the next that are believed."""
+
+
+class FrameStream:
+    """The frames of one tracker, from one start of tracking on.
+
+    Args:
+        rate: of the tracker, in Hz, as far as it is known.
+        kind: how frames are asked for, see `crtk_driver_ndi.frames.PARSERS`.
+
+    Attributes:
+        kind: as given.
+        newest: the newest frame; None before the first.
+        stamp: when it was taken.
+        frames, repeated, lost: frames told, replies without a new one, and frames that were never seen.
+    """
+
+    def __init__(self, rate: float, kind: str) -> None:
+        self.kind = kind
+        self.question, self._parse = PARSERS[kind]
+        self.newest: Frame | None = None
+        self.stamp = Stamp(0, 0.0)
+        self.frames = self.repeated = self.lost = 0
+        self._period = 1.0 / rate
+        self._clock = ClockFit()
+        self._wall = WallClock()
+        self._due = 0.0
+
+    @property
+    def due(self) -> float:
+        """Monotonic seconds at which to ask next."""
+        return self._due
+
+    def take(self, reply: Reply, arrival: float) -> bool:
+        """Take a reply that arrived at a monotonic time; return whether it has a new frame.
+
+        Raises:
+            ValueError: it is no frame.
+        """
+        frame = self._parse(reply)
+        before = self.newest.number if self.newest is not None else -1
+        if frame.number < 0 or frame.number == before:
+            self.repeated += 1
+            self._due = arrival + STEP * self._period
+            return False
+        if frame.number < before:  # another client has started tracking anew
+            self._clock.reset()
+        elif self.newest is not None:
+            self.lost += frame.number - before - 1
+            self._learn_period(self.newest, frame)
+        ticks = frame.nanoseconds or frame.number
+        (taken,) = self._clock.stamp(np.array([ticks]), np.array([arrival])).tolist()
+        self.stamp = Stamp(round(taken * 1e9) + self._wall.offset(), taken)
+        self.newest = frame
+        self.frames += 1
+        self._due = arrival + (1.0 - EARLY) * self._period
+        return True
+
+    def _learn_period(self, before: Frame, frame: Frame) -> None:
+        """The tracker may be slower than its family: by its settings, or its exposure."""
+        passed = frame.nanoseconds - before.nanoseconds
+        if before.nanoseconds and passed > 0:
+            period = passed * 1e-9 / (frame.number - before.number)
+            self._period = min(max(period, SHORTEST), LONGEST)
+        elif self._clock.tick_rate and not frame.nanoseconds:
+            self._period = min(max(1.0 / self._clock.tick_rate, SHORTEST), LONGEST)
+
+    @property
+    def counters(self) -> Mapping[str, float]:
+        """For diagnostics."""
+        p50, p99, most = self._clock.jitter
+        return {
+            "frames": float(self.frames),
+            "repeated": float(self.repeated),
+            "lost": float(self.lost),
+            "frame_rate": 1.0 / self._period if self._clock.locked else 0.0,
+            "clock_locked": float(self._clock.locked),
+            "jitter_p50": p50,
+            "jitter_p99": p99,
+            "jitter_max": most,
+        }

@@ -1,0 +1,121 @@
+"""A simulated NDI tracker, on a serial line and on TCP port 8765.
+
+:data:`SIM` starts it; ``python -m crtk_sim_backends.ndi`` runs it alone.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from typing_extensions import override
+
+from crtk_sim_backends.kit import (
+    LoopServer,
+    Options,
+    Simulator,
+    TcpDoor,
+    check_choice,
+    check_port,
+    check_range,
+    option,
+)
+from crtk_sim_backends.ndi import wire
+from crtk_sim_backends.ndi.families import FAMILIES
+from crtk_sim_backends.ndi.motion import MOTIONS
+from crtk_sim_backends.ndi.tracker import Tracker
+
+__all__ = ["SIM", "NdiSimulator", "SimConfig"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimConfig(Options):
+    """Options of the simulated tracker."""
+
+    family: str = option("vega", "what it is", choices=FAMILIES)
+    port: int = option(0, "TCP port, 8765 on hardware; 0: any free one")
+    wired: str = option("SIM-POINTER,SIM-REFERENCE", "part numbers of its wired tools, with commas")
+    motion: str = option("circle", "what its tools do", choices=MOTIONS)
+    noise: float = option(0.05, "RMS of each coordinate, in mm")
+    left: int = option(0, "how many wired tools a client that died has left initialised")
+
+    @override
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_choice("family", self.family, FAMILIES)
+        check_choice("motion", self.motion, MOTIONS)
+        check_port("port", self.port)
+        check_range("noise", self.noise, 0.0, 10.0)
+        check_range("left", self.left, 0, 32)
+
+
+class CommandSession:
+    """A client: commands that end with a carriage return.
+
+    Args:
+        tracker: that carries them out.
+        hears: whether what arrives can be understood: a serial line has a rate.
+    """
+
+    ended = False
+
+    def __init__(self, tracker: Tracker, hears: Callable[[], bool]) -> None:
+        self._tracker = tracker
+        self._hears = hears
+        self._rest = b""
+
+    def receive(self, data: bytes) -> bytes:
+        """Take received bytes and return the replies."""
+        if not self._hears():
+            self._rest = b""
+            return b""
+        *lines, self._rest = (self._rest + data).split(b"\r")
+        replies = [self._tracker.obey(line) for line in lines if line]
+        if len(self._rest) > wire.LONGEST:
+            self._rest = b""
+            replies.append(wire.error(0x02))
+        return b"".join(replies)
+
+    def close(self) -> None:
+        """Forget an unfinished command."""
+        self._rest = b""
+
+
+class NdiSimulator(Simulator[SimConfig, LoopServer]):
+    """The tracker as a plug-in."""
+
+    name = "ndi"
+    summary = "NDI tracker (Polaris Vicra, Spectra, Vega, Lyra, Aurora) with tools that move"
+    Config = SimConfig
+
+    @override
+    def serve(self, config: SimConfig, parent_fd: int | None) -> LoopServer:
+        """Bind its port and its serial line."""
+        tracker = Tracker(
+            FAMILIES[config.family],
+            [part for part in config.wired.split(",") if part],
+            MOTIONS[config.motion],
+            config.noise,
+            config.left,
+            time.monotonic,
+            time.time_ns,
+        )
+        server = LoopServer(
+            config,
+            parent_fd,
+            tracker,
+            title="NDI tracker",
+            tcp={"tcp": TcpDoor(config.port, lambda: CommandSession(tracker, lambda: True))},
+            ttys={
+                "serial": lambda: CommandSession(
+                    tracker, lambda: server.baud("serial") == tracker.baud
+                )
+            },
+        )
+        tracker.on_reset = lambda: server.send("serial", wire.words("RESET"))
+        return server
+
+
+SIM: Final = NdiSimulator()

@@ -1,0 +1,92 @@
+"""Frames: told once, counted, stamped with when they were taken, asked for when they are due."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from crtk_driver_ndi.codec import Reply
+from crtk_driver_ndi.stream import FrameStream
+from crtk_drivers.kit import BadData
+
+RATE = 60.0
+
+
+def bx(number: int) -> Reply:
+    return Reply(body=struct.pack("<BBBIIH", 1, 1, 2, 0x31, number, 0))
+
+
+def bx2(number: int, nanoseconds: int) -> Reply:
+    tool = struct.pack("<HIHI", 2, 16, 0, 1) + struct.pack("<HH", 1, 0x11F)
+    seconds, rest = divmod(nanoseconds, 1_000_000_000)
+    frame = struct.pack("<BBHIII", 2, 0, 0, number, seconds, rest) + struct.pack("<HH", 1, 1) + tool
+    return Reply(body=struct.pack("<HHHIHI", 1, 1, 1, 12 + len(frame), 0, 1) + frame)
+
+
+def test_a_frame_is_told_once_and_those_that_were_missed_are_counted() -> None:
+    stream = FrameStream(RATE, "BX")
+    assert [stream.take(bx(number), 1.0 + number / RATE) for number in (3, 3, 4, 7)] == [
+        True,
+        False,
+        True,
+        True,
+    ]
+    assert (stream.frames, stream.repeated, stream.lost) == (3, 1, 2)
+
+
+def test_the_next_is_asked_for_a_little_early_and_then_again_and_again() -> None:
+    stream = FrameStream(RATE, "BX")
+    stream.take(bx(0), 10.0)
+    assert stream.due == pytest.approx(10.0 + 0.9 / RATE)
+    stream.take(bx(0), 10.015)
+    assert stream.due == pytest.approx(10.015 + 0.05 / RATE)
+
+
+@pytest.mark.parametrize("with_time", [False, True])
+def test_stamps_are_those_of_the_frames_and_not_of_their_late_arrivals(with_time: bool) -> None:
+    """The first arrivals of many are in time; a bias of a clock that runs apart is followed."""
+    random = np.random.default_rng(1)
+    stream, errors = FrameStream(RATE, "BX2" if with_time else "BX"), []
+    for number in range(1200):
+        taken = 100.0 + number / RATE * (1.0 + 50e-6)
+        late = 0.0 if number % 5 == 0 else random.uniform(0.0, 0.01)
+        reply = bx2(number, 5_000_000_000 + round(number / RATE * 1e9)) if with_time else bx(number)
+        assert stream.take(reply, taken + late)
+        errors.append(stream.stamp.monotonic - taken)
+    assert np.abs(errors[600:]).max() < 0.5e-3
+    assert stream.counters["jitter_p99"] > 5e-3
+
+
+def test_stamps_never_go_back_nor_are_later_than_the_arrival() -> None:
+    random = np.random.default_rng(2)
+    stream, before = FrameStream(RATE, "BX"), -np.inf
+    for number in range(300):
+        arrival = 100.0 + number / RATE + random.exponential(2e-3)
+        stream.take(bx(number), arrival)
+        assert before <= stream.stamp.monotonic <= arrival
+        before = stream.stamp.monotonic
+
+
+def test_a_count_that_begins_anew_is_followed() -> None:
+    """Another client has started tracking."""
+    stream = FrameStream(RATE, "BX")
+    for number in range(60):
+        stream.take(bx(number), 1.0 + number / RATE)
+    assert stream.take(bx(0), 2.0)
+    assert stream.stamp.monotonic == 2.0
+    assert stream.lost == 0
+
+
+@pytest.mark.parametrize(("period", "believed"), [(1 / 30, 1 / 30), (1e-7, 1e-3), (5.0, 0.2)])
+def test_a_tracker_slower_than_its_family_is_asked_less_often(
+    period: float, believed: float
+) -> None:
+    stream = FrameStream(RATE, "BX2")
+    for number in range(3):
+        stream.take(bx2(number, 10**18 + round(number * period * 1e9)), 1.0 + number * period)
+    assert stream.due == pytest.approx(1.0 + 2 * period + 0.9 * believed)
+
+
+def test_what_is_no_frame_is_refused() -> None:
+    with pytest.raises(BadData):
+        FrameStream(RATE, "BX").take(Reply("OKAY"), 1.0)

@@ -1,0 +1,318 @@
+"""The driver at simulated trackers: what its tools tell, over TCP and a serial line, in every dialect."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from crtk_driver_ndi import PLUGIN
+from crtk_driver_ndi.codec import command
+from crtk_driver_ndi.frames import Frame
+from crtk_driver_ndi.stream import FrameStream
+from crtk_drivers.cli import main
+from crtk_drivers.errors import ConfigError, TransitionFailed
+from crtk_drivers.samples import Pose, Stamp
+from crtk_drivers.state import OperatingState
+from crtk_sim_backends.process import RunningSim
+from rigs.ndi_bench import (
+    TRANSPORTS,
+    NdiBench,
+    configuration,
+    eventually,
+    ndi_bench,
+    simulated,
+    write_rom,
+)
+
+WIRED = [
+    {"name": "pointer", "part_number": "SIM-POINTER"},
+    {"name": "bone", "part_number": "SIM-REFERENCE"},
+]
+APART = 0.04
+"""m along x from one tool of a simulator to the next."""
+
+
+@pytest.fixture(scope="module")
+def vega() -> Iterator[RunningSim]:
+    with simulated(family="vega", motion="still", noise=0.0) as sim:
+        yield sim
+
+
+@pytest.fixture(autouse=True)
+def clear(request: pytest.FixtureRequest) -> Iterator[None]:
+    yield
+    if "vega" in request.fixturenames:
+        request.getfixturevalue("vega").control.clear()
+
+
+def newest(bench: NdiBench, tool: str, name: str = "measured_cp") -> Pose:
+    found = bench.session.children[tool].feedback(name)
+    assert found is not None
+    assert isinstance(found[0], Pose)
+    return found[0]
+
+
+@pytest.mark.parametrize(
+    ("family", "transport", "replies", "middle"),
+    [
+        ("vega", "tcp", "BX2", -1.5),
+        ("vega", "serial", "TX", -1.5),
+        ("vega-xt", "tcp", "BX", -1.5),
+        ("lyra", "tcp", "auto", -0.55),
+        ("spectra", "serial", "auto", -1.5),
+        ("vicra", "serial", "TX", -0.95),
+        ("aurora", "serial", "auto", -0.25),
+    ],
+)
+def test_poses_are_in_metres_in_the_frame_of_the_tracker(
+    family: str, transport: str, replies: str, middle: float
+) -> None:
+    with (
+        simulated(family=family, motion="still", noise=0.0) as sim,
+        ndi_bench(sim, transport=transport, replies=replies, family=family) as bench,
+    ):
+        bench.tracking()
+        first, second = newest(bench, "pointer"), newest(bench, "reference")
+        assert first.position == pytest.approx([0.0, 0.0, middle], abs=1e-6)
+        assert second.position - first.position == pytest.approx([APART, 0.0, 0.0], abs=1e-6)
+        assert first.frame_id == "tracker"
+        assert np.linalg.norm(first.orientation) == pytest.approx(1.0, abs=1e-12)
+        error = bench.front.pointer.state.tracking_error()
+        assert error == pytest.approx(0.1 if family == "aurora" else 1e-4)
+
+
+def test_wireless_tools_come_from_their_definitions(vega: RunningSim, tmp_path: Path) -> None:
+    tools = [
+        {"rom": write_rom(tmp_path, "8700340")},
+        {"name": "bone", "rom": write_rom(tmp_path, "8700449", 1)},
+    ]
+    with ndi_bench(vega, tools=tools) as bench:
+        assert list(bench.session.children) == ["tool_8700340", "bone"]
+        bench.tracking()
+        apart = newest(bench, "bone").position - newest(bench, "tool_8700340").position
+        assert apart == pytest.approx([APART, 0.0, 0.0], abs=1e-6)
+
+
+def test_in_the_frame_of_a_reference_and_in_that_of_the_tracker(vega: RunningSim) -> None:
+    with ndi_bench(vega, tools=WIRED, reference="bone") as bench:
+        bench.tracking()
+        pose, local = newest(bench, "pointer"), newest(bench, "pointer", "local/measured_cp")
+        assert pose.frame_id == "bone"
+        assert np.linalg.norm(pose.position) == pytest.approx(APART, abs=1e-6)
+        assert local.position == pytest.approx([0.0, 0.0, -1.5], abs=1e-6)
+        assert newest(bench, "bone").frame_id == "tracker"
+        vega.control.inject("hide", tool=1)
+        bench.sees("pointer", False)
+        eventually(lambda: "the reference bone is missing" in bench.told("pointer"), "said why")
+
+
+def test_a_missing_tool_has_stamp_0_and_its_last_pose(vega: RunningSim) -> None:
+    with ndi_bench(vega, tools=WIRED) as bench:
+        bench.tracking()
+        before = newest(bench, "pointer")
+        vega.control.inject("hide", tool=0)
+        bench.sees("pointer", False)
+        assert newest(bench, "pointer").position == pytest.approx(before.position)
+        assert bench.is_valid("bone")
+        assert not bench.front.pointer.state.visible()
+        assert bench.told("pointer") == "missing"
+        assert bench.front.state.tools_in_view() == 1.0
+        vega.control.clear("hide")
+        bench.sees("pointer")
+        assert bench.told("pointer") == ""
+
+
+@pytest.mark.parametrize("replies", ["BX2", "BX", "TX"])
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ("out", "out of volume"),
+        ("interference", "infrared interference"),
+        ("algorithm", "algorithm limit"),
+    ],
+)
+def test_a_bad_pose_is_told_with_its_quality(
+    vega: RunningSim, replies: str, how: str, words: str
+) -> None:
+    with ndi_bench(vega, tools=WIRED, replies=replies) as bench:
+        bench.tracking()
+        vega.control.inject("hide", tool=0, how=how)
+        eventually(lambda: bench.told("pointer") == words, words)
+        assert bench.is_valid("pointer")
+
+
+def test_what_is_outside_can_be_taken_as_missing(vega: RunningSim) -> None:
+    with ndi_bench(vega, tools=WIRED, replies="BX", outside="missing") as bench:
+        bench.tracking()
+        vega.control.inject("hide", tool=0, how="partly")
+        bench.sees("pointer", False)
+        assert bench.told("pointer") == "partly out of volume"
+
+
+@pytest.mark.parametrize("replies", ["BX2", "BX", "TX"])
+def test_buttons(vega: RunningSim, replies: str) -> None:
+    with ndi_bench(vega, tools=WIRED, replies=replies) as bench:
+        bench.tracking()
+        vega.control.inject("press", tool=0, button=2)
+        pointer = bench.front.pointer
+        eventually(lambda: pointer.state.buttons() == (0.0, 1.0, 0.0), "pressed")
+
+
+@pytest.mark.parametrize("replies", ["BX2", "BX"])
+def test_stamps_are_those_of_the_frames(vega: RunningSim, replies: str) -> None:
+    """By the line through frame numbers: the simulator says when it took each."""
+    with ndi_bench(vega, tools=WIRED, replies=replies) as bench:
+        bench.tracking()
+        eventually(lambda: bench.counters["frames"] > 120.0, "two seconds")
+        tracker: Any = bench.session.engine.device
+        origin, rate = vega.control.status()["origin"], 60.0
+        stream = tracker._tracker.stream
+        newest, stamp = eventually(lambda: _together(stream), "a frame")
+        assert abs(stamp.monotonic - (origin + newest.number / rate)) < 0.25 / rate
+
+
+def _together(stream: FrameStream) -> tuple[Frame, Stamp] | None:
+    """Return the newest frame and its stamp, while another thread writes them."""
+    newest, stamp, count = stream.newest, stream.stamp, stream.frames
+    return (newest, stamp) if newest is stream.newest and stream.frames == count else None
+
+
+def test_enabled_means_tracking_and_tools_follow(vega: RunningSim) -> None:
+    with ndi_bench(vega, tools=WIRED) as bench:
+        assert vega.control.status()["mode"] == "setup"
+        with pytest.raises(TransitionFailed, match="Enable the tracker"):
+            bench.front.pointer.enable()
+        bench.tracking()
+        assert vega.control.status()["mode"] == "tracking"
+        bench.front.pointer.enable()
+        bench.front.pause()
+        assert vega.control.status()["mode"] == "tracking"
+        bench.front.resume()
+        bench.front.disable()
+        assert vega.control.status()["mode"] == "setup"
+        pointer = bench.front.pointer
+        eventually(lambda: pointer.operating_state().state is OperatingState.DISABLED, "with it")
+        assert "does not track" in pointer.operating_state().detail
+
+
+def test_closing_leaves_a_tracker_that_does_not_track(vega: RunningSim) -> None:
+    with ndi_bench(vega, tools=WIRED) as bench:
+        bench.tracking()
+    assert vega.control.status()["mode"] == "setup"
+
+
+def test_what_a_dead_client_has_left_is_freed_first() -> None:
+    with simulated(left=2) as sim, ndi_bench(sim, tools=WIRED) as bench:
+        bench.tracking()
+
+
+@pytest.mark.parametrize("transport", TRANSPORTS)
+def test_a_tracker_that_a_dead_client_has_left_tracking_is_stopped_first(transport: str) -> None:
+    """Its line is at 9600 bit/s, and no rate can be changed while it tracks."""
+    with simulated() as sim:
+        with socket.create_connection((sim.host, sim.ports["tcp"]), timeout=5.0) as other:
+            for text in ("INIT:", "TSTART:80"):
+                other.sendall(command(text))
+                assert other.recv(100) == b"OKAYA896\r"
+        assert sim.control.status()["mode"] == "tracking"
+        with ndi_bench(sim, transport=transport) as bench:
+            assert sim.control.status()["mode"] == "setup"
+            bench.tracking()
+
+
+def test_the_rate_of_the_line_is_found_and_changed() -> None:
+    with simulated(family="spectra") as sim:
+        for baud in (115200, 921600, 57600):
+            with ndi_bench(sim, transport="serial", baud=baud) as bench:
+                assert sim.control.status()["baud"] == baud
+                bench.tracking()
+
+
+def test_it_beeps_in_any_state(vega: RunningSim) -> None:
+    with ndi_bench(vega, tools=WIRED) as bench:
+        assert bench.front.beep() == "it beeped"
+        bench.tracking()
+        assert bench.front.beep() == "it beeped"
+        assert bench.is_valid("pointer")
+
+
+def test_a_tool_that_is_not_plugged_in_is_told(vega: RunningSim) -> None:
+    with ndi_bench(vega, tools=[*WIRED, {"name": "probe", "serial_number": "12345678"}]) as bench:
+        texts = [note.text for note in bench.front.health().notes]
+        assert "probe is not plugged in" in texts
+        bench.front.enable()
+        bench.sees("pointer")
+        assert not bench.is_valid("probe")
+
+
+def test_without_a_tool_nothing_is_tracked(vega: RunningSim) -> None:
+    with (
+        ndi_bench(vega, tools=[{"name": "probe", "serial_number": "12345678"}]) as bench,
+        pytest.raises(TransitionFailed, match="no tool"),
+    ):
+        bench.front.enable()
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"tools": [{"name": "a", "part_number": "1", "rom": "x"}]}, "one of rom"),
+        ({"tools": [{"name": "a/b", "part_number": "1"}]}, "a letter first"),
+        (
+            {"tools": [{"name": "a", "part_number": "1"}, {"name": "a", "part_number": "2"}]},
+            "more than once",
+        ),
+        ({"tools": [{"part_number": "1 2"}, {"part_number": "1-2"}]}, "tool_1_2"),
+        ({"reference": "bone"}, "no tool 'bone'"),
+        ({"tools": [{"rom": "missing.rom"}]}, "missing.rom"),
+        ({"baud": 19200}, "baud"),
+    ],
+)
+def test_configurations_that_cannot_be_used(values: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        PLUGIN.make(PLUGIN.load_config(values, {}))
+
+
+@pytest.mark.parametrize(("values", "key"), [({}, "host"), ({"transport": "serial"}, "port")])
+def test_a_real_tracker_needs_an_address(values: dict[str, Any], key: str) -> None:
+    with pytest.raises(ConfigError, match=f"{key}: is required"):
+        PLUGIN.check_real(PLUGIN.load_config(values, {}))
+
+
+def test_the_link_can_be_told_and_pointed_elsewhere(vega: RunningSim) -> None:
+    assert PLUGIN.link is not None
+    for transport in ("tcp", "serial"):
+        config = configuration(vega, transport=transport)
+        link = PLUGIN.link.of(config, vega)
+        assert link is not None
+        assert PLUGIN.link.at(config, link) == config
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("info",), ("Polaris Vega ST", "BX2, BX, TX", "Track Frequency: 60")),
+        (("scan",), ("[[tools]]", 'part_number = "SIM-POINTER"')),
+        (("beep",), ("it beeped",)),
+    ],
+)
+def test_tools_for_people(
+    words: tuple[str, ...], told: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["ndi", *words, "--sim"]) == 0
+    out = capsys.readouterr().out
+    for text in told:
+        assert text in out
+
+
+def test_what_a_definition_says_needs_no_tracker(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["ndi", "rom", write_rom(tmp_path, "8700340")]) == 0
+    assert "pointer 8700340, by CRTK SIM" in capsys.readouterr().out
+    assert main(["ndi", "rom", str(tmp_path / "none.rom")]) != 0
