@@ -114,6 +114,11 @@ class SerialPort:
         """Return the file descriptor, for a selector; -1 while it is closed."""
         return self._fd
 
+    @property
+    def has_own_rate(self) -> bool:
+        """Whether its rate is set by a server, and not here."""
+        return self._server is not None
+
     def open(self, deadline: float = math.inf) -> None:
         """Open the port, or open it anew; found by its stable name if it has been open before.
 
