@@ -321,5 +321,7 @@ class ProgramPlayer:
 
 
 def ramp(value: float, goal: float, step: float) -> float:
-    """Move `value` towards `goal` by at most `step`."""
-    return min(goal, value + step) if value < goal else max(goal, value - step)
+    """Move `value` towards `goal` by at most `step`; what rounding leaves of the way is gone as well."""
+    if abs(goal - value) <= step * (1.0 + 1e-9):
+        return goal
+    return value + step if value < goal else value - step

@@ -104,3 +104,17 @@ def test_no_acceleration_keeps_the_speed(call: str) -> None:
     assert not bench.of_type(RuntimeExceptionMessage)
     assert bench["target_qd"] == (0.0,) * 6
     assert bench.controller.safety_mode == SafetyMode.NORMAL
+
+
+@pytest.mark.parametrize("slider", [0.1, 0.7])
+def test_a_slider_that_goes_to_nothing_leaves_no_rest_of_a_speed(slider: float) -> None:
+    """A move that began at a scale of 1e-17 would be planned with speeds that no joint has."""
+    bench = at(slider)
+    bench.run("movej([0.0, -1.569, 1.576, -1.571, -1.569, 0.0], a=5, v=3)", seconds=100.0)
+    bench.write(speed_slider_mask=1, speed_slider_fraction=0.0)
+    scales = []
+    for _ in range(round(0.3 / bench.controller.dt)):
+        bench.ticks(1)
+        scales.append(bench.arm.scale)
+    assert min(scale for scale in scales if scale > 0.0) > 1e-9
+    assert scales[-1] == 0.0
