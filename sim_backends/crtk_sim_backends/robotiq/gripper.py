@@ -270,6 +270,7 @@ class Gripper:
             "state": names[self._state] if self.powered else "no power",
             "moves": bool(self.current) and self._object == MOVING,
             "object": self._object,
+            "stalled": self._stalled,
             "current": self.current,
             "fault": self._fault,
             "written": bytes(self.written).hex(" "),
