@@ -322,6 +322,9 @@ class RobotiqDevice(Device):
             self._may_activate(fault)
         if needed or policy == "always":
             yield from self._activate()
+        if not self._grip.rests:  # it goes where somebody else has sent it
+            self.stop()
+            yield from self._shown(lambda: self._grip.rests, TURN, "stop")
         self._grip.adopt()
         self._was_enabled = True
 

@@ -57,7 +57,7 @@ class Grip:
         self._sent: Command | None = None
         self._since = 0.0
         self._has_moved = True
-        self._requested = -1
+        self._requested: int | None = None
         self._strange_since: float | None = None
 
     def adopt(self) -> None:
@@ -72,9 +72,11 @@ class Grip:
 
     def see(self, status: Status, now: float) -> None:
         """Take a status that was read."""
-        before, self.doing = self.doing, self._told(status, now)
-        same = status.requested == self._requested
+        same = self._requested in (status.requested, None)
         self._requested = status.requested
+        if not same and self._sent is None:  # somebody else has sent it elsewhere
+            self._since, self._has_moved = now, False
+        before, self.doing = self.doing, self._told(status, now)
         let_go = before in {*_HELD, Doing.LOST} and self.doing in (Doing.MOVING, Doing.THERE)
         if let_go and same:
             self.doing = Doing.LOST

@@ -63,7 +63,10 @@ KINDS: Final[Mapping[str, FaultKind]] = {
         FaultKind(
             "other_master",
             "another master sends it elsewhere",
-            {"position": Parameter(int, minimum=0, maximum=255)},
+            {
+                "position": Parameter(int, minimum=0, maximum=255),
+                "speed": Parameter(int, 255, minimum=0, maximum=255),
+            },
         ),
         FaultKind(
             "other_model",
@@ -233,7 +236,7 @@ class Gripper:
             "deactivated": lambda: self.write(0, bytes(6)),
             "activated": lambda: self.write(0, bytes((ACT, 0, 0, 0, 0, 0))),
             "other_master": lambda: self.write(
-                0, bytes((ACT | GTO, 0, 0, given["position"], 255, 0))
+                0, bytes((ACT | GTO, 0, 0, given["position"], given["speed"], 0))
             ),
             "other_model": lambda: self._become(given["model"]),
         }
@@ -267,6 +270,7 @@ class Gripper:
             "state": names[self._state] if self.powered else "no power",
             "moves": bool(self.current) and self._object == MOVING,
             "object": self._object,
+            "stalled": self._stalled,
             "current": self.current,
             "fault": self._fault,
             "written": bytes(self.written).hex(" "),

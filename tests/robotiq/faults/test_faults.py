@@ -322,6 +322,18 @@ def test_another_master_pauses_and_resume_takes_over(running: RobotiqBench) -> N
     running.front.move_jp([0.05]).wait(LONG)
 
 
+@pytest.mark.sweep(4)
+def test_enable_ends_a_motion_that_somebody_else_has_begun(running: RobotiqBench) -> None:
+    running.grip("at the position")
+    running.sim.control.inject("other_master", position=255, speed=0)
+    running.grip("moving")
+    running.front.enable()
+    assert running.simulated("written").startswith("01")
+    here = running.simulated("opening")
+    running.samples(10)
+    assert running.simulated("opening") == here > 0.01
+
+
 def test_another_model_is_not_activated(line: RobotiqBench) -> None:
     line.front.enable()
     line.sim.control.inject("other_model", model="2f-140")

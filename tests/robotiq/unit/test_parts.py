@@ -111,6 +111,14 @@ def test_gobj_counts_at_once_after_motion_was_seen() -> None:
     assert grip.holds
 
 
+def test_gobj_lags_behind_the_echo_of_others_too() -> None:
+    grip = Grip()
+    grip.see(replace(HOLDS, requested=10, contact=Contact.AT_REQUEST), 0.0)
+    assert grip.doing is Doing.THERE
+    grip.see(replace(HOLDS, contact=Contact.AT_REQUEST), 0.1)
+    assert grip.doing is Doing.MOVING
+
+
 def test_without_gto_gobj_does_not_count() -> None:
     grip = Grip()
     grip.see(replace(HOLDS, goes=False), 0.0)

@@ -34,6 +34,7 @@ DRIVERS = {
     "ur": ("--sim", *PATIENT, "--set", "watchdog_frequency=2.0"),
     "dynamixel": ("--sim", *PATIENT),
     "canopen": ("--sim", *PATIENT),
+    "robotiq": ("--sim", *PATIENT),
     "ati-netft": ("--sim", *PATIENT),
 }
 MOVED = ("loopback",)
