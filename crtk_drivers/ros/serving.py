@@ -68,7 +68,7 @@ class Serving:
             ) from error
         try:
             self.driver = DriverNode(engine, namespace, self._context, config)
-            self._drivers = [self.driver, *self._behind(children, config)]
+            self._drivers = [self.driver, *self._behind(engine, children, config)]
         except BaseException:
             self._context.try_shutdown()
             raise
@@ -77,12 +77,17 @@ class Serving:
             self._executor.add_node(driver.node)
 
     def _behind(
-        self, children: Mapping[str, Engine], config: NodeConfig | None
+        self, front: Engine, children: Mapping[str, Engine], config: NodeConfig | None
     ) -> Iterator[DriverNode]:
         parent = self.driver.node.get_namespace().rstrip("/")
+        own = front.capabilities.tool_frame
+        prefix = self.driver.node.get_parameter("frame_prefix").value
+        shared = (config or NodeConfig()).model_copy(update={"frame_prefix": prefix})
         for name, engine in children.items():
             namespace = f"{parent}/{name}"
-            driver = DriverNode(engine, namespace, self._context, config, tells_log=False)
+            # One with a tool frame of another name has its frames among those of the device in front.
+            its = config if engine.capabilities.tool_frame == own else shared
+            driver = DriverNode(engine, namespace, self._context, its, tells_log=False)
             if driver.node.get_namespace() != namespace:
                 raise ConfigError(
                     f"the ROS arguments put {name} into {driver.node.get_namespace()}, where "

@@ -41,7 +41,7 @@ class NdiDevice(Device):
         config: of it and its tools.
 
     Raises:
-        ConfigError: the definition of a tool cannot be read, two have one name, or there is no
+        ConfigError: the definition of a tool cannot be read, names are there twice, or there is no
             such reference.
     """
 
@@ -52,6 +52,12 @@ class NdiDevice(Device):
         if len(set(names)) < len(names):
             twice = max(names, key=names.count)
             raise ConfigError(f"two tools are called {twice}", where="ndi", remedy="Name them.")
+        if config.frame_id in names:
+            raise ConfigError(
+                f"frame_id: a tool is called {config.frame_id}, too",
+                where="ndi",
+                remedy="Call one of them otherwise: each tool has a frame of its name.",
+            )
         if config.reference and config.reference not in names:
             raise ConfigError(
                 f"reference: there is no tool {config.reference!r}",
@@ -68,6 +74,7 @@ class NdiDevice(Device):
             rate=config.known_family.rate,
             paced_by_stream=True,
             base_frame=config.frame_id,
+            tool_frame=config.frame_id,
             transition_timeout=15.0,
             stop=STOP,
         )
@@ -86,6 +93,11 @@ class NdiDevice(Device):
     @override
     def children(self) -> Mapping[str, Device]:
         return self._tools
+
+    @property
+    def stream(self) -> FrameStream | None:
+        """Every frame, with its stamp, for programs in this process; None while it does not track."""
+        return self._tracker.stream
 
     @property
     @override

@@ -15,7 +15,7 @@ from crtk_drivers.samples import Stamp
 __all__ = ["FrameStream"]
 
 EARLY: Final = 0.1
-"""Share of the period before the next frame is due at which it is asked for first."""
+"""Share of the period by which the next frame is asked for before it is due, by the stamp of this one."""
 STEP: Final = 0.05
 """Share of the period from one question to the next while it is not there."""
 
@@ -76,7 +76,7 @@ class FrameStream:
         self.stamp = Stamp(round(taken * 1e9) + self._wall.offset(), taken)
         self.newest = frame
         self.frames += 1
-        self._due = arrival + (1.0 - EARLY) * self._period
+        self._due = taken + (1.0 - EARLY) * self._period
         return True
 
     def _learn_period(self, before: Frame, frame: Frame) -> None:

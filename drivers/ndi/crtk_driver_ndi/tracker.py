@@ -147,6 +147,9 @@ class Tracker:
             ConnectionLost: the link is gone, or the tracker was reset.
         """
         while True:
+            wait = min(deadline, self._due()) - time.monotonic()
+            if not self._asked and wait > 0.0:  # poll would be late by up to a millisecond
+                time.sleep(wait)
             self._ask_next()
             try:
                 reply = self._link.receive(min(deadline, self._patience()))
@@ -197,29 +200,31 @@ class Tracker:
 
     # ----------------------------------------------------------------------------------------- inside
 
+    def _due(self) -> float:
+        """Return when the next question is to be asked, in monotonic seconds."""
+        if self._request:
+            return 0.0
+        return self.stream.due if self.stream is not None else self.alive + ALIVE
+
     def _ask_next(self) -> None:
         """Send what is to be asked now, if no answer is waited for."""
         now = time.monotonic()
-        if self._asked:
+        if self._asked or now < self._due():
             return
         if self._request:
             self._asked, text = _REQUEST, self._request
         elif self.stream is not None:
-            if now < self.stream.due:
-                return
             self._asked, text = _FRAME, self.stream.question
-        elif now < self.alive + ALIVE:
-            return
         else:
             self._asked = text = _HANDLES
         self._asked_at = now
         self._link.send(text)
 
     def _patience(self) -> float:
-        """Return until when an answer, or the time to ask, is waited for."""
-        if self._asked:
-            return math.inf if self._asked == _REQUEST else self._asked_at + REPLY
-        return self.stream.due if self.stream is not None else self.alive + ALIVE
+        """Return until when an answer is waited for."""
+        if not self._asked:
+            return 0.0
+        return math.inf if self._asked == _REQUEST else self._asked_at + REPLY
 
     def _take_damage(self, error: ProtocolError) -> None:
         self._damaged += 1

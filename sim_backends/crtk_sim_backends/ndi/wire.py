@@ -9,14 +9,21 @@ LONGEST: Final = 2048
 """Bytes of a command."""
 
 
+def _shifted(byte: int) -> int:
+    for _ in range(8):
+        carry, byte = byte & 1, byte >> 1
+        byte ^= 0xA001 * carry
+    return byte
+
+
+_SHIFTED: Final = [_shifted(byte) for byte in range(256)]
+
+
 def check(data: bytes) -> int:
-    """Return CRC-16/ARC, bit by bit: what the guide describes."""
+    """Return CRC-16/ARC."""
     crc = 0
     for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            carry, crc = crc & 1, crc >> 1
-            crc ^= 0xA001 * carry
+        crc = crc >> 8 ^ _SHIFTED[(crc ^ byte) & 0xFF]
     return crc
 
 

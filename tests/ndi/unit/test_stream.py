@@ -42,6 +42,15 @@ def test_the_next_is_asked_for_a_little_early_and_then_again_and_again() -> None
     assert stream.due == pytest.approx(10.015 + 0.05 / RATE)
 
 
+def test_after_one_that_came_late_the_next_is_asked_for_in_time() -> None:
+    """By when it was taken, not by when it came."""
+    stream = FrameStream(RATE, "BX")
+    for number in range(60):
+        stream.take(bx(number), 10.0 + number / RATE)
+    stream.take(bx(60), 11.0 + 0.6 / RATE)
+    assert stream.due == pytest.approx(11.0 + 0.9 / RATE)
+
+
 @pytest.mark.parametrize("with_time", [False, True])
 def test_stamps_are_those_of_the_frames_and_not_of_their_late_arrivals(with_time: bool) -> None:
     """The first arrivals of many are in time; a bias of a clock that runs apart is followed."""

@@ -12,6 +12,7 @@ import pytest
 
 from crtk_driver_ndi import PLUGIN
 from crtk_driver_ndi.codec import command
+from crtk_driver_ndi.device import NdiDevice
 from crtk_driver_ndi.frames import Frame
 from crtk_driver_ndi.stream import FrameStream
 from crtk_drivers.cli import main
@@ -169,9 +170,11 @@ def test_stamps_are_those_of_the_frames(vega: RunningSim, replies: str) -> None:
     with ndi_bench(vega, tools=WIRED, replies=replies) as bench:
         bench.tracking()
         eventually(lambda: bench.counters["frames"] > 120.0, "two seconds")
-        tracker: Any = bench.session.engine.device
+        tracker = bench.session.engine.device
+        assert isinstance(tracker, NdiDevice)
+        assert tracker.stream is not None
         origin, rate = vega.control.status()["origin"], 60.0
-        stream = tracker._tracker.stream
+        stream = tracker.stream
         newest, stamp = eventually(lambda: _together(stream), "a frame")
         assert abs(stamp.monotonic - (origin + newest.number / rate)) < 0.25 / rate
 
@@ -268,6 +271,7 @@ def test_without_a_tool_nothing_is_tracked(vega: RunningSim) -> None:
             "more than once",
         ),
         ({"tools": [{"part_number": "1 2"}, {"part_number": "1-2"}]}, "tool_1_2"),
+        ({"tools": [{"name": "tracker", "part_number": "1"}]}, "frame of its name"),
         ({"reference": "bone"}, "no tool 'bone'"),
         ({"tools": [{"rom": "missing.rom"}]}, "missing.rom"),
         ({"baud": 19200}, "baud"),

@@ -36,9 +36,14 @@ DRIVERS = {
     "canopen": ("--sim", *PATIENT),
     "robotiq": ("--sim", *PATIENT),
     "ati-netft": ("--sim", *PATIENT),
+    "ndi": ("--sim", *PATIENT),
 }
 MOVED = ("loopback",)
 """Those that are moved too: simulators of hardware fall behind on a busy machine."""
+NOT_MOVED = ("ati-netft", "ndi")
+"""Those that nothing moves: trials of states end where they would look at joints."""
+LEAST = {"ndi": 16}
+"""Clauses that have something to look at: what a tracker sees its tools tell."""
 MOTION = ("MOV-4", "MOV-12", "MOV-16", "MOV-18", "MOV-22", "STA-13", "BSY-3")
 """Clauses of the trials with joints, which decide others as well."""
 STATES = ("STA-5", "MOV-2", "SPT-9")
@@ -83,5 +88,5 @@ def test_it_conforms(name: str) -> None:
         outcome = examine(namespace, ids, LISTEN, LONG, may_move=True, expected=QUICK)
     found = [e for e in outcome.of(Verdict.DIVERGES) if e.clause.id not in TIMED]
     assert found == []
-    assert outcome.ended == "" or name == "ati-netft", outcome.ended
-    assert len(outcome.of(Verdict.CONFORMS)) >= 20
+    assert outcome.ended == "" or name in NOT_MOVED, outcome.ended
+    assert len(outcome.of(Verdict.CONFORMS)) >= LEAST.get(name, 20)
