@@ -24,8 +24,8 @@ from bench import png
 from bench.browser import BROWSER, NAMES, Browser
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.bench.acquisition import Suite
 from crtk_drivers.labs.bench.allowed import BenchOptions
-from crtk_drivers.labs.bench.declared import Suite
 from crtk_drivers.labs.bench.report import html
 from crtk_drivers.labs.bench.run import run_bench
 from crtk_drivers.status.stop_request import StopRequest

@@ -11,7 +11,7 @@ from typing_extensions import override
 from crtk_drivers.cli import bench_runs
 from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup
 from crtk_drivers.cli.up_command import LabFile, SimOption
-from crtk_drivers.labs.bench.declared import Suite
+from crtk_drivers.labs.bench.acquisition import Suite
 
 
 class BenchGroup(HelpfulGroup):

@@ -24,9 +24,9 @@ from crtk_drivers.cli.terminal import ERR, OUT
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import Lab, load_lab
 from crtk_drivers.labs.bench import history, report
+from crtk_drivers.labs.bench.acquisition import SAFETY_LETTERS, Suite
 from crtk_drivers.labs.bench.allowed import BenchOptions
 from crtk_drivers.labs.bench.catalogue import TESTS
-from crtk_drivers.labs.bench.declared import SAFETY_LETTERS, Suite
 from crtk_drivers.labs.bench.folder import default_folder, finish
 from crtk_drivers.labs.bench.results import Run, read_run
 from crtk_drivers.labs.bench.run import judged_again, run_bench

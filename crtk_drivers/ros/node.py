@@ -17,7 +17,6 @@ from crtk_drivers.device import READINGS
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.ros import qos
-from crtk_drivers.ros.description import DescriptionTopic
 from crtk_drivers.ros.diagnostics import Diagnostics
 from crtk_drivers.ros.manifest import manifest
 from crtk_drivers.ros.mismatches import TypeConflicts
@@ -28,6 +27,7 @@ from crtk_drivers.ros.presence import Presence
 from crtk_drivers.ros.publishing import PublishingThread
 from crtk_drivers.ros.readings import ReadingTopics
 from crtk_drivers.ros.refusals import RefusalTopic
+from crtk_drivers.ros.robot_description import DescriptionTopic
 from crtk_drivers.ros.rosout import RosoutHandler
 from crtk_drivers.ros.senders import LOOK_RATE
 from crtk_drivers.ros.servers import DeviceServices, Services

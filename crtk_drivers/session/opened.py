@@ -18,7 +18,7 @@ from crtk_drivers.engine.threads import Runtime
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.options import LimitPolicy
 from crtk_drivers.plugins import DevicePlugin
-from crtk_drivers.plugins.attached import attached
+from crtk_drivers.plugins.at_tool import attached
 from crtk_drivers.plugins.page_plugin import RunningPage, start_page
 from crtk_drivers.plugins.sim_plugin import RunningSim, start_sim
 from crtk_drivers.session.scene import DeviceScene

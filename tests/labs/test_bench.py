@@ -30,13 +30,13 @@ from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import load_lab
 from crtk_drivers.labs.bench import conductor, host, report
 from crtk_drivers.labs.bench import run as run_module
+from crtk_drivers.labs.bench.acquisition import Safety, Suite
 from crtk_drivers.labs.bench.allowed import BenchOptions, lacking, unguarded
 from crtk_drivers.labs.bench.calls import About, Glance, HostOrder
 from crtk_drivers.labs.bench.catalogue import TESTS, chosen
-from crtk_drivers.labs.bench.declared import Safety, Suite
+from crtk_drivers.labs.bench.conducting import RunOrder
 from crtk_drivers.labs.bench.door import Door, DoorClosed
 from crtk_drivers.labs.bench.locks import alone
-from crtk_drivers.labs.bench.messages import RunOrder
 from crtk_drivers.labs.bench.results import Run, read_run, write_run
 from crtk_drivers.labs.bench.run import judged_again, run_bench
 from crtk_drivers.labs.bench.watch import Watch, judged

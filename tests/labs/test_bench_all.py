@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.bench.acquisition import Suite
 from crtk_drivers.labs.bench.allowed import BenchOptions
-from crtk_drivers.labs.bench.declared import Suite
 from crtk_drivers.labs.bench.run import run_bench
 from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.status.stop_request import StopRequest

@@ -9,9 +9,9 @@ import pytest
 
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import Lab, load_lab
+from crtk_drivers.labs.bench.acquisition import Subject
 from crtk_drivers.labs.bench.bounds import check_bounds
 from crtk_drivers.labs.bench.catalogue import QUANTITIES
-from crtk_drivers.labs.bench.declared import Subject
 from crtk_drivers.labs.lab_file import BoundEntry
 from crtk_drivers.labs.verdicts.estimates import exact
 from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Quantity, Verdict, Worse

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.bench.acquisition import Subject, Suite
 from crtk_drivers.labs.bench.allowed import BenchOptions, Carrier, lacking
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.catalogue import TESTS
-from crtk_drivers.labs.bench.declared import Subject, Suite
 from crtk_drivers.labs.bench.run import judged_again
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.carried import Carried

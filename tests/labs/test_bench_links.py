@@ -10,10 +10,10 @@ import pytest
 
 from crtk_drivers.device import Capabilities
 from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.bench.acquisition import Subject, Suite
 from crtk_drivers.labs.bench.allowed import FAULTS, BenchOptions, lacking
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.catalogue import TESTS
-from crtk_drivers.labs.bench.declared import Subject, Suite
 from crtk_drivers.labs.bench.results import Run
 from crtk_drivers.labs.bench.run import run_bench
 from crtk_drivers.labs.bench.trace import Trace

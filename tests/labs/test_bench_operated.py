@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.bench.acquisition import Subject, Suite
 from crtk_drivers.labs.bench.allowed import BenchOptions, lacking, unguarded
 from crtk_drivers.labs.bench.bed import Bed, Broken
 from crtk_drivers.labs.bench.catalogue import TESTS
-from crtk_drivers.labs.bench.declared import Subject, Suite
-from crtk_drivers.labs.bench.messages import Asked
+from crtk_drivers.labs.bench.conducting import Asked
 from crtk_drivers.labs.bench.operator import PERSON_RELEASES, PERSON_TAKES, Person
 from crtk_drivers.labs.bench.run import run_bench
 from crtk_drivers.labs.bench.trace import Trace

@@ -19,8 +19,8 @@ import pytest
 from crtk_drivers.commands import COMMANDS
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.labs.bench.acquisition import Safety, Subject
 from crtk_drivers.labs.bench.catalogue import TESTS
-from crtk_drivers.labs.bench.declared import Safety, Subject
 from crtk_drivers.labs.bench.trace import Row, Trace
 from crtk_drivers.labs.lab_file import BoundEntry
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict

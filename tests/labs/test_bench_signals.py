@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_drivers.labs.bench.latency import SEQUENCE, delay
 from crtk_drivers.labs.bench.limits import peak_speed
+from crtk_drivers.labs.bench.reaction import SEQUENCE, delay
 from crtk_drivers.labs.bench.signals import (
     fit_sine,
     largest_line,

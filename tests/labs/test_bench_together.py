@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import pytest
 
+from crtk_drivers.labs.bench.acquisition import Subject
 from crtk_drivers.labs.bench.catalogue import TESTS
-from crtk_drivers.labs.bench.declared import Subject
 from crtk_drivers.labs.bench.trace import Row, Trace
 from crtk_drivers.labs.carried import Carried
 from crtk_drivers.labs.verdicts.judging import Verdict

@@ -13,8 +13,8 @@ from crtk_drivers.geometry.quaternions import (
     quaternion_from_rpy,
     quaternion_product,
 )
+from crtk_drivers.labs.bench.acquisition import Subject
 from crtk_drivers.labs.bench.catalogue import TESTS
-from crtk_drivers.labs.bench.declared import Subject
 from crtk_drivers.labs.bench.trace import Row, Trace
 from crtk_drivers.labs.carried import Carried
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict

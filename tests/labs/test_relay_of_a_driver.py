@@ -9,7 +9,7 @@ import pytest
 
 from crtk_drivers.errors import ConnectionFailed
 from crtk_drivers.labs.bench import conductor
-from crtk_drivers.labs.bench.messages import DeviceOrder
+from crtk_drivers.labs.bench.conducting import DeviceOrder
 from crtk_drivers.plugins import DeviceLink
 
 

@@ -10,13 +10,13 @@ from typing import Any
 
 from crtk_drivers import plugins
 from crtk_drivers.config import from_values, load
+from crtk_drivers.labs.bench.acquisition import Acquisition, Subject
 from crtk_drivers.labs.bench.bed import Bed, Process
 from crtk_drivers.labs.bench.calls import About, ClientOrder, HostOrder
 from crtk_drivers.labs.bench.client import start_client
-from crtk_drivers.labs.bench.declared import Acquisition, Subject
 from crtk_drivers.labs.bench.door import Door
 from crtk_drivers.labs.bench.host import Host
-from crtk_drivers.labs.bench.recorder import read_recording
+from crtk_drivers.labs.bench.taping import read_recording
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.bench.watch import Watch
 from crtk_drivers.samples import Vector

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.bench.acquisition import Suite
 from crtk_drivers.labs.bench.allowed import BenchOptions
-from crtk_drivers.labs.bench.declared import Suite
 from crtk_drivers.labs.bench.results import Run
 from crtk_drivers.labs.bench.run import run_bench
 from crtk_drivers.labs.verdicts.judging import Verdict

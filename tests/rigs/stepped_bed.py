@@ -16,10 +16,10 @@ from crtk_drivers.config import DeviceConfig, from_values, load
 from crtk_drivers.device import Device
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CrtkError
-from crtk_drivers.labs.bench import bed, host, operator, recorder, watch
+from crtk_drivers.labs.bench import bed, host, operator, taping, watch
+from crtk_drivers.labs.bench.acquisition import Acquisition, Subject
 from crtk_drivers.labs.bench.bed import Bed
 from crtk_drivers.labs.bench.calls import About, HostOrder
-from crtk_drivers.labs.bench.declared import Acquisition, Subject
 from crtk_drivers.labs.bench.door import Door, Refused
 from crtk_drivers.labs.bench.host import Host
 from crtk_drivers.labs.bench.operator import Operator
@@ -124,7 +124,7 @@ def _seated(
     declared = plugins.device(plugin)
     config: Any = load(declared.config, from_values(values))
     steps = Steps(1.0 / config.rate)
-    with steps.instead_of_time(samples, loopback, bed, host, operator, recorder, watch):
+    with steps.instead_of_time(samples, loopback, bed, host, operator, taping, watch):
         seat = Seat(_made(declared, config, steps), plugin, config, steps, prefix)
         steps.step = seat.cycle
         yield seat, steps
@@ -209,7 +209,7 @@ def _carry_out(
 
     steps.step = go_on
     for seat in watched.values():
-        with patch.object(recorder, "Recorder", lambda *_, to=seat.recorded, **__: to):
+        with patch.object(taping, "Recorder", lambda *_, to=seat.recorded, **__: to):
             seat.door.call("record", "recording.mcap")
     acquisition.run(under)
     for seat in watched.values():

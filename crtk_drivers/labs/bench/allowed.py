@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from crtk_drivers.labs.bench.acquisition import Acquisition, BenchTest, Safety, Suite
 from crtk_drivers.labs.bench.calls import About
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Suite
 from crtk_drivers.labs.lab_file import LabDevice
 
 FASTEST_TRAVEL: Final = 0.5

@@ -11,7 +11,6 @@ from crtk_drivers.labs.bench import (
     efforts,
     endurance,
     forces,
-    latency,
     limits,
     lines,
     links,
@@ -19,13 +18,14 @@ from crtk_drivers.labs.bench import (
     motions,
     operated,
     ranges,
+    reaction,
     sampling,
     staying,
     stops,
     together,
     weighing,
 )
-from crtk_drivers.labs.bench.declared import BenchTest, Suite
+from crtk_drivers.labs.bench.acquisition import BenchTest, Suite
 from crtk_drivers.labs.verdicts.judging import Quantity
 
 TESTS: Final[tuple[BenchTest, ...]] = tuple(
@@ -33,7 +33,7 @@ TESTS: Final[tuple[BenchTest, ...]] = tuple(
         (
             test
             for part in (
-                *(sampling, staying, stops, motions, efforts, latency, endurance),
+                *(sampling, staying, stops, motions, efforts, reaction, endurance),
                 *(ranges, lines, weighing, together, limits, forces, losses, links, operated),
             )
             for test in part.TESTS

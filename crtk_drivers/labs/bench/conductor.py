@@ -30,13 +30,12 @@ from crtk_drivers import plugins
 from crtk_drivers.config import DeviceConfig, from_values, load
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs.bench import programs
+from crtk_drivers.labs.bench.acquisition import Acquisition, Safety
 from crtk_drivers.labs.bench.bed import Bed, Broken, Process, Tripped
 from crtk_drivers.labs.bench.calls import About, ClientOrder, Glance, HostOrder
 from crtk_drivers.labs.bench.catalogue import ACQUISITIONS
 from crtk_drivers.labs.bench.client import start_client
-from crtk_drivers.labs.bench.declared import Acquisition, Safety
-from crtk_drivers.labs.bench.door import Door, DoorClosed
-from crtk_drivers.labs.bench.messages import (
+from crtk_drivers.labs.bench.conducting import (
     Acquired,
     Began,
     DeviceOrder,
@@ -44,9 +43,10 @@ from crtk_drivers.labs.bench.messages import (
     Reached,
     RunOrder,
 )
+from crtk_drivers.labs.bench.door import Door, DoorClosed
 from crtk_drivers.labs.bench.operator import Operator, Person
-from crtk_drivers.labs.bench.recorder import carrier_recording
 from crtk_drivers.labs.bench.relay import RelayProcess
+from crtk_drivers.labs.bench.taping import carrier_recording
 from crtk_drivers.labs.bench.watch import HOLD_TIME, Watch
 from crtk_drivers.labs.carried import Coupling
 from crtk_drivers.plugins import RunningSim

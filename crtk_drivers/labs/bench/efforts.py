@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
+from crtk_drivers.labs.bench.acquisition import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.bed import RATIO, SMALL_SPEED, Bed
 from crtk_drivers.labs.bench.calls import EFFORT
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.signals import resolution, slope
 from crtk_drivers.labs.bench.trace import JointTrack, Trace
 from crtk_drivers.labs.verdicts.estimates import line, mean, within

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from crtk_drivers.device import Severity
+from crtk_drivers.labs.bench.acquisition import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.bed import Bed
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.signals import noise, resolution
 from crtk_drivers.labs.bench.silence import BACK, BUSY, LOOK
 from crtk_drivers.labs.bench.trace import Trace

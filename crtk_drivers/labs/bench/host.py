@@ -26,7 +26,7 @@ from crtk_drivers import plugins
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, CrtkError, unexpected
 from crtk_drivers.labs.bench.calls import EFFORT, About, Failed, Glance, HostOrder
-from crtk_drivers.labs.bench.recorder import SampleRecorder
+from crtk_drivers.labs.bench.taping import SampleRecorder
 from crtk_drivers.motion.arbiter import Client
 from crtk_drivers.samples import JointState, Pose, Stamp, Value, Vector
 from crtk_drivers.session import Session

@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from crtk_drivers.device import JointLimits
+from crtk_drivers.labs.bench.acquisition import BUSY, Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.bed import ROOM, SMALL_ANGLE, SMALL_SPEED, SMALL_WAY, Bed
-from crtk_drivers.labs.bench.declared import BUSY, Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.signals import resolution
 from crtk_drivers.labs.bench.stops import motion
 from crtk_drivers.labs.bench.trace import JointTrack, Trace

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from crtk_drivers.labs.bench.acquisition import BUSY, Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.bed import PLACES, Bed, Broken
-from crtk_drivers.labs.bench.declared import BUSY, Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.signals import resolution
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import exact, within

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from crtk_drivers.labs.bench.acquisition import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.bed import Bed, Broken
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.relay import Mode
 from crtk_drivers.labs.bench.silence import (
     BACK,

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
+from crtk_drivers.labs.bench.acquisition import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.bed import Bed, Process
 from crtk_drivers.labs.bench.calls import Glance
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.silence import BACK, MOVED, Silence, looked, way_alone
 from crtk_drivers.labs.bench.stops import begin_motion
 from crtk_drivers.labs.bench.trace import Trace

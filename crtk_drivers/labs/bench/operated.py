@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
+from crtk_drivers.labs.bench.acquisition import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.bed import Bed
 from crtk_drivers.labs.bench.calls import Glance
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.operator import UNNOTICED
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import exact, within

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from crtk_drivers.labs.bench.messages import Asked
+from crtk_drivers.labs.bench.conducting import Asked
 
 STOP_LOOK_PERIOD: Final = 0.002
 """Seconds between two looks where it is measured how soon a button is noticed."""

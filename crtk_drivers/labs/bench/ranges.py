@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from crtk_drivers.device import Capabilities
+from crtk_drivers.labs.bench.acquisition import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.bed import ROOM, Bed
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.signals import resolution
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import exact

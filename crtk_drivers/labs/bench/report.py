@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Final
 
+from crtk_drivers.labs.bench.acquisition import SAFETY_LETTERS
+from crtk_drivers.labs.bench.acquisition import Suite as Named
 from crtk_drivers.labs.bench.catalogue import TESTS
-from crtk_drivers.labs.bench.declared import SAFETY_LETTERS
-from crtk_drivers.labs.bench.declared import Suite as Named
 from crtk_drivers.labs.bench.history import Key, key_of
 from crtk_drivers.labs.bench.results import DeviceResult, Measured, Result, Run
 from crtk_drivers.labs.verdicts.html_page import Cell, badge, details, page, table, text

@@ -15,7 +15,7 @@ from typing import Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.labs.bench.declared import BenchTest
+from crtk_drivers.labs.bench.acquisition import BenchTest
 from crtk_drivers.labs.verdicts.judging import Findings, Measurement, Verdict, verdict_of
 from crtk_drivers.labs.verdicts.judging import Plot as PlotValue
 

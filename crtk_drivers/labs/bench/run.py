@@ -18,15 +18,12 @@ from typing import Final
 
 from crtk_drivers.errors import ConfigError, RecordingError
 from crtk_drivers.labs.bench import results
+from crtk_drivers.labs.bench.acquisition import BenchTest, Subject
 from crtk_drivers.labs.bench.allowed import BenchOptions, Carrier, lacking, unguarded
 from crtk_drivers.labs.bench.bounds import check_bounds
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.bench.catalogue import ACQUISITIONS, QUANTITIES, TESTS, chosen
-from crtk_drivers.labs.bench.conductor import start_conductor
-from crtk_drivers.labs.bench.declared import BenchTest, Subject
-from crtk_drivers.labs.bench.folder import begun, described, make_folder
-from crtk_drivers.labs.bench.locks import alone
-from crtk_drivers.labs.bench.messages import (
+from crtk_drivers.labs.bench.conducting import (
     Acquired,
     Asked,
     Began,
@@ -35,8 +32,11 @@ from crtk_drivers.labs.bench.messages import (
     Reached,
     RunOrder,
 )
+from crtk_drivers.labs.bench.conductor import start_conductor
+from crtk_drivers.labs.bench.folder import begun, described, make_folder
+from crtk_drivers.labs.bench.locks import alone
 from crtk_drivers.labs.bench.pressure import Pressure
-from crtk_drivers.labs.bench.recorder import read_recording
+from crtk_drivers.labs.bench.taping import read_recording
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.lab_file import BoundEntry, Lab, LabDevice, load_lab
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from crtk_drivers.labs.bench.acquisition import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.bed import Bed
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.signals import largest_line, noise, resolution, slope
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.verdicts.estimates import exact, in_percent, quantile, share, within

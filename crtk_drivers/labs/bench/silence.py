@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
+from crtk_drivers.labs.bench.acquisition import Subject
 from crtk_drivers.labs.bench.bed import Bed
 from crtk_drivers.labs.bench.calls import Glance
-from crtk_drivers.labs.bench.declared import Subject
 from crtk_drivers.labs.verdicts.estimates import exact, within
 from crtk_drivers.labs.verdicts.judging import Bound, Findings, Quantity
 from crtk_drivers.samples import Array, JointState, Stamp

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
+from crtk_drivers.labs.bench.acquisition import Acquisition, BenchTest, Safety, Subject
 from crtk_drivers.labs.bench.bed import Bed
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject
 from crtk_drivers.labs.bench.door import Refused
 from crtk_drivers.labs.bench.signals import largest_line, noise, resolution
 from crtk_drivers.labs.bench.trace import JointTrack, Trace

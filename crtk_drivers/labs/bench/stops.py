@@ -7,8 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from crtk_drivers.labs.bench.bed import SMALL_SPEED, Bed, Broken
-from crtk_drivers.labs.bench.declared import (
+from crtk_drivers.labs.bench.acquisition import (
     BUSY,
     Acquisition,
     BenchTest,
@@ -16,6 +15,7 @@ from crtk_drivers.labs.bench.declared import (
     Subject,
     Suite,
 )
+from crtk_drivers.labs.bench.bed import SMALL_SPEED, Bed, Broken
 from crtk_drivers.labs.bench.signals import resolution, rest_time, slope
 from crtk_drivers.labs.bench.trace import JointTrack, Trace
 from crtk_drivers.labs.verdicts.estimates import exact, within

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from crtk_drivers.geometry.quaternions import unit
+from crtk_drivers.labs.bench.acquisition import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.bed import Bed
-from crtk_drivers.labs.bench.declared import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.signals import noise
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.carried import GRAVITY, UNKNOWN

@@ -12,12 +12,12 @@ import pytest
 from typing_extensions import override
 
 from crtk_drivers.errors import CrtkError
+from crtk_drivers.labs.bench.acquisition import Safety
 from crtk_drivers.labs.bench.bed import Bed
 from crtk_drivers.labs.bench.calls import About
+from crtk_drivers.labs.bench.conducting import DeviceOrder
 from crtk_drivers.labs.bench.conductor import hosted
-from crtk_drivers.labs.bench.declared import Safety
-from crtk_drivers.labs.bench.messages import DeviceOrder
-from crtk_drivers.labs.bench.recorder import read_recording
+from crtk_drivers.labs.bench.taping import read_recording
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.bench.watch import Watch
 from crtk_drivers.labs.lab_file import LabDevice

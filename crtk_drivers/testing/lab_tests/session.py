@@ -13,10 +13,10 @@ import pytest
 
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs.bench import history, report, results
+from crtk_drivers.labs.bench.acquisition import BUSY, Safety, Suite
 from crtk_drivers.labs.bench.allowed import BenchOptions, not_allowed
 from crtk_drivers.labs.bench.bounds import OWN_GROUP
 from crtk_drivers.labs.bench.calls import About
-from crtk_drivers.labs.bench.declared import BUSY, Safety, Suite
 from crtk_drivers.labs.bench.folder import begun, described, finish, make_folder
 from crtk_drivers.labs.bench.locks import alone
 from crtk_drivers.labs.bench.run import take_power

@@ -17,7 +17,7 @@ from crtk_driver_ur.rtde.stream import RTDE_PORT
 from crtk_driver_ur.tools import TOOLS
 from crtk_drivers.errors import MissingExtra
 from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim, required
-from crtk_drivers.plugins.attached import attached
+from crtk_drivers.plugins.at_tool import attached
 
 _FIRST_WITHOUT_WHEELS = (3, 13)
 """The Python for which ur-rtde 1.6 has no wheels any more; pyproject.toml leaves it out there as well."""
