@@ -6,6 +6,7 @@ from bench.reliability.rig import Rig
 from bench.reliability.rig_canopen import CanopenRig
 from bench.reliability.rig_dynamixel import DynamixelRig
 from bench.reliability.rig_memory import LoopbackRig, VirtualRig
+from bench.reliability.rig_ndi import NdiRig
 from bench.reliability.rig_netft import NetFtRig
 from bench.reliability.rig_ur import UrNativeRig, UrRtdeRig
 
@@ -17,6 +18,7 @@ RIGS: dict[str, type[Rig]] = {
         DynamixelRig,
         CanopenRig,
         NetFtRig,
+        NdiRig,
         VirtualRig,
         LoopbackRig,
     )

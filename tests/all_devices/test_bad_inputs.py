@@ -36,6 +36,7 @@ _OF_MOTION = set(BAD_INPUTS) - {"I11", "I13", "I17", "I19"}
 NOT_THERE: Mapping[str, set[str]] = {
     "canopen": _NOT_THE_DEVICES | _OF_POSES,
     "ati-netft": _NOT_THE_DEVICES | _OF_MOTION,
+    "ndi": _NOT_THE_DEVICES | _OF_MOTION,
 }
 """What says that it does not apply; nothing else may."""
 

@@ -1,0 +1,107 @@
+"""An NDI tracker: a simulated Vega over TCP. Nothing moves; what counts is what is told of its tools."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from typing_extensions import override
+
+from bench.reliability import disturbed
+from bench.reliability.common import HOUR, STALL
+from bench.reliability.rig import CLOCK, PAUSE, SLACK, Rig
+from bench.reliability.table import REST, Absent, Follows, Way
+from crtk_driver_ndi import PLUGIN
+from crtk_drivers.plugins import DevicePlugin
+from crtk_sim_backends.ndi import SIM
+from crtk_sim_backends.process import RunningSim
+
+SAMPLES = 1.0
+"""`sample_timeout` of tests, s."""
+TCP = {"port": "tcp"}
+
+
+def _through(fault: str, name: str, kind: str, **parameters: object) -> Way:
+    return Way(fault, name, Follows.GOES_ON, kind, parameters)
+
+
+WAYS = (
+    Way("F1", "the connection is closed", kind="disconnect", parameters=TCP),
+    Way("F2", "the connection is half open", kind="silence", parameters=TCP, within=SAMPLES),
+    Way("F2", "it shows one frame again and again", kind="frozen", within=SAMPLES),
+    Way("F3", "nobody accepts", Follows.STARTS_LATER, "disconnect", TCP, within=3.0),
+    Way("F3", "nobody answers", Follows.STARTS_LATER, "no_answer", TCP, within=4.0),
+    _through("F4", "byte by byte", "split", size=1, **TCP),
+    _through("F4", "in lumps of 20 ms", "coalesce", seconds=0.02, **TCP),
+    _through("F5", "every 4th reply is damaged", "damage", every=4),
+    _through("F5", "a component of an unknown type", "strange"),
+    Way("F5", "every reply is damaged", kind="damage", parameters={"every": 1}, within=SAMPLES),
+    Way("F5", "a reply that says it has 4 GiB", kind="hostile_length", within=SAMPLES),
+    Way("F9", "it is reset", kind="reset", detail="reset"),
+    Way("F12", "ERROR1A", kind="error", parameters={"command": "BX2"}, detail="ERROR1A"),
+    Way(
+        "F14",
+        "another client stops tracking",
+        kind="stop_tracking",
+        states=("DISABLED",),
+        detail="another client",
+    ),
+    Way("F17", "the I/O thread gets no time for 50 ms", Follows.GOES_ON, PAUSE, {"seconds": 0.05}),
+    Way("F17", "the I/O thread sticks", kind=disturbed.STUCK, detail="stuck", within=STALL),
+    Way("F17", "a defect raises in every cycle", kind=disturbed.DEFECT, detail="a defect"),
+    Way("F18", "an hour forward", Follows.GOES_ON, CLOCK, {"seconds": HOUR}),
+    Way("F18", "an hour back", Follows.GOES_ON, CLOCK, {"seconds": -HOUR}),
+    Way("F19", "closed and started again", Follows.RESTARTED),
+)
+
+ABSENT = (
+    Absent("F6", "one reply has all tools"),
+    Absent("F7", "over TCP it is F1; over a serial line it is the kit's, as with DYNAMIXEL"),
+    Absent("F8", "TCP loses, doubles and turns round nothing"),
+    Absent("F10", "no CAN"),
+    Absent("F11", "no heartbeat but the replies, F2"),
+    Absent("F13", "no safety system"),
+    Absent("F15", "takes no commands that move"),
+    Absent("F16", "nothing moves, so nothing has to be stopped"),
+    Absent("F20", "over TCP it serves any client, and what another does is F14"),
+)
+
+
+_PATIENT = {"sample_timeout": SAMPLES, "open_timeout": 5.0}
+
+
+class NdiRig(Rig):
+    """The tracker."""
+
+    name = "ndi"
+    ways = WAYS
+    absent = ABSENT
+    activities = (REST,)
+    values = _PATIENT
+
+    @property
+    @override
+    def plugin(self) -> DevicePlugin:
+        return PLUGIN
+
+    @override
+    def start_sim(self) -> RunningSim:
+        return SIM.spawn(family="vega")
+
+    @override
+    def joints(self) -> np.ndarray:
+        return np.zeros(0)
+
+    def still(self, seconds: float = 0.0) -> bool:
+        """Nothing moves."""
+        return True
+
+    @override
+    def check_stamps(self) -> None:
+        """Promise 4, of what its tools tell."""
+        for name, engine in self.driver.children.items():
+            found = engine.feedback("measured_cp")
+            if found is not None and found[1].wall_ns:
+                age = time.monotonic() - found[1].monotonic
+                fresh = age < engine.options.sample_timeout + SLACK
+                self.require(fresh, f"{name} is stamped as valid, but is {age:.3f} s old")
