@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
 
@@ -71,6 +72,41 @@ def positions(sim: RunningSim) -> list[float]:
     return [float(found[node]["axes"][0]["revolutions"]) for node in sorted(found)]
 
 
+STEPS = 65536
+"""Counts of a revolution."""
+
+BELIEVED = 100 * STEPS
+"""Counts: further away no joint of its range stands, nor has it come to; that has tests of its own."""
+
+
+LOOKS = 10
+"""At 5 ms each, all of which see a motor where it was: then it stands."""
+
+
+def may_go(claim: Claim, here: float) -> float:
+    """Return how far a motor may go that is `here`, in revolutions, of which a drive says this.
+
+    A position that may be true is where the joint is held, and the motor goes there: who lies within what is
+    possible cannot be told from who was pushed.
+    """
+    index, _, data = claim
+    counts = int.from_bytes(bytes.fromhex(data), "little", signed=True)
+    is_believed = index == 0x6064 and abs(counts) < BELIEVED
+    return 0.01 + abs(counts / STEPS - here) if is_believed else 0.01
+
+
+def at_rest(sim: RunningSim) -> list[float]:
+    """Return where the motors are, once they stand: what was believed before may have sent one off."""
+    found: deque[list[float]] = deque(maxlen=LOOKS)
+
+    def stand() -> bool:
+        found.append(positions(sim))
+        return len(found) == LOOKS and all(one == pytest.approx(found[0]) for one in found)
+
+    until(stand, "the motors stand")
+    return found[-1]
+
+
 @settings(max_examples=20, **CHEAP)
 @given(claim=claims(IN_CYCLES, sizes=False), node=st.integers(1, 2))
 def test_what_a_drive_claims_while_it_holds_moves_nothing(
@@ -78,7 +114,7 @@ def test_what_a_drive_claims_while_it_holds_moves_nothing(
 ) -> None:
     index, sub, data = claim
     until(lambda: _enables(arm), "it can be enabled")
-    before = positions(sim)
+    before = at_rest(sim)
     counters = device_of(arm).link.counters
     with no_surprise():
         sim.control.inject("claim", node=node, index=index, sub=sub, data=data)
@@ -91,7 +127,7 @@ def test_what_a_drive_claims_while_it_holds_moves_nothing(
         assert all(np.isfinite(value).all() for value in (told[0].position, told[0].velocity))
         sim.control.clear("claim")
         until(lambda: _enables(arm), "it can be enabled again")
-    assert positions(sim) == pytest.approx(before, abs=0.01)
+    assert positions(sim) == pytest.approx(before, abs=may_go(claim, before[node - 1]))
 
 
 @pytest.mark.parametrize("counts", [-(2**31), 2**31 - 1, 5_000_000])
@@ -178,7 +214,7 @@ def test_what_a_drive_claims_when_it_is_set_up_is_refused_or_moves_nothing(
     sim: RunningSim, claim: Claim, node: int
 ) -> None:
     index, sub, data = claim
-    before = positions(sim)
+    before = at_rest(sim)
     sim.control.inject("claim", node=node, index=index, sub=sub, data=data)
     device = PLUGIN.create(arm_on(sim, 2, open_timeout=2.0, sdo_timeout=0.1))
     try:
@@ -194,4 +230,4 @@ def test_what_a_drive_claims_when_it_is_set_up_is_refused_or_moves_nothing(
         sim.control.clear("claim")
         with suppress(StopUnconfirmed):
             device.close()
-    assert positions(sim) == pytest.approx(before, abs=0.01)
+    assert positions(sim) == pytest.approx(before, abs=may_go(claim, before[node - 1]))
