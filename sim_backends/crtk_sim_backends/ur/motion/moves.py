@@ -15,15 +15,16 @@ rounds corners on an arc at constant speed, and blends that would overlap skip t
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import dist, sqrt
 from typing import Any, Final
 
 from crtk_sim_backends.ur.messages import ErrorMessage, Message, ReportLevel
+from crtk_sim_backends.ur.motion.blends import NOWHERE, Pace, Tail, added, exit_speed, pieces
 from crtk_sim_backends.ur.motion.control import SINGULARITY, SLOWEST_SHARE, Motion, MotionControl
-from crtk_sim_backends.ur.motion.kinematics import Floats, Transform, compose, invert, to_pose
+from crtk_sim_backends.ur.motion.kinematics import Floats, Transform, compose, to_pose
 from crtk_sim_backends.ur.motion.paths import Arc, JointPath, Line, Path, Rounded, ToolPath, rounded
-from crtk_sim_backends.ur.motion.profiles import TIME_TOLERANCE, Piece, Profile, ramps, timed
+from crtk_sim_backends.ur.motion.profiles import TIME_TOLERANCE, Profile, ramps
 from crtk_sim_backends.ur.urscript import Builtin, ScriptRuntimeError
 from crtk_sim_backends.ur.urscript.arguments import LARGEST, positive
 
@@ -44,45 +45,7 @@ JOINT_ACCELERATION: Final = 10.0
 """m/s^2 and rad/s^2 of the largest accelerations of `optimovel` and `optimovej`, and of what a move that is
 given its time, or slowed down, has at most."""
 
-_NOWHERE = 1e-9  # rad or m
 _TRIALS = 12  # to find how far joints can follow in one period
-
-
-@dataclass(frozen=True)
-class Tail:
-    """What is left of a move when the next one begins: `speed` along `path` from `begin` on."""
-
-    path: Path
-    begin: float
-    speed: float
-    radius: float  # m, of the blend
-    constant: bool  # speed, through blends, too
-    tick: int  # in which the next move must begin
-    end: float  # along the path, where the waypoint is
-    waypoint: list[float]  # joint positions there
-
-    @property
-    def duration(self) -> float:
-        """Seconds in which it comes to rest at the waypoint, with constant deceleration."""
-        return 2.0 * (self.end - self.begin) / self.speed
-
-    def at(self, t: float) -> float:
-        """Distance along its path after `t` seconds."""
-        duration = self.duration
-        if t >= duration:
-            return self.end
-        return self.begin + self.speed * t * (1.0 - 0.5 * t / duration)
-
-
-@dataclass(frozen=True)
-class Pace:
-    """How fast a move goes: `speed` and `acceleration` along its path, or `seconds` in all."""
-
-    speed: float
-    acceleration: float
-    seconds: float = 0.0
-    constant: bool = False  # through blends, too
-    abortable: bool = False  # by `abort`
 
 
 class Moves:
@@ -262,13 +225,13 @@ class Moves:
     def _go(self, name: str, path: Path, pace: Pace, radius: float) -> Motion:
         """Follow `path`; with a blend radius, to where the blend with the next move begins."""
         tail, self._tail = self._tail, None
-        if path.length < _NOWHERE:
+        if path.length < NOWHERE:
             radius = 0.0
             if tail is None:
                 yield from self._control.hold()
                 return
         lead = path.near_start(tail.radius) if tail is not None else 0.0
-        entry = path.near_end(radius) if radius > _NOWHERE else 0.0
+        entry = path.near_end(radius) if radius > NOWHERE else 0.0
         if entry and lead + entry >= path.length:
             if name in SKIPPED:
                 self._skip(name)
@@ -278,15 +241,15 @@ class Moves:
         if tail is not None and pace.constant and tail.constant:
             around = self._around(tail, path)
             if around is not None:
-                end = _exit_speed(pace, entry)
+                end = exit_speed(pace, entry)
                 way = around.length - entry
-                pieces = ramps(way, pace.speed, pace.acceleration, tail.speed, end)
-                profile = Profile(pieces, tail.speed)
+                around_it = ramps(way, pace.speed, pace.acceleration, tail.speed, end)
+                profile = Profile(around_it, tail.speed)
                 yield from self._follow(around, profile, None, pace, radius if entry else 0.0)
                 return
         if pace.seconds:
             pace = replace(pace, seconds=max(pace.seconds, self._least_seconds(path)))
-        profile = Profile(_pieces(path.length, pace, tail, lead, entry))
+        profile = Profile(pieces(path.length, pace, tail, lead, entry))
         yield from self._follow(path, profile, tail, pace, radius if entry else 0.0)
 
     def _least_seconds(self, path: Path) -> float:
@@ -450,7 +413,7 @@ class Moves:
         before = tail.path
         if isinstance(path, ToolPath) and isinstance(before, ToolPath) and path.tool is before.tool:
             corner = path.pose(0.0)
-            return path.solve(_added(before.pose(behind), corner, path.pose(distance)), near)
+            return path.solve(added(before.pose(behind), corner, path.pose(distance)), near)
         a = before.joints(behind, near)
         b = path.joints(distance, near)
         if a is None or b is None:
@@ -473,47 +436,3 @@ def _fractions(name: str, a: float, v: float) -> tuple[float, float]:
     if positive(f"{name} a", a) > 1.0 or positive(f"{name} v", v) > 1.0:
         raise ScriptRuntimeError(f"{name}: a and v are fractions from 0 to 1")
     return a, v
-
-
-def _added(a: Transform, corner: Transform, b: Transform) -> Transform:
-    """Where the ways from `a` to `corner` and from `corner` to `b` lead together."""
-    x, y, z = (p + q - c for p, q, c in zip(a[9:], b[9:], corner[9:], strict=True))
-    turn = compose((*a[:9], 0.0, 0.0, 0.0), invert((*corner[:9], 0.0, 0.0, 0.0)))
-    rotation = compose(turn, (*b[:9], 0.0, 0.0, 0.0))
-    return (*rotation[:9], x, y, z)
-
-
-def _exit_speed(pace: Pace, entry: float) -> float:
-    """Speed at which a blend begins, `entry` before the waypoint; 0 for no blend.
-
-    No corner then takes more than the acceleration of the move.
-    """
-    if not entry or pace.constant:
-        return pace.speed if entry else 0.0
-    return min(pace.speed, sqrt(pace.acceleration * entry))
-
-
-def _pieces(length: float, pace: Pace, tail: Tail | None, lead: float, entry: float) -> list[Piece]:
-    """Profile from the start of a path to `entry` before its end.
-
-    Out of a blend the move speeds up for as long as the tail lasts, within `lead` of its path.
-    """
-    if length < _NOWHERE:
-        return [(tail.duration, 0.0)] if tail is not None else []
-    if pace.seconds:
-        return timed(length, pace.seconds, tail.duration if tail is not None else 0.0, entry)
-    v, a = pace.speed, pace.acceleration
-    way = length - entry
-    end = _exit_speed(pace, entry)
-    if tail is None:
-        return ramps(way, v, a, 0.0, end)
-    seconds = tail.duration
-    speed = min(v, 2.0 * lead / seconds)
-    if not pace.constant:
-        speed = min(speed, 0.5 * a * seconds)
-    b = 0.5 * a * seconds
-    speed = min(speed, sqrt(b * b + 2.0 * a * way + end * end) - b)  # or it could not slow down
-    return [
-        (seconds, speed / seconds),
-        *ramps(way - 0.5 * speed * seconds, v, a, speed, end),
-    ]
