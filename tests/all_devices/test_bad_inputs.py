@@ -13,9 +13,12 @@ from bench.reliability.rig import Rig
 from bench.reliability.rigs import RIGS
 from crtk_drivers.state import OperatingState
 from rigs.bad_inputs import BAD_INPUTS, Bench, NotApplicable
+from rigs.robotiq_rig import RobotiqRig
+
+ASKED: Mapping[str, type[Rig]] = {**RIGS, RobotiqRig.name: RobotiqRig}
 
 DEVICES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
-    **{name: (name, {}) for name in RIGS},
+    **{name: (name, {}) for name in ASKED},
     # A client in a hurry keeps the I/O thread from its turn, and what the servos do then is not asked here.
     "dynamixel": ("dynamixel", {"watchdog": 1.0}),
     "loopback": ("loopback", {"base": {"position": (0.1, 0.2, 0.3)}, "needs_homing": True}),
@@ -35,6 +38,7 @@ _OF_POSES = {"I6", "I7", "I10"}
 _OF_MOTION = set(BAD_INPUTS) - {"I11", "I13", "I17", "I19"}
 NOT_THERE: Mapping[str, set[str]] = {
     "canopen": _NOT_THE_DEVICES | _OF_POSES,
+    "robotiq": _NOT_THE_DEVICES | _OF_POSES,
     "ati-netft": _NOT_THE_DEVICES | _OF_MOTION,
     "ndi": _NOT_THE_DEVICES | _OF_MOTION,
 }
@@ -53,7 +57,7 @@ class Running:
         """Ready."""
         if self._rig is None:
             driver, added = DEVICES[self.name]
-            kind = RIGS[driver]
+            kind = ASKED[driver]
             limits = {**kind.values.get("limits", {}), "max_command_age": 1.0}
             values = {**kind.values, **added, "limits": limits}
             patient = {"values": values, "stall_limit": STALL_LIMIT}

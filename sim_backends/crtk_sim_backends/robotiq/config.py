@@ -17,7 +17,15 @@ class SimConfig(Options):
     """The options of ``crtk-driver sim robotiq``."""
 
     HEADINGS: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "The gripper": ("model", "activated", "closed", "band_open", "band_closed", "unit"),
+        "The gripper": (
+            "model",
+            "activated",
+            "closed",
+            "band_open",
+            "band_closed",
+            "object_lag",
+            "unit",
+        ),
         "What lies between its fingers": ("object_width", "object_stiffness"),
         "Ports": ("tool_port", "modbus_port", "urcap_port", "baud", "turnaround", "urcap_newline"),
         **Options.HEADINGS,
@@ -30,6 +38,7 @@ class SimConfig(Options):
     closed: float = option(0.5, "how far it is closed at the start, from 0 to 1")
     band_open: float = option(3.0, "count (gPO) at which it is open as far as it goes")
     band_closed: float = option(230.0, "count at which it is closed as far as it goes")
+    object_lag: float = option(0.003, "gOBJ comes later than the echo of a request, by so many s")
     unit: int = option(9, "its Modbus address")
     object_width: float = option(0.0, "width of what lies between the fingers, in m; 0: nothing")
     object_stiffness: float = option(1e5, "of what lies there, in N/m")
@@ -47,6 +56,7 @@ class SimConfig(Options):
         check_range("closed", self.closed, 0.0, 1.0)
         check_range("band_open", self.band_open, 0.0, 100.0)
         check_range("band_closed", self.band_closed, 101.0, 255.0)
+        check_range("object_lag", self.object_lag, 0.0, 0.1)
         check_range("unit", self.unit, 1, 247)
         check_range("object_width", self.object_width, 0.0, 0.2)
         check_range("object_stiffness", self.object_stiffness, 100.0, 1e9)

@@ -20,8 +20,6 @@ MAJOR: Final = 0xA
 """Faults from here up need a reset."""
 NOT_YET, NOT_ACTIVE, SILENCE = 0x5, 0x7, 0x9
 
-LAG: Final = 0.02
-"""Seconds by which gOBJ comes later than the echo of a request."""
 QUIET: Final = 1.0
 """Seconds without a request after which fault 9 is set; the next request clears it."""
 PRESSING: Final = 0.1
@@ -93,11 +91,15 @@ class Gripper:
         model: one of `MODELS`.
         band: counts at which the fingers are open and closed as far as they go.
         activated: whether somebody has activated it already.
+        lag: seconds by which gOBJ comes later than the echo of a request.
     """
 
     kinds = KINDS
 
-    def __init__(self, model: str, band: tuple[float, float], *, activated: bool) -> None:
+    def __init__(
+        self, model: str, band: tuple[float, float], *, activated: bool, lag: float
+    ) -> None:
+        self._lag = lag
         self.model = MODELS[model]
         self.band = band
         self.position = band[0]
@@ -143,7 +145,7 @@ class Gripper:
         elif self._fault in (NOT_YET, NOT_ACTIVE):
             self._fault = 0
         if self.written != before and action & GTO:
-            self._object, self._told_late, self._stalled = MOVING, LAG, 0.0
+            self._object, self._told_late, self._stalled = MOVING, self._lag, 0.0
 
     @property
     def report(self) -> bytes:

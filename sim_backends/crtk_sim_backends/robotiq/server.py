@@ -24,7 +24,9 @@ class Unit:
     def __init__(self, config: SimConfig) -> None:
         self.kinds = {**mechanics.KINDS, **wires.KINDS}
         band = config.band_open, config.band_closed
-        self.gripper = Gripper(config.model, band, activated=config.activated)
+        self.gripper = Gripper(
+            config.model, band, activated=config.activated, lag=config.object_lag
+        )
         self.gripper.position += config.closed * (band[1] - band[0])
         if config.object_width:
             self.gripper.thing = Thing(config.object_width, config.object_stiffness, around=False)

@@ -96,6 +96,20 @@ def test_a_move_ends_at_what_it_grips(running: RobotiqBench) -> None:
 
 
 @pytest.mark.sweep(4)
+@pytest.mark.parametrize("link", LINKS)
+def test_an_object_detection_that_lags_is_waited_for(link: str) -> None:
+    """A gripper whose gOBJ is still that of the last command when the echo is that of this one."""
+    with bench(link, simulated={"object_lag": 0.1, "object_width": WIDTH}) as slow:
+        slow.front.enable()
+        for _ in range(3):
+            slow.front.move_jp([0.06]).wait(LONG)
+            assert not slow.front.state.holds()
+            slow.front.move_jp([0.0]).wait(LONG)
+            assert slow.front.state.holds()
+            assert slow.front.measured_js().position[0] == pytest.approx(WIDTH, abs=0.003)
+
+
+@pytest.mark.sweep(4)
 def test_an_object_that_slips_out_is_told(running: RobotiqBench) -> None:
     gripped(running)
     running.sim.control.inject("object_lost")

@@ -114,3 +114,12 @@ def test_the_command_line_takes_its_name(capsys: pytest.CaptureFixture[str]) -> 
     assert main(["ur", "--help"]) == 0
     assert "--gripper" in capsys.readouterr().out
     assert main(["ur", "info", "--sim", "--gripper", "robotik"]) != 0
+
+
+def test_both_simulators_end_with_the_session() -> None:
+    with crtk_drivers.connect("ur", sim=True, gripper="robotiq", timeout=LONG, **PATIENT) as arm:
+        running: Any = arm.sim
+        assert running.running
+        assert running.tool.running
+    assert not running.running
+    assert not running.tool.running
