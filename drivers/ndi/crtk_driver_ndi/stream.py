@@ -14,9 +14,12 @@ from crtk_drivers.samples import Stamp
 
 __all__ = ["FrameStream"]
 
-EARLY: Final = 0.1
+EARLY: Final = 0.05
 """Share of the period by which the next frame is asked for before it is due, by the stamp of this one."""
-STEP: Final = 0.05
+PROBE: Final = 0.5
+PROBED: Final = 8
+"""The same for every so many-th: when a frame is there at the earliest shows only who asks before."""
+STEP: Final = 0.02
 """Share of the period from one question to the next while it is not there."""
 
 SHORTEST: Final = 1e-3
@@ -76,7 +79,8 @@ class FrameStream:
         self.stamp = Stamp(round(taken * 1e9) + self._wall.offset(), taken)
         self.newest = frame
         self.frames += 1
-        self._due = taken + (1.0 - EARLY) * self._period
+        early = EARLY if self.frames % PROBED else PROBE
+        self._due = taken + (1.0 - early) * self._period
         return True
 
     def _learn_period(self, before: Frame, frame: Frame) -> None:

@@ -37,9 +37,17 @@ def test_a_frame_is_told_once_and_those_that_were_missed_are_counted() -> None:
 def test_the_next_is_asked_for_a_little_early_and_then_again_and_again() -> None:
     stream = FrameStream(RATE, "BX")
     stream.take(bx(0), 10.0)
-    assert stream.due == pytest.approx(10.0 + 0.9 / RATE)
+    assert stream.due == pytest.approx(10.0 + 0.95 / RATE)
     stream.take(bx(0), 10.015)
-    assert stream.due == pytest.approx(10.015 + 0.05 / RATE)
+    assert stream.due == pytest.approx(10.015 + 0.02 / RATE)
+
+
+def test_now_and_then_one_is_asked_for_much_earlier_to_see_when_it_is_there() -> None:
+    stream, early = FrameStream(RATE, "BX"), []
+    for number in range(16):
+        stream.take(bx(number), 10.0 + number / RATE)
+        early.append(10.0 + (number + 1) / RATE - stream.due)
+    assert early == pytest.approx(2 * (7 * [0.05 / RATE] + [0.5 / RATE]))
 
 
 def test_after_one_that_came_late_the_next_is_asked_for_in_time() -> None:
@@ -48,7 +56,7 @@ def test_after_one_that_came_late_the_next_is_asked_for_in_time() -> None:
     for number in range(60):
         stream.take(bx(number), 10.0 + number / RATE)
     stream.take(bx(60), 11.0 + 0.6 / RATE)
-    assert stream.due == pytest.approx(11.0 + 0.9 / RATE)
+    assert stream.due == pytest.approx(11.0 + 0.95 / RATE)
 
 
 @pytest.mark.parametrize("with_time", [False, True])
@@ -93,7 +101,7 @@ def test_a_tracker_slower_than_its_family_is_asked_less_often(
     stream = FrameStream(RATE, "BX2")
     for number in range(3):
         stream.take(bx2(number, 10**18 + round(number * period * 1e9)), 1.0 + number * period)
-    assert stream.due == pytest.approx(1.0 + 2 * period + 0.9 * believed)
+    assert stream.due == pytest.approx(1.0 + 2 * period + 0.95 * believed)
 
 
 def test_what_is_no_frame_is_refused() -> None:
