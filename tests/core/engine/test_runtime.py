@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -424,7 +425,17 @@ def test_two_streams_that_wait_cannot_share_a_bus() -> None:
 
 
 def test_what_shares_the_bus_of_a_stream_is_read_after_it_in_each_of_its_cycles() -> None:
-    stream, behind = Streaming(), Misbehaving()
+    class SlowStream(Streaming):
+        @property
+        def capabilities(self) -> Capabilities:
+            return replace(super().capabilities, rate=0.1)
+
+    class Slow(Misbehaving):
+        @property
+        def capabilities(self) -> Capabilities:
+            return replace(super().capabilities, rate=0.1)
+
+    stream, behind = SlowStream(), Slow()
     with running(stream, behind) as (pacer, follower):
         for count in range(1, 6):
             stream.ticks.release()
@@ -432,14 +443,24 @@ def test_what_shares_the_bus_of_a_stream_is_read_after_it_in_each_of_its_cycles(
             assert pacer.health().samples == count
 
 
-def test_what_shares_the_bus_of_a_stream_goes_on_by_itself_without_it() -> None:
+def test_what_shares_the_bus_of_a_stream_goes_on_by_our_clock_without_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    slept: list[str] = []
+
+    def sleep(seconds: float) -> None:
+        slept.append(threading.current_thread().name)
+        time.sleep(seconds)
+
+    clock = SimpleNamespace(monotonic=time.monotonic, sleep=sleep)
+    monkeypatch.setattr(threads, "time", clock)
     stream, behind = Streaming(), Misbehaving()
     with running(stream, behind) as (pacer, follower):
         stream.in_open = raising(ConnectionFailed("gone"))
         stream.in_read = raising(ConnectionLost("gone"))
         until(lambda: not pacer.connected)
         goal = follower.health().cycles + 20
-        until(lambda: follower.health().cycles > goal)
+        until(lambda: follower.health().cycles > goal and "io a" in slept)
         assert follower.status.state is S.DISABLED
 
 

@@ -17,6 +17,7 @@ from crtk_driver_ndi.frames import Frame
 from crtk_driver_ndi.stream import FrameStream
 from crtk_drivers.cli import main
 from crtk_drivers.errors import ConfigError, TransitionFailed
+from crtk_drivers.geometry.frames import product
 from crtk_drivers.samples import Pose, Stamp
 from crtk_drivers.state import OperatingState
 from crtk_sim_backends.process import RunningSim
@@ -105,6 +106,9 @@ def test_in_the_frame_of_a_reference_and_in_that_of_the_tracker(vega: RunningSim
         pose, local = newest(bench, "pointer"), newest(bench, "pointer", "local/measured_cp")
         assert pose.frame_id == "bone"
         assert np.linalg.norm(pose.position) == pytest.approx(APART, abs=1e-6)
+        back = product(newest(bench, "bone"), pose)
+        assert back.position == pytest.approx(local.position, abs=1e-6)
+        assert abs(back.orientation @ local.orientation) == pytest.approx(1.0, abs=1e-9)
         assert local.position == pytest.approx([0.0, 0.0, -1.5], abs=1e-6)
         assert newest(bench, "bone").frame_id == "tracker"
         vega.control.inject("hide", tool=1)
@@ -210,8 +214,16 @@ def test_closing_leaves_a_tracker_that_does_not_track(vega: RunningSim) -> None:
 
 
 def test_what_a_dead_client_has_left_is_freed_first() -> None:
-    with simulated(left=2) as sim, ndi_bench(sim, tools=WIRED) as bench:
-        bench.tracking()
+    """Wired tools that are initialised, and the handle of a wireless one."""
+    with simulated(left=2) as sim:
+        with socket.create_connection((sim.host, sim.ports["tcp"]), timeout=5.0) as other:
+            for text in ("INIT:", "PHRQ:*********1****"):
+                other.sendall(command(text))
+                assert other.recv(100).endswith(b"\r")
+        assert len(sim.control.status()["handles"].split()) == 3
+        with ndi_bench(sim, tools=WIRED) as bench:
+            assert sim.control.status()["handles"] == "01:31 02:31"
+            bench.tracking()
 
 
 @pytest.mark.parametrize("transport", TRANSPORTS)
