@@ -498,6 +498,21 @@ def test_a_name_that_may_travel_is_one_of_the_lab(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize("test_id", ["T1", "T2", "T3", "T4"])
+def test_samples_are_not_asked_of_what_measures_nothing_itself(
+    test_id: str, tmp_path: Path
+) -> None:
+    """A tracker, for example, whose tools do."""
+    path = tmp_path / "lab.toml"
+    path.write_text('[devices.polaris]\nplugin = "ndi"\n')
+    (test,) = chosen(Suite.FULL, [test_id])
+    options = BenchOptions(Suite.FULL, (), False, tmp_path)
+    device = load_lab(path, sim=True).devices["polaris"]
+    blind = replace(ABOUT, capabilities=replace(ABOUT.capabilities, measured=(), modes=frozenset()))
+    assert lacking(test, blind, device, options) == "the device measures nothing itself"
+    assert lacking(test, ABOUT, device, options) == ""
+
+
 def test_efforts_are_asked_of_those_that_measure_them(tmp_path: Path) -> None:
     whole = (Path(__file__).parents[1] / "data" / "pan_tilt.urdf").read_text()
     urdf = tmp_path / "without_masses.urdf"

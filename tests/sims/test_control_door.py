@@ -17,6 +17,7 @@ from crtk_sim_backends.can import SIM as CAN
 from crtk_sim_backends.canopen import SIM as CANOPEN
 from crtk_sim_backends.control import ControlClient, ControlError
 from crtk_sim_backends.dynamixel import SIM as DYNAMIXEL
+from crtk_sim_backends.ndi import SIM as NDI
 from crtk_sim_backends.netft import SIM as NETFT
 from crtk_sim_backends.process import RunningSim
 from crtk_sim_backends.ur import SIM as UR
@@ -26,6 +27,7 @@ SIMS: dict[str, tuple[Any, dict[str, Any], str]] = {
     "can": (CAN, {}, "bus_off"),
     "canopen": (CANOPEN, {}, "bus_off"),
     "dynamixel": (DYNAMIXEL, {}, "silence"),
+    "ndi": (NDI, {}, "frozen"),
     "netft": (NETFT, {"rdt_port": 0, "tcp_port": 0, "http_port": 0}, "frozen"),
     "ur": (UR, {}, "protective_stop"),
 }

@@ -88,6 +88,8 @@ def lacking(
     missing = [name for name in (*acquisition.needs, *test.needs) if name not in offered]
     if missing:
         return f"the device does not offer {', '.join(missing)}"
+    if test.group == "sampling" and not about.capabilities.measured:
+        return "the device measures nothing itself"
     if acquisition.loads and device.sim and device.plugin.sim_load is None:
         return "its simulator feels no load"
     if acquisition.relayed:

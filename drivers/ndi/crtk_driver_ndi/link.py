@@ -74,7 +74,8 @@ class NdiLink:
     def __init__(self, config: NdiConfig) -> None:
         self._config = config
         self._port: SerialPort | None = None
-        transport: Transport = TcpTransport(config.host, config.tcp_port, "ndi", _REMEDY)
+        self._tcp = TcpTransport(config.host, config.tcp_port, "ndi", _REMEDY)
+        transport: Transport = self._tcp
         if config.transport == "serial":
             from crtk_drivers.kit.serial_port import SerialPort  # needs pyserial
 
@@ -105,6 +106,7 @@ class NdiLink:
     def abort(self) -> None:
         """Let what waits fail soon; from any thread."""
         self._aborted = True
+        self._tcp.abort()
 
     def close(self) -> None:
         """Disconnect. May be called twice."""

@@ -132,10 +132,9 @@ class Tracker:
         self.prepared = self.stream = None
         if was_tracking:
             try:
-                self._link.forget()
                 self._link.ask("TSTOP:", time.monotonic() + REPLY)
-            except DeviceError as error:
-                logger.debug("%s: left tracking: %s", self.address, error)
+            except DeviceError as error:  # it was sent, if there is a link
+                logger.debug("%s: TSTOP: %s", self.address, error)
         self._link.close()
 
     # ------------------------------------------------------------------------------------- its frames

@@ -124,12 +124,6 @@ class LoopServer:
         """Send to the clients of a port or a serial line, or to the one that has the session `to`."""
         self._servers[name].send(data, to)
 
-    def baud(self, name: str) -> int:
-        """Return the rate in bit/s that the client of a serial line has set."""
-        line = self._servers[name]
-        assert isinstance(line, TtyServer)
-        return line.baud
-
     def run(self) -> None:
         """Run until `stop`, or until the parent process has died."""
         prepare_process(realtime=self._config.realtime)
@@ -139,6 +133,12 @@ class LoopServer:
     def stop(self) -> None:
         """Let `run` return; from any thread or signal handler."""
         self._loop.stop()
+
+    def baud(self, name: str) -> int:
+        """Return the rate in bit/s that the client of a serial line has set."""
+        line = self._servers[name]
+        assert isinstance(line, TtyServer)
+        return line.baud
 
     def close(self) -> None:
         """Close everything; safe to repeat."""

@@ -35,6 +35,11 @@ class TtyServer:
         self._plug()
 
     @property
+    def baud(self) -> int:
+        """Bits a second that the client has set."""
+        return self._tty.baud
+
+    @property
     def path(self) -> str:
         """Of the link."""
         return str(self._tty.link)
@@ -43,11 +48,6 @@ class TtyServer:
     def clients(self) -> int:
         """How many have it open."""
         return self._tty.clients
-
-    @property
-    def baud(self) -> int:
-        """Bits a second that the client has set."""
-        return self._tty.baud
 
     def send(self, data: bytes, to: Session | None = None) -> None:
         """Send to whoever has it open; what its buffer does not take is lost. It has one session."""

@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 import socket
+import threading
 from collections.abc import Iterator
+from contextlib import ExitStack
 
 import pytest
 
 from crtk_driver_ndi.codec import command
+from crtk_driver_ndi.config import NdiConfig
+from crtk_driver_ndi.link import NdiLink
 from crtk_drivers.errors import ConnectionFailed, TransitionFailed
 from crtk_drivers.state import OperatingState
 from crtk_sim_backends.process import RunningSim
-from rigs.ndi_bench import TRANSPORTS, NdiBench, configuration, eventually, ndi_bench, simulated
+from rigs.ndi_bench import (
+    LONG,
+    TRANSPORTS,
+    NdiBench,
+    configuration,
+    eventually,
+    ndi_bench,
+    simulated,
+)
 
 S = OperatingState
 
@@ -232,6 +244,29 @@ def test_nobody_answers() -> None:
             made.state(S.FAULT, "nobody answers")
         finally:
             made.front.close()
+
+
+def test_a_shut_down_ends_a_connection_that_is_being_made() -> None:
+    """Nobody takes it: the queue of the listener is full."""
+    with socket.create_server(("127.0.0.1", 0), backlog=0) as full, ExitStack() as queue:
+        for _ in range(4):
+            waiting = queue.enter_context(socket.socket())
+            waiting.setblocking(False)
+            waiting.connect_ex(full.getsockname())
+        link = NdiLink(NdiConfig(host="127.0.0.1", tcp_port=full.getsockname()[1]))
+        failed: list[ConnectionFailed] = []
+
+        def connect() -> None:
+            with pytest.raises(ConnectionFailed) as error:
+                link.open(float("inf"))
+            failed.append(error.value)
+
+        thread = threading.Thread(target=connect)
+        thread.start()
+        link.abort()
+        thread.join(LONG)
+        assert failed
+        assert "given up" in failed[0].message
 
 
 def test_a_shut_down_does_not_wait_for_an_answer_that_does_not_come(sim: RunningSim) -> None:
