@@ -1,11 +1,12 @@
 """Control of a UR arm through ur-rtde in its child process beside our own control program, in one run.
 
-Latency: from before `servo_jp` in plain Python until the simulated controller's servoj gives that goal to the
-arm. Jitter: by how much the time between two goals at the arm differs from the time between their commands.
-CPU: while commands are streamed, of the driver and of its child. Enable: from the command to ENABLED, the
-first time after the start and again after disable with the power left on. Recovery: from the moment at which
-it can begin to ENABLED, after a protective stop that was unlocked, after the controller closed every RTDE
-connection, and after the child was killed.
+Latency: from before `servo_jp` in plain Python until the goal that the simulated controller's servoj gives to
+the arm is there, or past it: our program makes its own way along the stream, cycle by cycle. Jitter: by how
+much the time between two goals at the arm differs from the time between their commands. CPU: while commands
+are streamed, of the driver and of its child. Enable: from the command to ENABLED, the first time after the
+start and again after disable with the power left on. Recovery: from the moment at which it can begin to
+ENABLED, after a protective stop that was unlocked, after the controller closed every RTDE connection, and
+after the child was killed.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ WAYS = ("ur_rtde", "native")
 CHILD = "crtk_driver_ur.library.process"
 PATIENCE = 30.0
 POLL = 0.001
+SAME = 1e-9
+"""rad: two positions that are one."""
 SETTLE = 1.0
 """Seconds after the start of a stream that are not counted for CPU."""
 
@@ -70,11 +73,13 @@ def stream(control: str, seconds: float, rate: float, way: Way) -> None:
                     way.child_cpu.append(processes.usage(child).share_since(before[1]))
                 front.wait(PATIENCE)
         sent, goals = load(records, "front_sent"), load(records, "goals")
-    at = dict(goals.tolist())
-    pairs = np.array([(ns, at[position]) for position, ns in sent.tolist() if position in at])
+    # The stream is a ramp, so that the goals of both ways only rise.
+    reached = np.searchsorted(np.maximum.accumulate(goals[:, 0]), sent[:, 0] - SAME)
+    came = reached < len(goals)
+    begin, end = sent[came, 1], goals[reached[came], 1]
     way.sent += len(sent)
-    way.latency.extend((pairs[:, 1] - pairs[:, 0]) / 1e9)
-    way.jitter.extend(np.abs(np.diff(pairs[:, 1]) - np.diff(pairs[:, 0])) / 1e9)
+    way.latency.extend((end - begin) / 1e9)
+    way.jitter.extend(np.abs(np.diff(end) - np.diff(begin)) / 1e9)
 
 
 @contextmanager
@@ -163,7 +168,7 @@ def main() -> None:
         for what, values in (("latency", way.latency), ("jitter", way.jitter)):
             for share, value in zip(("p50", "p99", "max"), percentiles(values), strict=True):
                 found[f"{what} {share}, ms"] = value
-        found["never at the arm, %"] = 100.0 * (1.0 - len(way.latency) / way.sent)
+        found["not at the arm at the end, %"] = 100.0 * (1.0 - len(way.latency) / way.sent)
         found["CPU of the driver, % of a core"] = float(np.mean(way.cpu))
         found["CPU of its child, % of a core"] = (
             float(np.mean(way.child_cpu)) if way.child_cpu else 0.0
@@ -185,7 +190,8 @@ def main() -> None:
         ("what", "ur_rtde", "native", "native / ur_rtde"),
         rows,
         [
-            "A command that never is at the arm was replaced by a newer one within a cycle.",
+            "A command that a newer one replaced within a cycle is at the arm when that one is.",
+            "Of the lookahead all but 0.03 s passes in our program, before servoj; of ur_rtde's all in it.",
             f"Durations are medians of {given.starts} starts; recovery after a protective stop begins "
             "when it is unlocked.",
         ],

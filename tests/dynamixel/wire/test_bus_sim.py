@@ -142,6 +142,7 @@ def test_values_that_need_stuffing_arrive_as_they_are(sim, chain, fast):
         assert set(result.data) <= known
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("behaviour", ["stalls", "goes_on"])
 @pytest.mark.parametrize(("id", "fast"), [(1, False), (2, False), (2, True), (3, False), (3, True)])
 def test_a_silent_servo_costs_its_own_data(sim, chain, behaviour, id, fast):

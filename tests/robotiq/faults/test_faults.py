@@ -279,6 +279,7 @@ def test_a_gripper_that_lost_its_power_while_it_held_is_not_opened_by_enable(
     assert line.simulated("widest") > 0.08
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("policy", ["if needed", "always", "never"])
 def test_activation_is_asked_for(policy: str) -> None:
     with bench(simulated={"activated": False}, activate=policy) as running:
@@ -428,6 +429,7 @@ def test_that_it_heard_nothing_hinders_nothing(line: RobotiqBench) -> None:
 # ------------------------------------------------------------------------------------------ the line
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize(
     ("kind", "parameters"),
     [

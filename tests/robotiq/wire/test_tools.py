@@ -20,6 +20,7 @@ def test_info_tells_what_it_reports(capsys: pytest.CaptureFixture[str]) -> None:
     assert "fault                   none" in told
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("link", ["serial", "urcap"])
 def test_calibrate_measures_the_band(link: str, capsys: pytest.CaptureFixture[str]) -> None:
     band = ["--sim-set=band_open=13", "--sim-set=band_closed=228"]

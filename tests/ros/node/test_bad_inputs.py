@@ -175,6 +175,7 @@ def test_a_big_endian_command_is_carried_out(rig: Rig) -> None:
     )
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize(
     ("command", "message", "reason"),
     [case[1:] for case in ENABLED_CASES],

@@ -279,6 +279,7 @@ SPEED = (lambda s, q: s.send_speed_joint([0.2, 0, 0, 0, 0, 0], 2.0, 1.0), SPEED_
 MOVE = (lambda s, q: s.move_joint(shifted(q, 0, 1.0), 0.5, 2.0), MOVE_J, STOP_J)
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize(
     ("first", "second"),
     [

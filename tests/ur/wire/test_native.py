@@ -205,6 +205,7 @@ def test_a_speed_expires_on_the_controller_although_the_watchdog_is_fed(rig, kin
     assert abs(done.target_q[5]) < 0.3
 
 
+@pytest.mark.sweep(5)
 @pytest.mark.parametrize("kind", [Kind.SPEED_JOINT, Kind.SPEED_CARTESIAN, Kind.SERVO_JOINT])
 @pytest.mark.parametrize("slider", [1.0, 0.5, 0.1, 0.01, 0.0])
 def test_the_program_goes_on_in_each_cycle_however_low_the_speed_slider_is(rig, kind, slider):
@@ -252,6 +253,7 @@ def test_a_speed_slider_that_jumps_down_in_motion_stops_nothing(rig, slider):
     assert rig.states[-1].target_qd[5] == pytest.approx(0.3 * slider, abs=1e-3)
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("kind", [Kind.SPEED_CARTESIAN, Kind.SPEED_JOINT])
 @pytest.mark.parametrize("slider", [0.5, 0.1])
 def test_a_slow_arm_stops_before_the_end_of_a_range_as_well(rig, kind, slider):

@@ -44,6 +44,7 @@ def stream(bench: UrBench, send, seconds: float) -> float:
     return fastest
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("command", ["servo_jv", "servo_cv", "servo_jp"])
 def test_a_stream_is_slowed_down_and_ends(bench, slider, command):
     twist, home = [0.0, 0.0, 0.0, 0.0, 0.0, 0.3], list(bench.q())
@@ -63,6 +64,7 @@ def test_a_stream_is_slowed_down_and_ends(bench, slider, command):
     assert not bench.device._link.replaced
 
 
+@pytest.mark.sweep(2)
 def test_a_stream_of_velocities_that_ends_is_no_motion_that_goes_on(bench, slider):
     before = bench.arm.health().stream_timeouts
     stream(bench, lambda: bench.arm.servo_jv([0.0] * 5 + [0.3]), 0.3)
@@ -76,6 +78,7 @@ def test_a_stream_of_velocities_that_ends_is_no_motion_that_goes_on(bench, slide
     assert bench.status.state == "ENABLED"
 
 
+@pytest.mark.sweep(2)
 def test_a_move_arrives_once_the_slider_is_up_again(bench, slider):
     goal = list(bench.q())
     goal[0] += 0.02

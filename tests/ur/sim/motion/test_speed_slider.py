@@ -36,6 +36,7 @@ def at(slider: float, **options: object) -> Bench:
     return bench
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("model", ["ur5e", "ur5"])
 @pytest.mark.parametrize("slider", SLIDERS)
 def test_a_spline_of_speeds_arrives_and_takes_as_much_longer(slider: float, model: str) -> None:
@@ -45,6 +46,7 @@ def test_a_spline_of_speeds_arrives_and_takes_as_much_longer(slider: float, mode
     assert ticks * bench.controller.dt == pytest.approx(1.0 / slider, rel=0.03)
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("slider", SLIDERS)
 def test_target_speeds_are_those_of_full_speed_scaled(slider: float) -> None:
     bench = at(slider)
@@ -55,6 +57,7 @@ def test_target_speeds_are_those_of_full_speed_scaled(slider: float) -> None:
     assert bench["target_qd"][0] == pytest.approx(slider * 0.5625, rel=0.01)
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("slider", SLIDERS)
 def test_a_tool_speed_lasts_as_much_longer(slider: float) -> None:
     bench = at(slider)
