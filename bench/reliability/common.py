@@ -1,18 +1,46 @@
-"""The ways in which every driver with joints meets a fault of its own process."""
+"""The ways in which drivers meet a fault of their own process, and what rigs without joints share."""
 
 from __future__ import annotations
 
 import signal
 from collections.abc import Mapping
 
+import numpy as np
+from typing_extensions import override
+
 from bench.reliability import disturbed
 from bench.reliability.activities import STREAMS
-from bench.reliability.rig import CLOCK, PAUSE
-from bench.reliability.table import Follows, Way
+from bench.reliability.rig import CLOCK, PAUSE, STILL, Rig
+from bench.reliability.table import REST, Follows, Way
 
 HOUR = 3600.0
 STALL = 1.1
 """Seconds after which an I/O thread is FAULT: `rig.STALL_LIMIT`, two periods, one of the watchdog."""
+
+
+UNMOVED = (
+    Way("F17", "the I/O thread gets no time for 50 ms", Follows.GOES_ON, PAUSE, {"seconds": 0.05}),
+    Way("F17", "the I/O thread sticks", kind=disturbed.STUCK, detail="stuck", within=STALL),
+    Way("F17", "a defect raises in every cycle", kind=disturbed.DEFECT, detail="a defect"),
+    Way("F18", "an hour forward", Follows.GOES_ON, CLOCK, {"seconds": HOUR}),
+    Way("F18", "an hour back", Follows.GOES_ON, CLOCK, {"seconds": -HOUR}),
+    Way("F19", "closed and started again", Follows.RESTARTED),
+)
+"""F17, F18 and F19 of a driver without joints."""
+
+
+class UnmovedRig(Rig):
+    """A device of which nothing moves."""
+
+    activities = (REST,)
+
+    @override
+    def joints(self) -> np.ndarray:
+        return np.zeros(0)
+
+    @override
+    def still(self, seconds: float = STILL) -> bool:
+        return True
 
 
 def own_process(

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import time
 
-import numpy as np
 from typing_extensions import override
 
-from bench.reliability import disturbed
-from bench.reliability.common import HOUR, STALL
-from bench.reliability.rig import CLOCK, PAUSE, SLACK, Rig
-from bench.reliability.table import REST, Absent, Follows, Way
+from bench.reliability.common import UNMOVED, UnmovedRig
+from bench.reliability.rig import SLACK
+from bench.reliability.table import Absent, Follows, Way
 from crtk_driver_ndi import PLUGIN
 from crtk_drivers.plugins import DevicePlugin
 from crtk_sim_backends.ndi import SIM
@@ -46,12 +44,7 @@ WAYS = (
         states=("DISABLED",),
         detail="another client",
     ),
-    Way("F17", "the I/O thread gets no time for 50 ms", Follows.GOES_ON, PAUSE, {"seconds": 0.05}),
-    Way("F17", "the I/O thread sticks", kind=disturbed.STUCK, detail="stuck", within=STALL),
-    Way("F17", "a defect raises in every cycle", kind=disturbed.DEFECT, detail="a defect"),
-    Way("F18", "an hour forward", Follows.GOES_ON, CLOCK, {"seconds": HOUR}),
-    Way("F18", "an hour back", Follows.GOES_ON, CLOCK, {"seconds": -HOUR}),
-    Way("F19", "closed and started again", Follows.RESTARTED),
+    *UNMOVED,
 )
 
 ABSENT = (
@@ -70,13 +63,12 @@ ABSENT = (
 _PATIENT = {"sample_timeout": SAMPLES, "open_timeout": 5.0}
 
 
-class NdiRig(Rig):
+class NdiRig(UnmovedRig):
     """The tracker."""
 
     name = "ndi"
     ways = WAYS
     absent = ABSENT
-    activities = (REST,)
     values = _PATIENT
 
     @property
@@ -87,14 +79,6 @@ class NdiRig(Rig):
     @override
     def start_sim(self) -> RunningSim:
         return SIM.spawn(family="vega")
-
-    @override
-    def joints(self) -> np.ndarray:
-        return np.zeros(0)
-
-    def still(self, seconds: float = 0.0) -> bool:
-        """Nothing moves."""
-        return True
 
     @override
     def check_stamps(self) -> None:

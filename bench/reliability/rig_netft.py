@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 from typing_extensions import override
 
-from bench.reliability import disturbed
-from bench.reliability.common import HOUR, STALL
-from bench.reliability.rig import CLOCK, PAUSE, Rig
-from bench.reliability.table import REST, Absent, Follows, Way
+from bench.reliability.common import UNMOVED, UnmovedRig
+from bench.reliability.table import Absent, Follows, Way
 from crtk_driver_ati_netft import PLUGIN
 from crtk_drivers.plugins import DevicePlugin
 from crtk_sim_backends.netft import SIM, RunningSim
@@ -36,12 +33,7 @@ WAYS = (
     _through("F9", "the stream goes on with another sequence", "restart"),
     Way("F9", "the box boots", kind="reboot", parameters={"seconds": 1.5}, within=SAMPLES),
     Way("F12", "status: temperature out of range", kind="status", parameters={"bits": 0x80000004}),
-    Way("F17", "the I/O thread gets no time for 50 ms", Follows.GOES_ON, PAUSE, {"seconds": 0.05}),
-    Way("F17", "the I/O thread sticks", kind=disturbed.STUCK, detail="stuck", within=STALL),
-    Way("F17", "a defect raises in every cycle", kind=disturbed.DEFECT, detail="a defect"),
-    Way("F18", "an hour forward", Follows.GOES_ON, CLOCK, {"seconds": HOUR}),
-    Way("F18", "an hour back", Follows.GOES_ON, CLOCK, {"seconds": -HOUR}),
-    Way("F19", "closed and started again", Follows.RESTARTED),
+    *UNMOVED,
     _through("F20", "another client takes the stream", "takeover"),
 )
 
@@ -61,13 +53,12 @@ ABSENT = (
 _PATIENT = {"sample_timeout": SAMPLES, "open_timeout": 3.0}
 
 
-class NetFtRig(Rig):
+class NetFtRig(UnmovedRig):
     """The sensor."""
 
     name = "ati-netft"
     ways = WAYS
     absent = ABSENT
-    activities = (REST,)
     values = _PATIENT
 
     @property
@@ -90,11 +81,3 @@ class NetFtRig(Rig):
     @property
     def _has_datagrams(self) -> bool:
         return "receive_buffer" in self.disturbed.counters
-
-    @override
-    def joints(self) -> np.ndarray:
-        return np.zeros(0)
-
-    def still(self, seconds: float = 0.0) -> bool:
-        """Nothing moves."""
-        return True

@@ -20,7 +20,7 @@ from rich.table import Table
 from rich.text import Text
 
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
-from crtk_drivers.cli.terminal import ERR, OUT
+from crtk_drivers.cli.terminal import ERR, OUT, ask
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import Lab, load_lab
 from crtk_drivers.labs.bench import history, report
@@ -70,7 +70,7 @@ def run(
     options = BenchOptions(suite, tuple(only), may_move, folder, tuple(may_travel), at_once)
     with stop_signals() as stop, _stopped_by_ctrl_z(lab, may_move, stop), _shown() as show:
         try:
-            found = run_bench(lab, options, show, stop, _ask)
+            found = run_bench(lab, options, show, stop, ask)
         except OSError as error:
             raise ConfigError(
                 f"results cannot be written: {error.strerror}", where=str(folder)
@@ -255,12 +255,6 @@ def _verdicts(found: Run) -> Table:
         verdict = Text(Verdict.SKIPPED, STYLES[Verdict.SKIPPED])
         table.add_row(name, "", "", verdict, f"{', '.join(tests)}: {reason}")
     return table
-
-
-def _ask(what: str) -> None:
-    """Tell whoever stands beside the devices what to do."""
-    ERR.bell()
-    ERR.print(Text(f" {what} ", "bold reverse"))
 
 
 @contextmanager

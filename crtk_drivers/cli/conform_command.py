@@ -20,7 +20,7 @@ from crtk_drivers.cli.reaching import (
     interruptible,
     prepare,
 )
-from crtk_drivers.cli.terminal import ERR, OUT, plain, print_error
+from crtk_drivers.cli.terminal import ERR, OUT, ask, plain, print_error
 from crtk_drivers.config import from_file, load
 from crtk_drivers.errors import ConfigError, ConnectionFailed
 from crtk_drivers.ros.names import checked_namespace
@@ -142,7 +142,7 @@ def _examined(
                 may_move,
                 expected,
                 lambda text: status.update(f"{plain(text)} ..."),
-                Leave(may_home, _ask if by_hand else None),
+                Leave(may_home, ask if by_hand else None),
             )
         except ConnectionFailed as error:
             print_error(error)
@@ -151,12 +151,6 @@ def _examined(
             left = ": it was told to hold, and brought back" if may_move else ""
             ERR.print(f"[yellow]interrupted:[/] {plain(namespace)}{left}")
             raise typer.Exit(INTERRUPTED) from None
-
-
-def _ask(what: str) -> None:
-    """Tell whoever stands beside the device what to do."""
-    ERR.bell()
-    ERR.print(Text(f" {what} ", "bold reverse"))
 
 
 def _told(outcome: Outcome, out: Path | None) -> int:

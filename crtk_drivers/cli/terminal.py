@@ -25,6 +25,12 @@ def print_error(error: CrtkError) -> None:
         ERR.print(Text.assemble(("  hint: ", "bold green"), error.remedy), soft_wrap=True)
 
 
+def ask(what: str) -> None:
+    """Tell whoever stands beside a device what to do with it."""
+    ERR.bell()
+    ERR.print(Text(f" {what} ", "bold reverse"))
+
+
 def program() -> str:
     """Return how the user started this program, as the beginning of a command to try next."""
     return "uv run crtk-driver" if "UV_RUN_RECURSION_DEPTH" in os.environ else "crtk-driver"

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-
-import pytest
 
 from crtk_driver_ndi import PLUGIN
 from crtk_driver_ndi.config import NdiConfig
@@ -19,21 +16,9 @@ from crtk_drivers.state import OperatingState
 from crtk_sim_backends.ndi import SIM
 from crtk_sim_backends.ndi.handles import make_rom
 from crtk_sim_backends.process import RunningSim
-
-LONG = 30.0
-"""Seconds that anything may take on a busy machine before a test gives up."""
+from rigs.waiting import eventually
 
 TRANSPORTS = ("tcp", "serial")
-
-
-def eventually(test: Callable[[], object], what: str, timeout: float = LONG) -> Any:
-    """Return what `test` returns as soon as that is true."""
-    deadline = time.monotonic() + timeout
-    while not (found := test()):
-        if time.monotonic() > deadline:
-            pytest.fail(f"never: {what}")
-        time.sleep(0.005)
-    return found
 
 
 def configuration(sim: RunningSim, **values: Any) -> NdiConfig:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-import pytest
 from typing_extensions import override
 
 from crtk_driver_ati_netft import PLUGIN
@@ -22,21 +21,9 @@ from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState, Status
 from crtk_sim_backends.netft import SIM, RunningSim
-
-LONG = 30.0
-"""Seconds that anything may take on a busy machine before a test gives up."""
+from rigs.waiting import LONG, eventually
 
 FREE_PORTS = {"rdt_port": 0, "tcp_port": 0, "http_port": 0}
-
-
-def eventually(test: Callable[[], object], what: str, timeout: float = LONG) -> Any:
-    """Return what `test` returns as soon as that is true."""
-    deadline = time.monotonic() + timeout
-    while not (found := test()):
-        if time.monotonic() > deadline:
-            pytest.fail(f"never: {what}")
-        time.sleep(0.005)
-    return found
 
 
 def configuration(sim: RunningSim, **values: Any) -> NetFtConfig:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
-
-import pytest
 
 from crtk_driver_robotiq import PLUGIN
 from crtk_driver_robotiq.config import RobotiqConfig
@@ -17,22 +14,10 @@ from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState
 from crtk_sim_backends.robotiq import SIM, RunningSim
-
-LONG = 30.0
-"""Seconds that anything may take on a busy machine before a test gives up."""
+from rigs.waiting import eventually
 
 FREE_PORTS = {"tool_port": 0, "modbus_port": 0, "urcap_port": 0}
 LINKS = ("serial", "tool", "modbus", "urcap")
-
-
-def eventually(test: Callable[[], Any], what: str, timeout: float = LONG) -> Any:
-    """Return what `test` returns as soon as that is true."""
-    deadline = time.monotonic() + timeout
-    while not (found := test()):
-        if time.monotonic() > deadline:
-            pytest.fail(f"never: {what}")
-        time.sleep(0.002)
-    return found
 
 
 def configuration(sim: RunningSim, **values: Any) -> RobotiqConfig:

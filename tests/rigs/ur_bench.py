@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 from unittest.mock import patch
@@ -20,9 +20,7 @@ from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState, Status
 from crtk_sim_backends.ur import SIM, RunningSim
-
-LONG = 30.0
-"""Seconds that anything may take on a busy machine before a test gives up."""
+from rigs.waiting import LONG, eventually
 
 LENIENT = 2.0
 """Seconds for which a thread or a process may get no time on a busy machine before it counts as stuck."""
@@ -63,16 +61,6 @@ IDLE_CODES = frozenset({0, 35})
 
 SEQUENCES = ("input_int_register_1", "input_int_register_25")
 """Registers that our own control program's commands have, and what only feeds its watchdog has not."""
-
-
-def eventually(test: Callable[[], object], what: str, timeout: float = LONG) -> Any:
-    """Return what `test` returns as soon as that is true."""
-    deadline = time.monotonic() + timeout
-    while not (found := test()):
-        if time.monotonic() > deadline:
-            pytest.fail(f"never: {what}")
-        time.sleep(0.005)
-    return found
 
 
 class Log(Observer):

@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Final, NamedTuple, Protocol
 
 from crtk_driver_robotiq.registers import COMMAND, SIZE, STATUS
+from crtk_drivers.kit.crc16 import reflected_crc16
 
 __all__ = [
     "EXCEPTIONS",
@@ -101,24 +102,9 @@ class Framing(Protocol):
         """How many bytes came that belong to no answer to what was asked."""
 
 
-def _make_table() -> tuple[int, ...]:
-    table = []
-    for value in range(256):
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
-        table.append(value)
-    return tuple(table)
-
-
-_TABLE: Final = _make_table()
-
-
 def crc(data: bytes) -> bytes:
     """Return the CRC-16 of Modbus as it is sent, low byte first."""
-    value = 0xFFFF
-    for byte in data:
-        value = value >> 8 ^ _TABLE[(value ^ byte) & 0xFF]
-    return value.to_bytes(2, "little")
+    return reflected_crc16(data, 0xFFFF).to_bytes(2, "little")
 
 
 @dataclass

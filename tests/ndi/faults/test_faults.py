@@ -15,15 +15,8 @@ from crtk_driver_ndi.link import NdiLink
 from crtk_drivers.errors import ConnectionFailed, TransitionFailed
 from crtk_drivers.state import OperatingState
 from crtk_sim_backends.process import RunningSim
-from rigs.ndi_bench import (
-    LONG,
-    TRANSPORTS,
-    NdiBench,
-    configuration,
-    eventually,
-    ndi_bench,
-    simulated,
-)
+from rigs.ndi_bench import TRANSPORTS, NdiBench, configuration, ndi_bench, simulated
+from rigs.waiting import LONG, eventually
 
 S = OperatingState
 

@@ -13,7 +13,8 @@ from crtk_drivers.front import LocalDevice  # noqa: E402
 from crtk_drivers.session import Session  # noqa: E402
 from crtk_drivers.testing.contract import DeviceContract  # noqa: E402
 from crtk_sim_backends.process import RunningSim  # noqa: E402
-from rigs.ndi_bench import LONG, configuration, eventually, simulated  # noqa: E402
+from rigs.ndi_bench import configuration, simulated  # noqa: E402
+from rigs.waiting import LONG, eventually  # noqa: E402
 
 pytestmark = pytest.mark.sweep(3)
 

@@ -11,15 +11,8 @@ import pytest
 from crtk_drivers.errors import CommandRefused, DataTimeout, DeviceError, MotionAborted
 from crtk_drivers.state import OperatingState
 from crtk_sim_backends.robotiq import SIM, RunningSim
-from rigs.robotiq_bench import (
-    FREE_PORTS,
-    LINKS,
-    LONG,
-    RobotiqBench,
-    bench,
-    configuration,
-    eventually,
-)
+from rigs.robotiq_bench import FREE_PORTS, LINKS, RobotiqBench, bench, configuration
+from rigs.waiting import LONG, eventually
 
 ENABLED, DISABLED = OperatingState.ENABLED, OperatingState.DISABLED
 PAUSED, FAULT = OperatingState.PAUSED, OperatingState.FAULT

@@ -12,7 +12,8 @@ from crtk_driver_robotiq import PLUGIN  # noqa: E402
 from crtk_drivers.session import Session  # noqa: E402
 from crtk_drivers.testing.contract import DeviceContract  # noqa: E402
 from crtk_sim_backends.robotiq import SIM, RunningSim  # noqa: E402
-from rigs.robotiq_bench import FREE_PORTS, LINKS, LONG, configuration  # noqa: E402
+from rigs.robotiq_bench import FREE_PORTS, LINKS, configuration  # noqa: E402
+from rigs.waiting import LONG  # noqa: E402
 
 pytestmark = pytest.mark.sweep(4)
 

@@ -9,7 +9,8 @@ pytest.importorskip("rclpy")
 from crtk_driver_ndi import PLUGIN
 from crtk_drivers.client import connect
 from rigs.loopback_node import serve, until
-from rigs.ndi_bench import LONG, configuration, simulated
+from rigs.ndi_bench import configuration, simulated
+from rigs.waiting import LONG
 
 WIRED = [
     {"name": "pointer", "part_number": "SIM-POINTER"},

@@ -14,7 +14,7 @@ from crtk_driver_ur.tool_line import script_of
 from crtk_drivers.cli import main
 from crtk_drivers.config import AttachedConfig, from_values, load
 from crtk_drivers.errors import ConfigError, PluginError
-from rigs.robotiq_bench import LONG, eventually
+from rigs.waiting import LONG, eventually
 
 PATIENT = {"sample_timeout": 3.0, "watchdog_frequency": 2.0}
 

@@ -1,0 +1,22 @@
+"""Waiting for what a device, or a process, comes to by itself."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+LONG = 30.0
+"""Seconds that anything may take on a busy machine before a test gives up."""
+
+
+def eventually(test: Callable[[], Any], what: str, timeout: float = LONG) -> Any:
+    """Return what `test` returns as soon as that is true."""
+    deadline = time.monotonic() + timeout
+    while not (found := test()):
+        if time.monotonic() > deadline:
+            pytest.fail(f"never: {what}")
+        time.sleep(0.005)
+    return found
