@@ -410,7 +410,7 @@ def test_the_table_has_every_defect() -> None:
     assert set(CASES) == set(DefectsConfig.model_fields) - COMPANIONS
 
 
-@pytest.mark.sweep(4)
+@pytest.mark.sweep(8)
 @pytest.mark.parametrize("name", CASES)
 def test_a_defect_is_seen_and_is_not_seen_without_it(name: str) -> None:
     case = CASES[name]
