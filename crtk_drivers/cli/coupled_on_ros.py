@@ -1,36 +1,34 @@
-"""The simulator of a sensor feels its tool as the arm turns that carries it on ROS."""
+"""A simulator follows the arms on ROS that carry its device, or the markers of that."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any, Final
 
-from crtk_drivers.labs.carried import Coupling
+from crtk_drivers.config import DeviceConfig
 from crtk_drivers.labs.lab_file import CarriedEntry
+from crtk_drivers.labs.sim_coupling import Coupling, Told, followed
 from crtk_drivers.plugins import DevicePlugin, RunningSim
-from crtk_drivers.samples import Pose
 
-__all__ = ["felt_on_ros"]
+__all__ = ["coupled_on_ros"]
 
 CONNECT_TIMEOUT: Final = 3.0
 """Seconds of one attempt to find the arm, and for its first pose; the next one follows."""
 
 
 @contextmanager
-def felt_on_ros(
-    plugin: DevicePlugin, sim: RunningSim | None, entry: CarriedEntry | None
+def coupled_on_ros(
+    plugin: DevicePlugin, config: DeviceConfig, sim: RunningSim | None, entry: CarriedEntry | None
 ) -> Iterator[None]:
-    """Within, the simulator feels what hangs on it. Does nothing without a simulator or an entry."""
-    if sim is None or entry is None or plugin.sim_load is None:
+    """Within, the simulator follows what carries it. Does nothing without a simulator or an entry."""
+    with ExitStack() as stack:
+        if sim is not None and entry is not None:
+            for each in followed(plugin, config, sim, entry, plugin.name):
+                arm = _Arm(each.on)
+                stack.callback(arm.close)
+                stack.enter_context(Coupling(sim, each, arm.look))
         yield
-        return
-    arm = _Arm(entry.on)
-    try:
-        with Coupling(sim, plugin.sim_load, entry.carried, arm.look, plugin.name):
-            yield
-    finally:
-        arm.close()
 
 
 class _Arm:
@@ -40,7 +38,7 @@ class _Arm:
         self._namespace = namespace
         self._found: Any = None
 
-    def look(self) -> Pose | None:
+    def look(self) -> Told | None:
         """Return the pose that it tells; None while that is not valid.
 
         Raises:
@@ -53,7 +51,7 @@ class _Arm:
             wait = CONNECT_TIMEOUT
             self._found = connect(self._namespace, timeout=wait, features=["measured_cp"])
         pose, stamp = self._found.measured_cp(age=0.0, wait=wait, extra=True)
-        return pose if stamp else None
+        return (pose, round(1e9 * stamp)) if stamp else None
 
     def close(self) -> None:
         """Leave it."""
