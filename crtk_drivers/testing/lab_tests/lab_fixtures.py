@@ -12,7 +12,7 @@ import pytest
 
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.testing.lab_tests.devices import LabUnderTest
-from crtk_drivers.testing.lab_tests.figures import Figures
+from crtk_drivers.testing.lab_tests.measured_figures import Figures
 from crtk_drivers.testing.lab_tests.session import LabSession, TestUnderWay
 
 SESSION: Final = pytest.StashKey[LabSession]()
