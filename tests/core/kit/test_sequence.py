@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_driver_ati_netft.sequence import FROZEN_AFTER, LATEST, Event, SequenceTracker
+from crtk_drivers.kit.sensing.sequence import FROZEN_AFTER, LATEST, Event, SequenceTracker
 
 RATE = 7000.0
 WRAP = 2**32
@@ -175,11 +175,23 @@ def test_a_clock_that_began_anew_is_a_restart(feeder, before, ft, pause, expecte
     assert feeder.tracker.counters.restarts == 1
 
 
+def test_a_frozen_transducer_does_not_thaw_because_the_stream_was_asked_for_again(feeder) -> None:
+    feeder.feed(series(600))
+    feeder.feed([(601 + i, 1599, 10.0 + (600 + i) / RATE) for i in range(FROZEN_AFTER)])
+    feeder.tracker.expect_series()
+    feeder.feed([(1, 1599, 10.2)])
+    assert feeder.tracker.frozen
+    assert feeder.events == [Event.BEGUN, Event.FROZEN, Event.BEGUN]
+    feeder.feed([(2, 3000, 10.3)])
+    assert not feeder.tracker.frozen
+
+
+@pytest.mark.parametrize("late", [0.0, 0.9])
 @pytest.mark.parametrize("pause", [0.2, 5.0, 86400.0])
-def test_a_pause_is_no_restart(feeder, pause) -> None:
+def test_a_pause_is_no_restart_also_where_what_follows_is_late(feeder, pause, late) -> None:
     feeder.feed(series(600, ft=50))
     feeder.tracker.expect_series()
-    feeder.feed(series(50, ft=650 + int(pause * RATE), when=10.0 + 600 / RATE + pause))
+    feeder.feed(series(50, ft=650 + int(pause * RATE), when=10.0 + 600 / RATE + pause + late))
     assert feeder.events == [Event.BEGUN, Event.BEGUN]
     assert feeder.ticks[-1] == 650 + int(pause * RATE) + 49
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_driver_ati_netft.filters import LONGEST, LowPass, Mean
+from crtk_drivers.kit.sensing.filters import LONGEST, LowPass, Mean
 
 loads = st.lists(st.floats(-1e6, 1e6), min_size=6, max_size=6)
 sizes = st.lists(st.integers(1, 3 * LONGEST), min_size=1, max_size=6)

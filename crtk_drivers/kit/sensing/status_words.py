@@ -1,4 +1,4 @@
-"""What the status word of a record means. The tables themselves are in `crtk_driver_ati_netft.profiles`."""
+"""What the status word of a measurement means. The tables themselves are those of the drivers."""
 
 from __future__ import annotations
 

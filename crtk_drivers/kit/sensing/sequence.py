@@ -1,11 +1,13 @@
 """Which records count: lost, repeated and late ones, new series, restarts of the sensor. Pure.
 
-A record has two numbers. ``rdt_sequence`` counts the records of one request and begins with 1;
-``ft_sequence`` counts the sensor's own measurements since it was switched on and is its clock. Both have 32
-bits and wrap. A record that follows is accepted, and what lies between was lost; one that was lost and comes
-after all is late: it is dropped, being too old for the stream, and is not lost any more; one that repeats
-another is a duplicate. What fits neither is the beginning of a new series: expected after a request of ours,
-otherwise somebody else's doing, and after a restart of the sensor if its clock did not go on as it should.
+A record has two numbers, named as those of a NetFT. ``rdt_sequence`` counts the records of one request and
+begins with 1; ``ft_sequence`` counts the sensor's own measurements since it was switched on and is its clock.
+Both have 32 bits and wrap. A sensor with one counter gives it for both.
+
+A record that follows is accepted, and what lies between was lost; one that was lost and comes after all is
+late: it is dropped, being too old for the stream, and is not lost any more; one that repeats another is a
+duplicate. What fits neither is the beginning of a new series: expected after a request of ours, otherwise
+somebody else's doing, and after a restart of the sensor if its clock did not go on as it should.
 """
 
 from __future__ import annotations
@@ -21,13 +23,13 @@ from numpy.typing import NDArray
 LATEST: Final = 1024
 """A record that is late by more than so many belongs to another series."""
 TOO_LATE: Final = 1.0
-"""Seconds, on either clock, by which no record is late."""
+"""Seconds, on either clock, by which no record is late: those who send may be held up for less."""
 FIRST: Final = 65536
 """A series that begins later than this with a request of ours did not begin with it."""
 FROZEN_AFTER: Final = 64
 """Records in a row with the same ``ft_sequence`` after which the transducer counts as frozen."""
 SLACK: Final = 0.25
-"""Seconds, and the share of the time that passed, by which the sensor's clock may be off."""
+"""Share of the time that passed by which the sensor's clock may be off."""
 
 _WRAP: Final = 1 << 32
 _HALF: Final = 1 << 31
@@ -182,15 +184,19 @@ class SequenceTracker:
         self._rdt, self._ft, self._when = rdt, ft, when
         self._ticks += passed
         if passed:
-            self._same = 0
-            was_frozen, self.frozen = self.frozen, False
-            return [Event.THAWED] if was_frozen else []
+            return self._go_on()
         self._same += 1
         self.counters.frozen += 1
         if self._same == FROZEN_AFTER:
             self.frozen = True
             return [Event.FROZEN]
         return []
+
+    def _go_on(self) -> list[Event]:
+        """The measurements are not the one before any more."""
+        self._same = 0
+        was_frozen, self.frozen = self.frozen, False
+        return [Event.THAWED] if was_frozen else []
 
     def _miss(self, count: int, before: int) -> None:
         """Count the records as lost that should have come before the one with the number `before`."""
@@ -209,11 +215,10 @@ class SequenceTracker:
     def _new_series(self, rdt: int, ft: int, when: float, passed: int) -> list[Event]:
         waited = when - self._when
         off = abs((ft - self._ft - round(self.rate * waited) + _HALF) % _WRAP - _HALF)
-        restarted = passed < 0 or off > self.rate * SLACK * (1.0 + waited)
-        self._rdt, self._ft, self._when, self._same = rdt, ft, when, 0
+        restarted = passed < 0 or off > self.rate * (TOO_LATE + SLACK * waited)
+        self._rdt, self._ft, self._when = rdt, ft, when
         self._ticks = ft if restarted else self._ticks + passed
-        was_frozen, self.frozen = self.frozen, False
-        events = [Event.THAWED] if was_frozen else []
+        events = self._go_on() if passed else []
         if restarted:
             self.counters.restarts += 1
             events.append(Event.RESTARTED)
